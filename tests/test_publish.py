@@ -44,7 +44,7 @@ def test_a_clean_tree_is_published(tree: Path) -> None:
     first, second = called.splitlines()
     assert "--suite full" in first
     assert first.split()[-2:] == ["--out", "reports"]
-    assert second == "-m gauss_bench.report.first_table reports README.md"  # whose table follows the rows
+    assert second == "-m gauss_bench.report.pictures reports README.md"  # whose table and pictures follow the rows
 
 
 @pytest.mark.parametrize(("name", "published"), [("source.py", False), ("new.py", False), ("reports/page.md", True)])

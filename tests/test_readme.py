@@ -1,8 +1,11 @@
 """README's first screen: every number in it is worked out here from the stored rows, by other code than the report's."""
 
 import re
+import subprocess
+import sys
 from collections import defaultdict
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -10,6 +13,7 @@ from gauss_bench.api.options import VERBS
 from gauss_bench.engines import AUTHORED
 from gauss_bench.report.build import read_run
 from gauss_bench.report.first_table import renew
+from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, decade, length, write_pictures
 from gauss_bench.report.rows import Run
 from gauss_bench.tables import read_table
 
@@ -103,7 +107,65 @@ def test_the_first_screen_says_what_the_rows_say(page: str) -> None:
 
 
 def test_the_first_table_is_what_publishing_writes(page: str) -> None:
-    assert renew(page, read_run(ROWS)) == page, f"renew it: python -m gauss_bench.report.first_table {ROWS} README.md"
+    assert renew(page, read_run(ROWS)) == page, f"renew it: python -m gauss_bench.report.pictures {ROWS} README.md"
+
+
+def test_pictures_are_made_from_the_rows_the_same_twice_and_are_small(page: str, tmp_path: Path) -> None:
+    run = read_run(ROWS)
+    made = write_pictures(run, tmp_path)
+    for path in made:
+        assert path.read_bytes() == (ROOT / FOLDER / path.name).read_bytes(), f"{path.name}: renew it, as the first table"
+        assert f"]({FOLDER}/{path.name})" in page
+        text = path.read_text(encoding="utf-8")
+        ElementTree.fromstring(text)
+        assert "prefers-color-scheme:dark" in text
+        assert "<script" not in text
+        assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+    assert write_pictures(run, tmp_path) == made
+    assert all(x.read_bytes() == (ROOT / FOLDER / x.name).read_bytes() for x in made), "a second build differs"
+    assert sum(x.stat().st_size for x in (ROOT / FOLDER).iterdir()) < 300e3
+
+
+def test_the_moving_pictures_runs_are_stored_and_only_one_opens() -> None:
+    """The gaps of links in the table of poses: a joint opens by what those of its two links differ by."""
+    largest: dict[str, float] = defaultdict(float)
+    for r in read_table("poses", ROWS):
+        way = f"{r['engine']} {r['integrator']}"
+        plain = (r["mechanism"], r["step"], r["settings"], r["stabilization"]) == ("four_bar", 1e-3, "default", "none")
+        if plain and r["t"] <= UNTIL:
+            largest[way] = max(largest[way], abs(complex(r["x_gap"], r["y_gap"])))
+    closed, opened = (largest[x.removesuffix(" (not valid)")] for x in PLAYED)
+    assert closed < 1e-6
+    assert opened > 1e-4
+    text = (ROOT / FOLDER / "two_engines.svg").read_text(encoding="utf-8")
+    said = float(re.findall(r"a joint opens by ([\d.]+) mm at most", text)[0]) * 1e-3
+    assert opened / 2 < said < 4 * opened
+
+
+def test_lengths_and_decades_are_said_in_units() -> None:
+    assert [decade(n, "s") for n in (0, -1, -3, -5, -6, -12)] == [
+        "1 s",
+        "100 ms",
+        "1 ms",
+        "10 µs",
+        "1 µs",
+        "1 pm".replace("m", "s"),
+    ]
+    assert [length(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", ["show", "diagnose"])
+def test_commands_print_what_the_page_shows(page: str, verb: str) -> None:
+    """Figures aside; what `recommend` prints is a race's, and takes too long here."""
+    block = page[page.index("## Three commands") :].split("```")[1].split("$ gauss-bench ")[1:]
+    shown = {x.split()[0]: x.splitlines() for x in block}[verb]
+    done = subprocess.run(
+        [sys.executable, "-m", "gauss_bench", *shown[0].split()], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    plain = {re.sub(r"[\d.]+(e-\d+)?( [num]?s)?\b", "#", x.rstrip()) for x in done.stdout.splitlines()}
+    for line in filter(lambda x: x.strip() not in ("", "..."), shown[1:]):
+        assert re.sub(r"[\d.]+(e-\d+)?( [num]?s)?\b", "#", line.rstrip()) in plain, f"{line}\n{done.stdout}"
 
 
 def test_own_engines_are_named_alike_by_the_report_and_by_the_engines() -> None:

@@ -17,14 +17,19 @@ import pytest
 
 from gauss_bench.bench.runner import own_files
 from gauss_bench.report.build import all_findings, build_report, read_run
+from gauss_bench.report.content import Cell, Table
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site import tables_page
 from gauss_bench.report.site.cards import CARDS, HOLDS
+from gauss_bench.report.site.charts import over_time, points
+from gauss_bench.report.site.engine import why
 from gauss_bench.report.site.first import headlines, pack
+from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
-from gauss_bench.report.site.page import rich, script_text
-from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored
+from gauss_bench.report.site.page import DASH, HEADLINE, headline, rich, script_text, short_label
+from gauss_bench.report.site.page import table as page_table
+from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored, in_words
 from gauss_bench.suites.read import read_suite, restrict
 from gauss_bench.tables import TABLES, read_table
 from tests.conftest import DOCUMENTATION
@@ -234,6 +239,87 @@ def test_engines_shown_together_share_neither_colour_nor_marker() -> None:
     assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
 
 
+# Words
+
+
+def test_a_setting_is_in_the_engines_own_words(run: Run) -> None:
+    rigid = next(x for x in all_settings(run) if x.engine == "mujoco" and x.settings == "rigid_slower/[0.05, 1.0]/1")
+    said = in_words(run, rigid)
+    assert said.startswith("RK4, ")
+    assert "solref 0.05 1" in said
+    assert "iterations 1" in said
+    assert "body_invweight0_factor 1e-06" in said
+    assert "jacobian" not in said, "as shipped"
+    assert in_words(Run(), rigid) == rigid.words
+
+
+def test_a_finding_begins_with_one_sentence_of_bounded_length() -> None:
+    assert headline("**A is slow.** It is `b`.") == "A is slow."
+    assert headline(f"7 of 9 fail: {'x, ' * 200}y.") == "7 of 9 fail."
+    assert headline(f"Slower than `a` ({'x, ' * 100}) on b 0.5.") == "Slower than `a` on b 0.5."
+    assert len(headline("word " * 200)) <= HEADLINE + 1
+
+
+def test_findings_of_the_published_run_begin_shortly(run: Run) -> None:
+    assert all(len(headline(x.text)) <= HEADLINE + 1 for x in all_findings(run))
+
+
+def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
+    long = f"not reached in 400 steps: {'because ' * 20}"
+    made = str(page_table(Table("t", ("a", "b"), ((Cell(long), Cell("")), (Cell("https://x.org/a"), Cell("1"))))))
+    assert "<summary>not reached in 400 steps</summary>" in made
+    assert "<td>-</td>" in made
+    assert DASH in made
+    assert '<a href="https://x.org/a">x.org</a>' in made
+    assert 'td:nth-child(2)::before{content:"b"}' in made
+    assert DASH not in str(page_table(Table("t", ("a",), ((Cell("1"),),))))
+    assert short_label("word " * 30) == f"{'word ' * 8}..."
+
+
+@pytest.mark.parametrize(
+    ("text", "made"),
+    [
+        ("J^-1", "<msup><mi>J</mi><mrow><mo>-</mo><mn>1</mn></mrow></msup>"),
+        ("x1'", "<msup><msub><mi>x</mi><mn>1</mn></msub><mrow><mo>\N{PRIME}</mo></mrow></msup>"),
+        ("th1^2", "<msup><msub><mi>θ</mi><mn>1</mn></msub><mrow><mn>2</mn></mrow></msup>"),
+        ("M^(1/2)", "<msup><mi>M</mi><mrow><mn>1</mn><mo>/</mo><mn>2</mn></mrow></msup>"),
+        ("J^- = <", "<msup><mi>J</mi><mrow><mo>-</mo></mrow></msup></math> <math><mo>=</mo><mspace></mspace><mo>&lt;</mo>"),
+    ],
+)
+def test_formulas_are_typeset(text: str, made: str) -> None:
+    plain = str(mathml(text)).replace(' stretchy="false"', "").replace(' width="0.2em"', "").replace("\N{MINUS SIGN}", "-")
+    assert plain == f"<math>{made}</math>"
+
+
+def test_text_with_words_is_no_formula_and_the_published_papers_have_many(run: Run) -> None:
+    assert not is_formula("both as printed")
+    assert not is_formula("J as printed, all entries but (6, 6)")
+    assert is_formula("a = J^- g + (I - J^- J) h")
+    assert sum(is_formula(str(r["printed"])) for r in run.table("audit")) > 30
+
+
+def test_an_axis_is_no_longer_than_its_data() -> None:
+    rows = [{"engine": "a", "line": "a", "name": "a", "x": x, "y": 1e-3, "end": x == 2.0, "label_y": 1e-3} for x in (0.0, 2.0)]
+    layers = over_time(rows, "y")["layer"]
+    assert {tuple(x["encoding"]["x"]["scale"]["domain"]) for x in layers} == {(0, 2.0)}
+    assert all(not x["encoding"][k]["scale"]["nice"] for x in points(rows, "x", "y")["layer"] for k in "xy")
+
+
+def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step(run: Run) -> None:
+    said, shown = why(run, "exudyn", all_settings(run)) or ("", None)
+    assert "times as many steps" in said
+    assert shown is not None
+    for row in shown.rows:
+        whole, steps, each = (float(cell.sort) for cell in row[2:5])
+        assert whole == pytest.approx(steps * each)
+        assert whole > 1
+    whole, steps, each = (math.exp(sum(math.log(float(row[i].sort)) for row in shown.rows) / len(shown.rows)) for i in (2, 3, 4))
+    first, second, third = map(float, re.findall(r"([\d.]+) (?=times)", said))
+    assert (first, second, third) == pytest.approx((whole, steps, each), rel=5e-3)
+    assert whole == pytest.approx(steps * each)
+    assert why(Run(), "exudyn", []) is None
+
+
 # Files
 
 
@@ -279,8 +365,11 @@ def test_sizes_and_addresses(out: Path) -> None:
     assert max(p.stat().st_size for p in site.glob("*.html")) < 600e3
     for page in site.glob("*.html"):
         text = page.read_text(encoding="utf-8")
-        for name in re.findall(r'(?:src|href)="([^"#]+)[^"]*"', text):
-            assert name.startswith("data:,") or (site / name).exists(), f"{page.name}: {name}"
+        for kind, name, anchor in re.findall(r'(src|href)="([^"#]*)#?([^"]*)"', text):
+            outside = name.startswith("https://") and kind == "href"
+            assert outside or name.startswith("data:,") or (site / name).exists(), f"{page.name}: {name}"
+            if anchor and "=" not in anchor and not outside and not name.startswith("docs/"):
+                assert f'id="{anchor}"' in (site / (name or page.name)).read_text(encoding="utf-8"), f"{page.name}: {name}#{anchor}"
         assert "fetch(" not in text
         assert 'type="module"' not in text
         found = re.findall(r'\sid="([^"]+)"', text)
@@ -354,19 +443,36 @@ def test_a_page_opens_from_a_folder_and_under_an_address(browser: Any, address: 
 
 BLANK = """[...document.querySelectorAll("table")].filter(t => t.getClientRects().length).flatMap(t => [...t.rows])
   .filter(r => !r.hidden && r.getClientRects().length && !(r.getBoundingClientRect().height > 8
-    && [...r.cells].every(x => x.getBoundingClientRect().width > 4 && getComputedStyle(x).display === "table-cell")))
-  .map(r => r.textContent.slice(0, 60))"""  # a cell that is no cell of its table stands beside its column's head
+    && [...r.cells].every(x => x.getBoundingClientRect().width > 4 && x.textContent.trim()
+      && (x.tagName === "TH" || (getComputedStyle(x).display === "table-cell") !== matchMedia("(max-width: 760px)").matches))))
+  .map(r => r.textContent.slice(0, 60))"""  # on a phone a cell is a line of its own under its column's name, elsewhere none is
+UNLABELLED = """[...document.querySelectorAll("tbody td")].filter(x => x.getClientRects().length
+  && getComputedStyle(x, "::before").content.length < 3).map(x => x.textContent.slice(0, 40))"""
+SMALL = """[...document.querySelectorAll("main button, main select, main summary, nav a, nav summary, td a, .card > a")]
+  .filter(x => x.getClientRects().length && x.getBoundingClientRect().height < 43.5).map(x => x.outerHTML.slice(0, 80))"""
+LOOKS = [(390, "light"), (1440, "dark"), (390, "dark"), (1440, "light")]
+KINDS = ("index", "linkage-eight_bar", "engine-mujoco", "findings", "search")  # looked at in each change; the others at length
 
 
-@pytest.mark.parametrize("scheme", [pytest.param("light", marks=pytest.mark.slow), pytest.param("dark", marks=pytest.mark.long)])
-def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: Any, out: Path, scheme: str) -> None:
+@pytest.mark.parametrize(
+    ("width", "scheme", "every"),
+    [pytest.param(*look, False, marks=pytest.mark.slow) for look in LOOKS[:2]]
+    + [pytest.param(*look, True, marks=pytest.mark.long) for look in LOOKS],
+)
+def test_no_page_is_wider_than_its_window_and_axe_finds_nothing(
+    browser: Any, out: Path, width: int, scheme: str, every: bool
+) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    for name in SHOWN:
-        page, _ = opened(
-            browser, (out / "site" / f"{name}.html").as_uri(), viewport={"width": 375, "height": 800}, color_scheme=scheme
+    for name in sorted(p.stem for p in (out / "site").glob("*.html")) if every else KINDS:
+        page, wrong = opened(
+            browser, (out / "site" / f"{name}.html").as_uri(), viewport={"width": width, "height": 800}, color_scheme=scheme
         )
-        assert page.evaluate("document.documentElement.scrollWidth") <= 375, name
-        assert page.evaluate(BLANK) == [], f"{name}: rows of tables that show nothing"
+        assert not wrong, name
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, name
+        assert page.evaluate(BLANK) == [], f"{name}: rows of tables with a cell that shows nothing"
+        if width < 760:
+            assert page.evaluate(UNLABELLED) == [], name
+            assert page.evaluate(SMALL) == [], f"{name}: too small for a finger"
         small = page.evaluate(
             "[...document.querySelectorAll('main *')].filter(x => x.childNodes.length && [...x.childNodes].some(y =>"
             " y.nodeType === 3 && y.data.trim()) && x.getClientRects().length && parseFloat(getComputedStyle(x).fontSize)"
@@ -375,11 +481,24 @@ def test_no_page_is_wider_than_a_phone_and_axe_finds_nothing_serious(browser: An
         )
         assert not small, f"{name}: {small[:5]}"
         assert not page.evaluate("[...document.querySelectorAll('[hidden]')].filter(x => x.getClientRects().length).length"), name
-        if scheme == "light" or name in ("index", "linkage-eight_bar"):
-            faults = [x for x in axe.run(page).response["violations"] if x["impact"] in ("serious", "critical")]
-            said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
-            assert not faults, f"{name} {scheme}: {said}"
+        faults = axe.run(page).response["violations"]
+        said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
+        assert not faults, f"{name} {scheme}: {said}"
         page.close()
+
+
+@pytest.mark.slow
+def test_search_finds_a_page_and_reads_without_a_script(browser: Any, out: Path) -> None:
+    page, wrong = opened(browser, (out / "site" / "search.html").as_uri())
+    page.fill("#ask", "exudyn why")
+    shown = page.locator(".found li:visible").all_inner_texts()
+    assert shown == ["exudyn: Why it takes this long"]
+    assert not wrong
+    page.close()
+    bare = browser.new_context(java_script_enabled=False).new_page()
+    bare.goto((out / "site" / "index.html").as_uri())
+    assert bare.locator("#answers li").count() >= 5
+    bare.close()
 
 
 WATCHED = """new MutationObserver(() => {

@@ -31,7 +31,7 @@ class Cell:
 
     Attributes:
         sort: what the browser sorts by; numbers before text.
-        tone: "", "engine", "below", "bad", "warn" or "good".
+        tone: "", "engine", "below", "bad", "warn", "good", or "formula", which a page typesets.
     """
 
     text: str

@@ -1,13 +1,11 @@
 """The first table of README, the summary and the site: what each engine takes to hold a requirement, against the fastest of all.
 
 Every multiple that a report prints comes from `multiples`: a time over the least of all, whoever made it. Engines of the suite's
-authors are marked. README carries the table between two lines; `make publish` writes it there, or `python -m` of this file.
+authors are marked. README carries the table between two lines; `make publish` writes it there by `pictures.py`.
 """
 
 import math
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from statistics import median
 
 from gauss_bench.reach import Requirement, reach, trial_of
@@ -15,7 +13,6 @@ from gauss_bench.report.content import NOTHING, Cell, Table, columns, duration, 
 from gauss_bench.report.pages import markdown_cell
 from gauss_bench.report.rows import Row, Run, group_rows, over_time
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest, cheapest_stored, multiples
-from gauss_bench.tables import write_text
 
 FIRST = 1e-6  # [m]
 SHOWN = ("four_bar", "six_bar")  # in full: one loop, and two
@@ -106,10 +103,3 @@ def renew(page: str, run: Run) -> str:
     table = first_table(run)
     assert table is not None, "the run searched nothing"
     return f"{before}{BEGIN}\n{markdown(table)}\n{END}{after}"
-
-
-if __name__ == "__main__":
-    from gauss_bench.report.build import read_run
-
-    rows, path = map(Path, sys.argv[1:])
-    write_text(path, renew(path.read_text(encoding="utf-8"), read_run(rows)))

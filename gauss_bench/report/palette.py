@@ -51,6 +51,19 @@ VARIABLES = {
     CONTROL: "control",
 } | {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENGINES.items()}
 
+DARK = {  # of pictures that stand alone; as the site's
+    "ink": "#e6e9ed",
+    "muted": "#a3acb8",
+    "grid": "#2a3038",
+    "paper": "#15181d",
+    "body": "#2b3a4a",
+    "body-edge": "#9db8d4",
+    "crank": "#4a2c1a",
+    "crank-edge": "#ff9b5e",
+    "trace": "#58c4e6",
+    "control": "#a0a0a0",
+}
+
 
 def engine_colours(engines: Iterable[str], controls: Iterable[str] = ()) -> dict[str, str]:
     """Engine -> colour; engines this file does not know share OTHERS in order of their names."""

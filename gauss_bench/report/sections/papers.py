@@ -85,7 +85,8 @@ def faulty(title: str, rows: Sequence[Row]) -> Table:
     head, numeric = columns(names, 6, last_text=1)
     lines = tuple(
         (
-            *(text_cell(row[key]) for key in ("equation", "name", "cause", "printed", "intended")),
+            *(text_cell(row[key]) for key in ("equation", "name", "cause")),
+            *(text_cell(row[key], "formula") for key in ("printed", "intended")),
             verdict_cell(row),
             *(off_cell(row, key) for key in ("printed_off", "intended_off", "tolerance")),
             text_cell(row["sentence"]),
@@ -99,7 +100,8 @@ def right(title: str, rows: Sequence[Row]) -> Table:
     head, numeric = columns(("equation", "what", "printed", "off", "tolerance", "remark"), 3, last_text=1)
     lines = tuple(
         (
-            *(text_cell(row[key]) for key in ("equation", "name", "printed")),
+            *(text_cell(row[key]) for key in ("equation", "name")),
+            text_cell(row["printed"], "formula"),
             *(off_cell(row, key) for key in ("printed_off", "tolerance")),
             text_cell(row["sentence"]),
         )

@@ -57,7 +57,7 @@ def method_page(run: Run) -> Page:
 def findings_page(findings: list[Finding]) -> Page:
     order = ("bad", "warn", "", "good")
     ordered = sorted(findings, key=lambda x: order.index(x.tone) if x.tone in order else 2)
-    body = Markup('<ul class="findings">{}</ul>').format(join_blocks(map(finding, ordered)))
+    body = Markup('<ul class="findings">{}</ul>').format(join_blocks(finding(x, 2) for x in ordered))
     return Page(
         "findings", "Findings", "Every sentence is computed from stored rows; where we lose comes first.", body, group="Findings"
     )

@@ -16,6 +16,7 @@ from gauss_bench.report.rows import Row, is_known, number
 DATA = alt.NamedData(name="rows")
 MOST_LINES = 6  # with their names at the ends
 APART = 0.065  # of the height: least distance of two names
+NAMES = 120  # [px] beside an axis for names at the ends of lines
 FLOOR = 1e-17  # an error of zero is drawn here
 INK, MUTED, GRID = "var(--ink)", "var(--muted)", "var(--grid)"
 CONFIG: Mapping[str, Any] = {
@@ -76,7 +77,7 @@ def log(title: str, axis: str = "y", **scale: Any) -> Any:
     """A logarithmic axis."""
     look = alt.Axis(format="~e", tickCount=6, title=title)
     kind = alt.Y if axis == "y" else alt.X
-    return kind(axis, type="quantitative", scale=alt.Scale(type="log", **scale), axis=look)
+    return kind(axis, type="quantitative", scale=alt.Scale(type="log", **({"nice": False} | scale)), axis=look)
 
 
 def points(rows: Sequence[Row], x: str, y: str, height: int = 340) -> dict[str, Any]:
@@ -102,7 +103,7 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     last = max((number(r, "x") for r in rows), default=1.0)
     level = log(y) if logarithmic else alt.Y("y:Q", axis=alt.Axis(title=y, tickCount=6, format="~g"))
     where = alt.Y("label_y", type="quantitative", scale=alt.Scale(type="log") if logarithmic else alt.Undefined, title=y)
-    time = alt.X("x:Q", scale=alt.Scale(domain=[0, last * 1.36], nice=False), axis=alt.Axis(title="time [s]", tickCount=6))
+    time = alt.X("x:Q", scale=alt.Scale(domain=[0, last], nice=False), axis=alt.Axis(title="time [s]", tickCount=6))
     base = alt.Chart(DATA)
     lines = base.mark_line(strokeWidth=1.8).encode(x=time, y=level, color=colour(engines, legend=False), detail="line:N")
     ends = base.transform_filter("datum.end")
@@ -112,7 +113,7 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     names = ends.mark_text(align="left", dx=8, fontSize=12).encode(
         x=time, y=where, text="name:N", color=colour(engines, legend=False)
     )
-    return finish(alt.layer(lines, marks, names), height)
+    return finish(alt.layer(lines, marks, names), height) | {"padding": {"left": 5, "top": 5, "bottom": 5, "right": NAMES}}
 
 
 def label(

@@ -1,6 +1,8 @@
 """An engine's page: as shipped, as this suite would set it, the best that was found, what breaks it, and how to object."""
 
+import math
 from collections.abc import Sequence
+from statistics import geometric_mean
 
 from markupsafe import Markup
 
@@ -20,10 +22,20 @@ from gauss_bench.report.content import (
     time_of,
     times,
 )
+from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.reaches import engines_of
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok
 from gauss_bench.report.site.page import Page, file_name, heading, join_blocks, link, paragraph, rich, table
-from gauss_bench.report.site.settings import POSITIONS, Setting, answer_of, cheapest_stored, linkages, multiples
+from gauss_bench.report.site.settings import (
+    POSITIONS,
+    Setting,
+    answer_of,
+    cheapest_stored,
+    in_words,
+    linkages,
+    multiples,
+    row_in_words,
+)
 
 OBJECT = (
     "Its authors may object that a setting they would use is missing, or that the adapter asks it in a way they would not. Every "
@@ -59,6 +71,8 @@ def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
         ]
     if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and is_known(r.get("seconds"))]:
         body.append(table(list_races(run, winners)))
+    if reasons := why(run, name, settings):
+        body += [heading("Why it takes this long", "why"), paragraph(reasons[0]), table(reasons[1])]
     body += [heading("What breaks it", "breaks"), *map(paragraph, broken(run, name))]
     if reached := [r for r in run.table("atlas") if r["engine"] == name]:
         body.append(table(atlas(reached)))
@@ -127,7 +141,7 @@ def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
                 (
                     text_cell(linkage),
                     Cell(f"{1e3 * position:g}", position),
-                    text_cell(one.words),
+                    text_cell(in_words(run, one)),
                     text_cell(size),
                     Cell(f"{1e6 * one.seconds:.4g}", one.seconds) if is_known(one.seconds) else text_cell("not timed"),
                     Cell(f"{1e3 * one.position:.1e}", one.position),
@@ -141,6 +155,33 @@ def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
     )
 
 
+def why(run: Run, name: str, settings: Sequence[Setting]) -> tuple[str, Table] | None:
+    """Return the engine's multiple within FIRST as steps times time of a step, in a sentence and linkage by linkage."""
+    lines, shares = [], []
+    for linkage in linkages(run):
+        held = cheapest_stored(run, linkage, [x for x in settings if x.mechanism == linkage], FIRST, math.inf)
+        timed = [x for x in held.values() if is_known(x.seconds) and x.steps > 0]
+        one = next((x for x in timed if x.engine == name), None)
+        if one is None:
+            continue
+        best = min(timed, key=lambda x: x.seconds)
+        whole, steps = one.seconds / best.seconds, one.steps / best.steps
+        shares.append((whole, steps, whole / steps))
+        ratios = (Cell(times(x), x) for x in shares[-1])
+        lines.append((text_cell(linkage), text_cell(best.engine), *ratios, text_cell(in_words(run, one))))
+    if not lines:
+        return None
+    whole, steps, each = (geometric_mean(x) for x in zip(*shares, strict=True))  # whose product holds, as medians' does not
+    said = (
+        f"To hold {small(FIRST)} m, on {count(len(lines), 'linkage')} it takes, as geometric means, {times(whole)} times as long "
+        f"as the fastest engine there: {times(steps)} times as many steps, each of {times(each)} times the time."
+    )
+    cause = "the number of its steps" if steps > each else "what one of its steps costs"
+    said += f" {cause[0].upper()}{cause[1:]} decides." if whole > 1.05 else " It is the fastest."
+    head, numeric = columns(("linkage", "fastest", "time", "steps", "time of a step", "its setting"), 2, last_text=1)
+    return said, Table("Multiples of the fastest", head, tuple(lines), numeric)
+
+
 def list_races(run: Run, rows: Sequence[Row]) -> Table:
     def fastest(r: Row) -> float:
         same = (x for x in run.table("search_winners") if all(x[k] == r[k] for k in ("mechanism", "required", "accuracy")))
@@ -150,7 +191,10 @@ def list_races(run: Run, rows: Sequence[Row]) -> Table:
         (
             text_cell(r["mechanism"]),
             text_cell(f"{ERRORS.get(str(r['required']), r['required'])} within {small(number(r, 'accuracy'))} {r['unit']}"),
-            text_cell(" ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))),
+            text_cell(
+                row_in_words(run, r)
+                or " ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))
+            ),
             time_of(r),
             Cell(times(fastest(r)), fastest(r)),
             span(r),

@@ -1,18 +1,30 @@
 """The first screen: which setting of each engine holds what is required, what was found, and four questions with their answers."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
 
-from gauss_bench.report.content import AUTHORS, Finding
+from gauss_bench.report.content import AUTHORS, Finding, times
 from gauss_bench.report.first_table import SAID, first_table
 from gauss_bench.report.palette import slots
-from gauss_bench.report.rows import Run, number
+from gauss_bench.report.rows import Run, is_known, number
 from gauss_bench.report.site.cards import CARDS, Card
 from gauss_bench.report.site.page import Page, chart, file_name, finding, heading, join_blocks, link, paragraph, rich, table
-from gauss_bench.report.site.settings import FORCES, POSITIONS, USUAL, all_settings, answers, linkages, scenario_of
+from gauss_bench.report.site.settings import (
+    FORCES,
+    POSITIONS,
+    USUAL,
+    Setting,
+    all_settings,
+    answers,
+    cheapest_stored,
+    in_words,
+    linkages,
+    multiples,
+    scenario_of,
+)
 
 LEAD = (
     "Which engine, with which settings, simulates a closed-loop linkage well enough, and at what cost. Every answer below was "
@@ -33,8 +45,8 @@ def millimetres(x: float) -> str:
     return f"{1e3 * x:g} mm"
 
 
-def chooser(run: Run, names: tuple[str, ...]) -> Markup:
-    """The form; its answers stand below it as soon as the page is there."""
+def chooser(run: Run, names: tuple[str, ...], settings: Sequence[Setting]) -> Markup:
+    """The form, and its first answers; a script gives the others."""
     preferred = "four_bar" if "four_bar" in names else names[0]
     fields = (
         selector("linkage", "Linkage", join_blocks(option(x, x.replace("_", " "), x == preferred) for x in names)),
@@ -50,8 +62,24 @@ def chooser(run: Run, names: tuple[str, ...]) -> Markup:
     )
     return Markup(
         '<section class="chooser" aria-label="Find a setting"><div class="fields">{}</div>'
-        '<ol class="answers" id="answers" aria-live="polite"></ol><p class="note" id="said"></p></section>'
-    ).format(join_blocks(fields))
+        '<ol class="answers" id="answers" aria-live="polite">{}</ol><p class="note" id="said">{}</p></section>'
+    ).format(join_blocks(fields), first_answers(run, preferred, settings), UNSCRIPTED)
+
+
+UNSCRIPTED = "Without scripts these answers stand for the first choice; every linkage's page has a table of its settings."
+
+
+def first_answers(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
+    """What the form answers before anything is chosen: the cheapest setting of each engine, fastest first."""
+    own = [x for x in settings if x.mechanism == name]
+    held = [x for x in cheapest_stored(run, name, own, USUAL, math.inf).values() if is_known(x.seconds)]
+    over = multiples({x.engine: x.seconds for x in held})
+    return join_blocks(
+        Markup('<li><span class="ratio">{} &times;</span>{}<div class="what">{}, {} steps</div></li>').format(
+            times(over[x.engine]), link(f"engine-{file_name(x.engine)}.html", x.engine, "engine"), in_words(run, x), f"{x.steps:g}"
+        )
+        for x in sorted(held, key=lambda x: x.seconds)
+    )
 
 
 def card(one: Card) -> Markup:
@@ -73,7 +101,7 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
     known_names = tuple(x for x in names if any(s.mechanism == x for s in settings))
     table_of_all = first_table(run)
     cards = [made for make in CARDS if (made := make(run)) is not None]
-    body = [chooser(run, known_names)] if known_names else []
+    body = [chooser(run, known_names, settings)] if known_names else []
     if table_of_all is not None:
         body += [heading(table_of_all.title, "first-table"), paragraph(SAID), table(table_of_all, caption=False)]
     if cards:

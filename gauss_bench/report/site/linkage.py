@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.reach import Kind
-from gauss_bench.report.content import Chart, Table, count, times
+from gauss_bench.report.content import Cell, Chart, Table, count, duration, text_cell, times
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
@@ -20,7 +20,7 @@ from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import turning
 from gauss_bench.report.site.page import Page, chart, file_name, heading, join_blocks, link, paragraph, table
 from gauss_bench.report.site.playback import side_by_side
-from gauss_bench.report.site.settings import Setting, cheapest_stored, method_of, multiples, not_held
+from gauss_bench.report.site.settings import POSITIONS, Setting, cheapest_stored, in_words, method_of, multiples, not_held
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 PLAYED = 50  # points of a line in a figure
@@ -44,6 +44,8 @@ def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]
         body.append(still)
     charts = [x for x in (accuracy(own), drift(run, name), energy(run, name), forces(run, name)) if x]
     body += [leaders(run, name, own)]
+    if held := holding(run, name, own):
+        body += [heading("Settings that hold an accuracy", "settings"), table(held, caption=False)]
     titles = {"accuracy": "What accuracy costs", "drift": "Do its loops stay shut?", "energy": "Energy", "forces": "Joint forces"}
     for one in charts:
         body += [heading(titles[one.name], one.name), chart(one)]
@@ -93,7 +95,7 @@ def describe(run: Run, name: str, scenario: str) -> str:
         mechanism, _, _ = pose_in(run, name)
     except LinkageError:
         return f"Scenario {scenario}."
-    loops = len(mechanism.joints) - len(mechanism.links)
+    loops = max(len(mechanism.joints) - len(mechanism.links), 0)
     return (
         f"{mechanism.title}: {count(len(mechanism.links), 'moving link')}, "
         f"{count(len(mechanism.joints), 'joint')}, {count(loops, 'loop')}, "
@@ -128,10 +130,30 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
     return Markup("<p>{} {}</p>").format(
         paragraph(
             f"Cheapest within {millimetres(1e-4)} over {cheapest[0].until:g} s: {name_of[cheapest[0].engine]} "
-            f"({cheapest[0].words}){rest}.{others}"
+            f"({in_words(run, cheapest[0])}){rest}.{others}"
         ).striptags(),
         link(f"index.html#linkage={name}", "Choose another tolerance"),
     )
+
+
+def holding(run: Run, name: str, settings: Sequence[Setting]) -> Table | None:
+    """The cheapest setting of each engine within some accuracies, fastest first."""
+    lines = []
+    for position in POSITIONS[::2][:4]:
+        held = [x for x in cheapest_stored(run, name, settings, position, math.inf).values() if is_known(x.seconds)]
+        over = multiples({x.engine: x.seconds for x in held})
+        for x in sorted(held, key=lambda x: x.seconds):
+            size = (
+                f"{1e3 * x.step:.4g} ms" if is_known(x.step) else f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
+            )
+            words = text_cell(in_words(run, x))
+            cells = (Cell(f"{1e3 * position:g}", position), text_cell(x.engine), words, text_cell(size))
+            lines.append((*cells, Cell(duration(x.seconds), x.seconds), Cell(times(over[x.engine]), over[x.engine])))
+    head = ("within [mm]", "engine", "setting", "step", "time", "multiple")
+    return Table("Settings that hold an accuracy", head, tuple(lines), frozenset({0, 4, 5}), note=UNNAMED) if lines else None
+
+
+UNNAMED = "Options that a setting does not name are as the engine is shipped. Multiple: over the fastest of all, whoever made it."
 
 
 def accuracy(settings: Sequence[Setting]) -> Chart | None:

@@ -5,16 +5,22 @@ Text of files reaches a page through `markupsafe` alone, and a script through `s
 
 import json
 import re
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import Bullets, Cell, Chart, Finding, Findings, Section, Table, Text
+from gauss_bench.report.content import NOTHING, Bullets, Cell, Chart, Finding, Findings, Section, Table, Text
+from gauss_bench.report.site.formulas import is_formula, mathml
 
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 SHORT = 10  # rows of a table that are seen at once
+LONG, LABEL = 60, 40  # characters: a longer cell opens from a label of at most so many
+HEADLINE = 260  # characters of a finding before its reader opens the rest
+SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")
+DASH = "A dash: not measured there, or without sense for that row."
 WORDS = {"bad": "where we lose", "warn": "to know", "good": "holds", "": ""}
 
 
@@ -106,11 +112,22 @@ def table(content: Table, caption: bool = True, most: int = SHORT) -> Markup:
         Markup('<button type="button" class="more">Show all {} rows</button>').format(len(rows)) if len(rows) > most else Markup("")
     )
     title = Markup("<caption>{}</caption>").format(rich(content.title)) if caption else Markup("")
-    note = paragraph(content.note, "note") if content.note else Markup("")
+    dashes = DASH if any(cell.text in ("", NOTHING) for row in content.rows for cell in row) else ""
+    said = " ".join(filter(None, (content.note, dashes)))
+    note = paragraph(said, "note") if said else Markup("")
+    labels = f"h{zlib.crc32(repr(content.head).encode()):x}"
     name = Markup(' tabindex="0" role="region" aria-label="{}"').format(content.title)
     return Markup(
-        '<div class="table"><div class="scroll"{}><table>{}<thead><tr>{}</tr></thead><tbody>\n{}\n</tbody></table></div>{}{}</div>'
-    ).format(name, title, head, join_blocks(rows), more, note)
+        '<div class="table"><style>{}</style><div class="scroll"{}><table class="{}">{}<thead><tr>{}</tr></thead>'
+        "<tbody>\n{}\n</tbody></table></div>{}{}</div>"
+    ).format(_labels(labels, content.head), name, labels, title, head, join_blocks(rows), more, note)
+
+
+def _labels(css: str, head: Sequence[str]) -> Markup:
+    """The heads of columns as labels of cells, which stand below each other on a phone."""
+    plain = (json.dumps(re.sub(r"[`*<>\\\\]", "", x), ensure_ascii=False) for x in head)
+    rules = "".join(f".{css} td:nth-child({i})::before{{content:{x}}}" for i, x in enumerate(plain, 1))
+    return Markup(f"@media(max-width:760px){{{rules}}}")
 
 
 def _class(i: int, content: Table, lead: int) -> Markup:
@@ -136,8 +153,39 @@ def _sort_by(cell: Cell) -> Markup:
 
 
 def _tone(cell: Cell) -> Markup:
-    text = rich(cell.text)
+    if cell.tone == "formula" and is_formula(cell.text):
+        return mathml(cell.text)
+    text = _shown(cell.text)
     return Markup('<span class="t-{}">{}</span>').format(cell.tone, text) if cell.tone in ("bad", "warn", "good", "below") else text
+
+
+def _shown(text: str) -> Markup:
+    """The text of a cell: an address as a link, a long one behind a short label, a dash for nothing."""
+    if re.fullmatch(r"https://[^\s\"<>]+", text):
+        return link(text, text.removeprefix("https://").partition("/")[0])
+    if len(text) <= LONG:
+        return rich(text or NOTHING)
+    return fold(short_label(text), rich(text))
+
+
+def short_label(text: str) -> str:
+    """The first words of a text, up to where it explains itself."""
+    first = re.split(r"[:;(]", text, maxsplit=1)[0].strip()
+    if 3 < len(first) <= LABEL:
+        return first
+    return text[:LABEL].rpartition(" ")[0].rstrip(",;:") + " ..."
+
+
+def headline(text: str) -> str:
+    """The first sentence of a finding; of a long one without what stands in brackets, and up to its list."""
+    first = SENTENCE.split(text.replace("**", ""))[0]
+    if len(first) <= HEADLINE:
+        return first
+    short = re.sub(r"\s\((?:[^()]|\([^()]*\))*\)", "", first)
+    if len(short) <= HEADLINE:
+        return short
+    ends = [m.start() for m in re.finditer(r": |; ", short) if m.start() <= HEADLINE] or [short.rfind(" ", 0, HEADLINE)]
+    return f"{short[: ends[-1]].rstrip('.,;: ')}."
 
 
 def fold(title: str, inside: Markup) -> Markup:
@@ -172,10 +220,14 @@ def chart(one: Chart) -> Markup:
     )
 
 
-def finding(one: Finding) -> Markup:
+def finding(one: Finding, level: int = 3) -> Markup:
     tag = WORDS.get(one.tone, "")
     mark = Markup('<span class="tag t-{}">{}</span> ').format(one.tone, tag) if tag else Markup("")
-    return Markup("<li><h3>{}{}</h3><p>{}</p></li>").format(mark, rich(one.title), rich(one.text))
+    first, whole = headline(one.text), one.text.replace("**", "")
+    parts = [x for x in re.split(r"(?<=[;.])\s+", whole) if x]
+    listed = Markup("<ul>{}</ul>").format(join_blocks(Markup("<li>{}</li>").format(rich(x)) for x in parts))
+    rest = fold("All of it", listed) if whole != first else Markup("")
+    return Markup("<li><h{0}>{1}{2}</h{0}><p>{3}</p>{4}</li>").format(level, mark, rich(one.title), rich(first), rest)
 
 
 def block(content: Any, level: int = 3) -> Markup:

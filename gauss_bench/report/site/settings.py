@@ -6,9 +6,11 @@ Where a linkage was not searched, its settings are the cases of the accuracy sui
 required is picked here, for every requirement that can be chosen, so that a page only has to look it up.
 """
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
@@ -77,6 +79,49 @@ class Setting:
         """Variant, integrator and stabilisation, without what says nothing or stands in the variant's name."""
         rest = (x for x in (self.integrator, self.stabilization) if x not in ("", "none", *self.settings.split("/")))
         return " · ".join(filter(None, (self.settings, *rest)))
+
+
+INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
+
+
+def in_words(run: Run, x: Setting) -> str:
+    """Return integrator, stabilisation and the engine's own options that differ from those it is shipped with."""
+    return row_in_words(run, vars(x)) or x.words
+
+
+def row_in_words(run: Run, row: Row) -> str:
+    """Return the same for the row of a setting; nothing where its options are not stored."""
+    choice = tuple(str(row[k]) for k in ("engine", "settings", "integrator", "stabilization"))
+    options = _options_in_words(run).get(choice)
+    if options is None:
+        return ""
+    *_, integrator, stabilization = choice
+    first = [INTEGRATORS.get(integrator, integrator.replace("_", " ")), "" if stabilization == "none" else stabilization]
+    return ", ".join(filter(None, (*first, *options)))
+
+
+@lru_cache(maxsize=2)
+def _options_in_words(run: Run) -> dict[tuple[str, ...], list[str]]:
+    """Engine, variant, integrator and stabilisation -> its options besides those of the engine's first variant."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for engine, rows in group_rows(run.table("search_space"), lambda r: str(r["engine"])).items():
+        first = json.loads(str(rows[0]["options"]))
+        for row in rows:
+            options = json.loads(str(row["options"]))
+            apart = {k: v for k, v in options.items() if k not in UNSAID and v != first.get(k)}
+            key = (engine, *(str(row[k]) for k in ("settings", "integrator", "stabilization")))
+            found[key] = [_option_in_words(k, v) for k, v in apart.items()]
+    return found
+
+
+UNSAID = ("remark",)  # of options: words about them
+
+
+def _option_in_words(name: str, value: Any) -> str:
+    if isinstance(value, bool):
+        value = "on" if value else "off"
+    values = value if isinstance(value, list) else [value]
+    return f"{name} {' '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in values)}"
 
 
 def method_of(row: Row) -> tuple[str, str, str, str, str, str]:
@@ -187,7 +232,7 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
             for engine, missed in not_held(run, mechanism, own, position, force).items():
                 places = beyond.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
                 places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
-    told = [_describe(x) for x in listed]
+    told = [_describe(run, x) for x in listed]
     until = max((x.until for x in own if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
     return {
@@ -201,10 +246,10 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
     }
 
 
-def _describe(x: Setting) -> dict[str, Any]:
+def _describe(run: Run, x: Setting) -> dict[str, Any]:
     numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force")}
     known = {k: seen(v) for k, v in numbers.items()} | {"estimated": x.estimated}
-    return {"engine": x.engine, "words": x.words} | {k: v for k, v in known.items() if v not in (None, False)}
+    return {"engine": x.engine, "words": in_words(run, x)} | {k: v for k, v in known.items() if v not in (None, False)}
 
 
 def not_held(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Reach]:

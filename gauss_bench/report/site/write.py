@@ -20,12 +20,13 @@ from gauss_bench.report.site.first import Programs, first_page
 from gauss_bench.report.site.linkage import linkage_page, rows_page
 from gauss_bench.report.site.page import Page, document, script_text
 from gauss_bench.report.site.scripts import drawing_script
+from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.settings import all_settings, linkages, scenario_of
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.tables import write_text
 
 SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
-SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js")
+SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "search.js")
 
 
 def write_site(
@@ -49,6 +50,7 @@ def write_site(
                 shutil.rmtree(old)
     guide = f"{GUIDE}/index.html" if (folder / GUIDE / "index.html").is_file() else ""
     pages = all_pages(run, list(findings), programs)
+    pages.append(search_page(pages, folder / GUIDE))
     written: list[Path] = []
     for page in pages:
         written.append(folder / page.file)

@@ -14,14 +14,10 @@
     const on = new Set([...box.querySelectorAll("input:checked")].map((x) => x.dataset.engine));
     return rows(chart).filter((row) => on.has(row.engine));
   };
-  // A narrow figure: fewer names beside each other, and more room for those at the ends of lines.
+  // A narrow figure: fewer names beside each other.
   const NARROW = 480;
   const narrow = (spec) => {
     spec.config = { ...spec.config, legend: { ...spec.config.legend, columns: 2 } };
-    spec.layer = spec.layer?.map((layer) => {
-      const x = layer.encoding?.x, [first, last] = x?.scale?.domain ?? [];
-      return first === 0 && layer.encoding.y ? { ...layer, encoding: { ...layer.encoding, x: { ...x, scale: { ...x.scale, domain: [0, 1.25 * last] } } } } : layer;
-    });
   };
   const draw = async (place) => {
     const name = place.dataset.chart, chart = site.data.charts[name];

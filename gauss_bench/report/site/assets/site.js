@@ -2,14 +2,6 @@
 // What pages share: data that scripts put here, tables that sort and unfold, menus that close.
 const site = { data: {}, put(values) { Object.assign(site.data, values); } };
 
-// On a narrow screen the first column of numbers comes first.
-if (matchMedia("(max-width: 760px)").matches) {
-  for (const row of document.querySelectorAll("table tr")) {
-    const lead = row.querySelector(".first");
-    if (lead && row.firstElementChild !== lead) row.insertBefore(lead, row.firstElementChild);
-  }
-}
-
 // A click on a column's name sorts by it, a second one the other way; entries without a value stay at the end.
 for (const button of document.querySelectorAll("th button")) {
   button.addEventListener("click", () => {

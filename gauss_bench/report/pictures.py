@@ -1,0 +1,259 @@
+"""README's two pictures as SVG files of their own: a linkage closed in two engines, and what accuracy costs in all of them.
+
+Both are made from stored rows alone, turn dark with the reader's page, and come out the same byte for byte. `make publish` writes
+them with README's first table; so does `python -m gauss_bench.report.pictures REPORTS README.md`.
+"""
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.model import Mechanism, Revolute
+from gauss_bench.report.content import itemise
+from gauss_bench.report.drawings.animation import STYLE, Film, bars, carry, film_runs, follow
+from gauss_bench.report.drawings.drawing import Canvas, links, pin_shape, pivots
+from gauss_bench.report.first_table import FIRST, mark, renew, way_of
+from gauss_bench.report.linkages import pose_in
+from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline, slots
+from gauss_bench.report.rows import Run
+from gauss_bench.report.site.linkage import front
+from gauss_bench.report.site.motion import canvas_of, turn_frames, unwrap_angles
+from gauss_bench.report.site.playback import Played, Turn, play_runs, truth_of
+from gauss_bench.report.site.settings import Setting, all_settings, cheapest
+from gauss_bench.tables import write_text
+from gauss_bench.terms import Array
+
+FOLDER = "pictures"  # beside README
+LINKAGE, SCENARIO = "four_bar", "torque"
+PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # the runs shown, left and right: both at a step of 1 ms
+NAMES = ("gauss-native", "MuJoCo, loops as shipped")
+UNTIL = 1.0  # [s] of the stored runs
+WIDER = 100.0  # times that loops are drawn open, in both runs alike
+SPACING = math.radians(8)  # of the crank between two drawn poses
+OPEN = 1.0  # [px] from which a joint is drawn open
+RED = "#c62828"
+GAP, TOP, LINE = 20.0, 20.0, 26.0  # between the halves, above them, and a line of words [px]
+COARSEST = 1e-2  # [m] a larger error is of no use on a linkage of half a metre
+SIZE, PLOT = (900.0, 430.0), (104.0, 22.0, 640.0, 366.0)  # of the chart [px]: all of it; left, top, right and bottom of its axes
+SHAPES = (
+    "M-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0Z",
+    "M-3.6 -3.6h7.2v7.2h-7.2Z",
+    "M0 -4.8L4.4 3.2H-4.4Z",
+    "M0 -5L5 0L0 5L-5 0Z",
+    "M0 4.8L4.4 -3.2H-4.4Z",
+)
+PREFIXES = (("", 0), ("m", -3), ("µ", -6), ("n", -9), ("p", -12), ("f", -15), ("a", -18))
+
+
+def motion_picture(run: Run) -> str:
+    """Return two stored runs of one linkage side by side, their loops drawn open WIDER times as far as they are."""
+    motion = turn_frames(run, LINKAGE)
+    assert motion is not None, f"{LINKAGE}'s crank comes round"
+    mechanism, _ = motion
+    turn = Turn(unwrap_angles(motion[1]), mechanism.crank or 0)
+    names = [link.name for link in mechanism.links]
+    found = truth_of(run, LINKAGE, SCENARIO, names)
+    assert found is not None, "no true motion is stored"
+    times, truth = found
+    by_label = {x.label: x for x in play_runs(run, LINKAGE, SCENARIO, names, times)}
+    chosen = [by_label[x] for x in PLAYED]
+    t = spread_times(times, truth[:, 3 * turn.crank + 2])
+    states = [open_wider(x, turn, times, truth, t) for x in chosen]
+    canvas = canvas_of(mechanism, np.vstack([turn.states, *states]))
+    _, still, _ = pose_in(run, LINKAGE)
+    parts = []
+    for i, (one, name, own) in enumerate(zip(chosen, NAMES, states, strict=True)):
+        words = (f"{name}", f"a joint opens by {length(widest(mechanism, one, truth, times))} at most")
+        film, slower = film_runs(t, own, canvas)
+        parts += [
+            f'<g transform="translate({i * (canvas.width + GAP):.0f} {TOP:.0f})">',
+            *pivots(mechanism, canvas),
+            '<g class="motion-film">',
+            *film_parts(mechanism, film, canvas),
+            '</g><g class="motion-still" display="none">',
+            *links(mechanism, still, canvas),
+            "</g>",
+            words_at(canvas.width / 2, canvas.height, words[0], "middle", INK, 21),
+            words_at(canvas.width / 2, canvas.height + LINE, words[1], "middle", size=18),
+            "</g>",
+        ]
+    said = f"openings drawn {WIDER:g} times as wide, time {slower:g} times as slow"
+    width, height = 2 * canvas.width + GAP, canvas.height + TOP + 3 * LINE
+    parts.append(
+        f'<text x="{width / 2:.0f}" y="{height - 14:.0f}" text-anchor="middle" font-size="16" fill="{MUTED}">{said}</text>'
+    )
+    rows = itemise(f"{x.label} at a step of 1 ms" for x in chosen)
+    title = f"The four-bar of this suite, the same start and torque, in two engines: {rows}; the rows of table poses"
+    return svg(title, width, height, parts, STYLE)
+
+
+def spread_times(times: Array, crank: Array) -> Array:
+    """Return times up to UNTIL between which the crank turns by about SPACING."""
+    path: Any = PchipInterpolator(times, crank)
+    fine = np.linspace(0.0, UNTIL, 2001)
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path(fine))))])
+    return np.interp(np.linspace(0.0, turned[-1], 1 + math.ceil(turned[-1] / SPACING)), turned, fine)
+
+
+def open_wider(run: Played, turn: Turn, times: Array, truth: Array, t: Array) -> Array:
+    """Return states (k, n) of a run at times t, its gaps WIDER times as large; between stored poses they are interpolated."""
+    crank = PchipInterpolator(times, truth[:, 3 * turn.crank + 2] + run.ahead[:, turn.crank, 2])(t)
+    gap = PchipInterpolator(times, run.gap.reshape(len(times), -1), axis=0)(t)
+    closed = turn.at(crank)
+    whole = 2 * np.pi * np.round((crank - closed[:, 3 * turn.crank + 2]) / (2 * np.pi))
+    closed[:, 3 * turn.crank + 2] += whole  # the other links only swing, and keep their angles
+    return np.asarray(closed + WIDER * gap)
+
+
+def widest(mechanism: Mechanism, run: Played, truth: Array, times: Array) -> float:
+    """Return how far the ends of a joint stand apart at most in the stored poses up to UNTIL [m]."""
+    shown = times <= UNTIL
+    closed, opened = (x.reshape(len(truth), -1)[shown] for x in (truth, truth + run.gap.reshape(len(truth), -1)))
+    # the truth is stored in few digits: what that leaves open is taken off
+    apart = [[position(q, j.a) - position(q, j.b) for q in (opened, closed)] for j in revolutes(mechanism)]
+    return max(float(np.hypot(*(one - other).T).max()) for one, other in apart)
+
+
+def revolutes(mechanism: Mechanism) -> list[Revolute]:
+    return [joint for joint in mechanism.joints if isinstance(joint, Revolute)]
+
+
+def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str]:
+    """The links, and every joint by both of its ends where it is open, with a red line between them."""
+    for i, link in enumerate(mechanism.links):
+        yield from carry(link, i, film, canvas, bars(mechanism, i, canvas))
+    for joint in revolutes(mechanism):
+        a, b = (canvas.at(position(film.states, end)) for end in (joint.a, joint.b))
+        ends = [a]
+        if np.abs(a - b).max() > OPEN:
+            ends.append(b)
+            tracks = zip(("x1", "y1", "x2", "y2"), (*a.T, *b.T), strict=True)
+            moved = "".join(animated(k, values, film) for k, values in tracks)
+            yield f'<line stroke="{RED}" stroke-width="5" stroke-linecap="round">{moved}</line>'
+        for end in ends:
+            yield from follow(end, film, [pin_shape(0, 0)])
+
+
+def animated(attribute: str, values: Array, film: Film) -> str:
+    return f'<animate attributeName="{attribute}" values="{";".join(f"{x:.1f}" for x in values)}" {film.timing}/>'
+
+
+def cost_picture(run: Run) -> str:
+    """Return error against time of every engine on LINKAGE, both axes as long as the data."""
+    lines = fronts(run)
+    shown = [s for some in lines.values() for s in some]
+    xs, ys = [s.seconds for s in shown], [s.position for s in shown]
+    left, top, right, bottom = PLOT
+    x_low, x_high, y_low, y_high = (math.log10(x) for x in (min(xs), max(xs), min(ys), max(ys)))
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        along, up = (math.log10(x) - x_low) / (x_high - x_low), (math.log10(y) - y_low) / (y_high - y_low)
+        return left + along * (right - left), bottom - up * (bottom - top)
+
+    parts = []
+    for n in range(math.ceil(x_low), math.floor(x_high) + 1):
+        x, _ = at(10.0**n, min(ys))
+        parts += [grid(f"M{x:.1f} {top}V{bottom}"), words_at(x, bottom + 20, decade(n, "s"), "middle")]
+    for n in range(math.ceil(y_low), math.floor(y_high) + 1):
+        _, y = at(min(xs), 10.0**n)
+        parts += [grid(f"M{left} {y:.1f}H{right}"), words_at(left - 8, y + 5, decade(n, "m"), "end")]
+    hue = slots(dict.fromkeys(way.partition(",")[0] for way in lines))
+    own = [w for w in lines if w.partition(",")[0] in run.own_engines]
+    for k, (way, some) in enumerate(lines.items()):
+        kind = own if way in own else [w for w in lines if w not in own]
+        shape, colour = SHAPES[kind.index(way) % len(SHAPES)], f"var(--{hue[way.partition(',')[0]]})"
+        fill = colour if way in own else "var(--paper)"
+        marker = f'<path d="{shape}" fill="{fill}" stroke="{colour}" stroke-width="1.6"'
+        points = [at(s.seconds, s.position) for s in some]
+        path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+        parts.append(f'<path d="{path}" fill="none" stroke="{colour}" stroke-opacity="0.6" stroke-width="1.4"/>')
+        parts += [f'{marker} transform="translate({x:.1f} {y:.1f})"/>' for x, y in points]
+        y = top + 14 + 25 * k
+        parts += [
+            f'{marker} transform="translate({right + 22:.1f} {y - 5:.1f})"/>',
+            words_at(right + 36, y, mark(run, way), "start", INK),
+        ]
+    until = max(s.until for some in lines.values() for s in some)
+    parts.append(words_at((left + right) / 2, bottom + 46, f"processor time of {until:g} s of motion", "middle", INK))
+    middle = (top + bottom) / 2
+    text = words_at(0, 0, "largest error of any link", "middle", INK)
+    parts.append(f'<g transform="translate(20 {middle:.1f}) rotate(-90)">{text}</g>')
+    title = (
+        f"Error against time on the four-bar, of each engine the settings that none of its others beats in both; {way_count(lines)}"
+    )
+    return svg(title, *SIZE, parts, "")
+
+
+def fronts(run: Run) -> dict[str, list[Setting]]:
+    """Engine, with who runs its loop -> its best settings; the engine that holds FIRST in the least time comes first."""
+    own = [x for x in all_settings(run) if x.mechanism == LINKAGE and 0 < x.position <= COARSEST]
+    ways: dict[str, list[Setting]] = {}
+    for one in own:
+        ways.setdefault(way_of(one.engine, one.settings), []).append(one)
+    lines = {way: front(some) for way, some in ways.items()}
+
+    def time(way: str) -> tuple[float, str]:
+        held = cheapest(lines[way], FIRST)
+        return min((x.seconds for x in held.values()), default=math.inf), way
+
+    return {way: lines[way] for way in sorted(lines, key=time) if lines[way]}
+
+
+def way_count(lines: dict[str, list[Setting]]) -> str:
+    return f"{sum(map(len, lines.values()))} settings of {len(lines)} engines; filled marks are this suite's own"
+
+
+def grid(path: str) -> str:
+    return f'<path d="{path}" stroke="var(--grid)"/>'
+
+
+def words_at(x: float, y: float, text: str, anchor: str, colour: str = MUTED, size: int = 15) -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}" fill="{colour}">{escape(text)}</text>'
+
+
+def decade(n: int, unit: str) -> str:
+    """A power of ten of metres or seconds in words: "10 µs"."""
+    prefix, power = next((p, k) for p, k in PREFIXES if n >= k)
+    return f"{10 ** (n - power)} {prefix}{unit}"
+
+
+def length(x: float) -> str:
+    unit, factor = next(((u, f) for u, f in (("m", 1.0), ("mm", 1e3), ("µm", 1e6)) if x * f >= 0.1), ("nm", 1e9))
+    return f"{x * factor:.2g} {unit}"
+
+
+def svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
+    """Return the text of a file: its colours are variables, light or dark as the reader has it."""
+    light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(False)
+    dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(True)
+    size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'
+    look = f"svg{{{light}}}@media (prefers-color-scheme:dark){{svg{{{dark}}}}}{style}"
+    text = "\n".join(parts)
+    start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif">'
+    drawn = f"{start}<title>{escape(title)}</title>\n"
+    drawn += f'<rect width="100%" height="100%" rx="12" fill="{PAPER}"/>\n{text}\n</svg>\n'
+    return inline(drawn, "picture").replace("<title>", f"<style>{look}</style><title>", 1)
+
+
+def write_pictures(run: Run, folder: Path) -> list[Path]:
+    """Write both pictures into a folder."""
+    made = {"two_engines.svg": motion_picture(run), "error_against_time.svg": cost_picture(run)}
+    for name, text in made.items():
+        write_text(folder / name, text)
+    return [folder / name for name in made]
+
+
+if __name__ == "__main__":
+    from gauss_bench.report.build import read_run
+
+    rows, page = map(Path, sys.argv[1:])
+    stored = read_run(rows)
+    write_text(page, renew(page.read_text(encoding="utf-8"), stored))
+    write_pictures(stored, page.parent / FOLDER)

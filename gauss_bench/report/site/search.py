@@ -1,0 +1,37 @@
+"""The page that searches the site and the documentation: a list of their headings, which a script narrows to what is asked for."""
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from markupsafe import Markup
+
+from gauss_bench.report.site.page import Page, join_blocks, link
+
+HEADING = re.compile(r'<h[2-4] id="([^"]+)">(.*?)</h[2-4]>', re.DOTALL)
+INDEX = "search/search_index.json"  # of the documentation, which mkdocs writes
+
+
+def search_page(pages: Sequence[Page], guide: Path) -> Page:
+    """Return the page; `guide` is the folder of the documentation, which need not be there."""
+    found = dict.fromkeys((*headings(pages), *documented(guide)))
+    items = (Markup("<li>{}</li>").format(link(address, title)) for address, title in found)
+    body = Markup('<p><input id="ask" type="search" aria-label="Search" placeholder="mujoco 0.1 mm"></p><ul class="found">{}</ul>')
+    lead = "Every page and heading of this site and its documentation; what you type narrows the list."
+    return Page("search", "Search", lead, body.format(join_blocks(items)), group="Search", scripts=("search.js",))
+
+
+def headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:
+    """Addresses of pages and of their headings, with their words."""
+    for page in pages:
+        yield page.file, page.title
+        for anchor, words in HEADING.findall(str(page.body)):
+            yield f"{page.file}#{anchor}", f"{page.title}: {Markup(words).striptags()}"
+
+
+def documented(guide: Path) -> Iterator[tuple[str, str]]:
+    """Addresses of the documentation's headings, with their words; none where it was not built."""
+    if (guide / INDEX).is_file():
+        for entry in json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]:
+            yield f"{guide.name}/{entry['location']}", f"Guide: {Markup(entry['title']).striptags()}"
