@@ -30,7 +30,7 @@ from gauss_bench.report.site.settings import Setting, all_settings, cheapest
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
-FOLDER = "pictures"  # beside README
+FOLDER = "reports/pictures"  # beside README
 LINKAGE, SCENARIO = "four_bar", "torque"
 PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # the runs shown, left and right: both at a step of 1 ms
 NAMES = ("gauss-native", "MuJoCo, loops as shipped")
