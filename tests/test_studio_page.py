@@ -511,13 +511,13 @@ def test_a_four_bar_is_drawn_moved_driven_and_saved_by_keys_alone(page: Page, fo
     assert page.status() == ("1", "1")
     go("v", "R6", "U3")  # the joint of the first bar and the coupler
     assert page.page.locator(".properties h2").inner_text() == "Pin"
-    before, revision = page.places(), page.revision()
+    before, revision = page.stands_at(), page.revision()
     for _ in range(5):
         page.page.keyboard.down("ArrowLeft")
     page.page.keyboard.up("ArrowLeft")
     page.changed(revision)
-    moved = page.places()
-    assert sum(moved[x] != before[x] for x in before) == 2
+    moved = page.stands_at()
+    assert sum(np.hypot(*np.subtract(moved[x], before[x])) > 1e-6 for x in before) == 2
     assert page.revision() == revision + 1
     for _ in range(3):  # however fast one is after the other
         press("ArrowRight")

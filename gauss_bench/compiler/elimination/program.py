@@ -122,7 +122,7 @@ def cheapest(
         raise failure
     plain = sorted(plain, key=lambda x: wanted.price(x.costs))
     unknowns = known.mechanism.n + len(known.kept(drop))
-    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // unknowns, LENGTH // plain[0].costs.operations)))
+    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // unknowns, LENGTH // max(1, plain[0].costs.operations))))
     if wanted.attempts == 1:
         return plain[0]
     tried = [x for x in plain[:SEARCHED] if wanted.price(x.costs) <= HOPELESS * wanted.price(plain[0].costs)]
