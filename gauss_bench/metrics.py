@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.mechanism.coordinates import position, value
+from gauss_bench.mechanism.coordinates import Placed, position, state, value
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.parts import spread
+from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -78,23 +79,23 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
         fine, coarse = integral(t, rate), integral(t[half], rate[half])
         # two samples tell a straight line alone: what lies between them is known to the difference of its two ends' rectangles
         unknown = np.diff(rate, axis=0) * np.diff(t)[:, None] if len(t) == 2 else coarse - fine[half]
-        for part in (slice(0, 2), slice(2, 3)):
-            gaps.append(_largest(level - level[:1] - fine, part))
-            bars.append(float(_largest(unknown, part).max(initial=0.0)))
-    fastest = tuple(float(_largest(trajectory.v, part).max(initial=0.0)) for part in (slice(0, 2), slice(2, 3)))
+        for part in (places, angles):
+            gaps.append(_largest(part(level - level[:1] - fine)))
+            bars.append(float(_largest(part(unknown)).max(initial=0.0)))
+    fastest = tuple(float(np.abs(part(trajectory.v)).max(initial=0.0)) for part in (places, angles))
     return RateGaps(gaps[0], gaps[1], gaps[2], gaps[3], (bars[0], bars[1], bars[2], bars[3]), (fastest[0], fastest[1]))
 
 
 def start_gaps(mechanism: Mechanism, trajectory: Trajectory) -> tuple[float, float, float, float]:
     """Return how far the first sample is from the start: places [m], angles [rad], velocities [m/s], angular ones [rad/s]."""
     gaps = ((trajectory.q[:1] - mechanism.q0), (trajectory.v[:1] - mechanism.v0))
-    place, turn, speed, spin = (float(_largest(x, part).max(initial=0.0)) for x in gaps for part in (slice(0, 2), slice(2, 3)))
+    place, turn, speed, spin = (float(np.abs(part(x)).max(initial=0.0)) for x in gaps for part in (places, angles))
     return place, turn, speed, spin
 
 
-def _largest(x: Array, part: slice) -> Array:
-    """Largest |x| (k,) over the links of x (k, 3 links): of their centres of mass, or of their angles."""
-    return np.asarray(np.abs(x.reshape(len(x), -1, 3)[..., part]).max(axis=(1, 2), initial=0.0))
+def _largest(x: Array) -> Array:
+    """Largest |x| (k,) of each sample (k, ...)."""
+    return np.asarray(np.abs(x).reshape(len(x), -1).max(axis=1, initial=0.0))
 
 
 def integral(t: Array, x: Array) -> Array:
@@ -145,13 +146,19 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
     """
     multipliers = reactions(evaluator, trajectory)
     forces: dict[str, dict[str, Array]] = {}
-    for k, joint in enumerate(evaluator.mechanism.joints):
-        first, second = multipliers[:, 2 * k], multipliers[:, 2 * k + 1]
-        if isinstance(joint, Prismatic):
-            theta = joint.angle + (trajectory.q[:, 3 * joint.guide.link + 2] if joint.guide.link >= 0 else 0.0)
-            forces[joint.name] = {"fx": first * np.sin(theta), "fy": -first * np.cos(theta), "moment": -second}
-        else:
-            forces[joint.name] = {"fx": -first, "fy": -second, "moment": np.zeros_like(first)}
+    columns = iter(multipliers.T)
+    at = Placed(trajectory.q)
+    for joint in evaluator.mechanism.joints:
+        arm = at.end(joint.ends[1]).arm
+        fx, fy, moment = np.zeros((3, len(trajectory.t)))
+        for coordinate, _ in joint.held:
+            multiplier, (_, n, lever) = next(columns), state(coordinate, at).entries[1]
+            if n is not None:
+                x, y = n.parts
+                fx, fy = fx - multiplier * x, fy - multiplier * y
+                lever = lever - at.space.wedge(arm, n)  # about the joint's point, no longer about the centre of mass
+            moment = moment - multiplier * lever
+        forces[joint.name] = {"fx": fx, "fy": fy, "moment": moment}
     return forces
 
 
@@ -176,9 +183,9 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
         at = position(told.q, weld.at)
         force, moment = np.zeros((len(told.t), 2)), np.zeros(len(told.t))
         for i in weld.beyond:
-            push, arm = lacking[:, 3 * i : 3 * i + 2], told.q[:, 3 * i : 3 * i + 2] - at
+            push, arm = place_at(lacking, i), place_at(told.q, i) - at
             force = force + push
-            moment = moment + lacking[:, 3 * i + 2] + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
+            moment = moment + angle_at(lacking, i) + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
         forces[weld.name] = {"fx": force[:, 0], "fy": force[:, 1], "moment": moment}
     return forces
 
@@ -289,16 +296,15 @@ def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bo
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
     """Errors at every time of the reference that the trajectory has sampled."""
     mine, both = common_times(trajectory.t, reference.t)
-    shape = (len(mine), len(mechanism.links), 3)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
     coordinate = mechanism.measured.coordinate
     return Errors(
         reference.t[both],
         np.abs(value(coordinate, trajectory.q[mine]) - value(coordinate, reference.q[both])),
-        dq.reshape(shape)[..., :2].max(axis=-1),
-        dq.reshape(shape)[..., 2],
-        dv.reshape(shape).max(axis=-1),
+        places(dq).max(axis=-1),
+        angles(dq),
+        bodies(dv).max(axis=-1),
         np.fmax(reference.error_q, reference.floor_q)[both],
         np.fmax(reference.error_v, reference.floor_v)[both],
     )

@@ -96,8 +96,11 @@ def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: 
     raise np.linalg.LinAlgError("the stages of an implicit step do not converge")
 
 
+STAGES = 3  # of an implicit step
+
+
 @cache
-def gauss_tableau(stages: int = 3) -> tuple[Array, Array, Array]:
+def gauss_tableau(stages: int = STAGES) -> tuple[Array, Array, Array]:
     """Nodes (s,), matrix (s, s) and weights (s,) of Gauss's collocation: exact for polynomials of degree s - 1 through the stages.
 
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), section IV.5.
@@ -119,7 +122,7 @@ EVALUATIONS = {  # of accelerations in a step; of an implicit one without those 
     "rk4": 4,
     "semi_implicit_euler": 1,
     "dop853_fixed": 12,
-    "gauss_legendre": 1 + 3 * NATIVE_PASSES,
+    "gauss_legendre": 1 + STAGES * NATIVE_PASSES,
 }
 
 

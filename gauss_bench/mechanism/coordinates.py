@@ -31,7 +31,7 @@ import numpy as np
 
 from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point, Slip, Weighted
-from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec
+from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec, angle_at, slots
 from gauss_bench.mechanism.written import inverse
 from gauss_bench.terms import Array
 
@@ -349,7 +349,7 @@ class Placed(Placement):
         if body not in self.frames:
             still = np.zeros(self.q.shape[:-1], dtype=self.q.dtype)
             (x, y, angle), (u, w, omega) = (
-                [still if body == GROUND else s[..., 3 * body + k] for k in range(3)] for s in (self.q, self.v)
+                [still] * PLANE.size if body == GROUND else np.moveaxis(s[..., slots(body)], -1, 0) for s in (self.q, self.v)
             )
             self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
         return self.frames[body]
@@ -386,7 +386,7 @@ def rotate(x: Array, theta: Array) -> Array:
 
 def arm(q: Array, point: Point) -> Array:
     """Arm from the centre of mass to the point in world axes (..., 2); zero for the ground, which carries no coordinates."""
-    return np.zeros((*q.shape[:-1], 2)) if point.link == GROUND else rotate(point.local, q[..., 3 * point.link + 2])
+    return np.zeros((*q.shape[:-1], 2)) if point.link == GROUND else rotate(point.local, angle_at(q, point.link))
 
 
 def position(q: Array, point: Point) -> Array:

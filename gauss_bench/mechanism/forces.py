@@ -22,8 +22,8 @@ import numpy as np
 
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import columns, state
-from gauss_bench.mechanism.model import Force, Mechanism, Prismatic, factor_of, loads, steady_part
-from gauss_bench.mechanism.spaces import PLANE, Real
+from gauss_bench.mechanism.model import Force, Mechanism, factor_of, loads, steady_part
+from gauss_bench.mechanism.spaces import PLANE, Real, places
 from gauss_bench.mechanism.symbols import Symbols
 from gauss_bench.terms import Array
 
@@ -38,8 +38,8 @@ class AppliedForces:
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
         self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
-        for i, link in enumerate(mechanism.links):
-            self.gravity[3 * i : 3 * i + 2] = link.mass * mechanism.gravity
+        for place, link in zip(places(self.gravity), mechanism.links, strict=True):
+            place[:] = link.mass * mechanism.gravity
         self.varying = [_Varying(mechanism, f) for f in mechanism.varying]
         self.loads = loads(f for f in mechanism.forces if not factor_of(f))
 
@@ -131,7 +131,7 @@ class JointFriction:
         first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
         self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
-        self.pins = np.array([not isinstance(pair, Prismatic) for _, pair in self.acting], dtype=float)
+        self.pins = np.array([not pair.slides for _, pair in self.acting], dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])
         at = Symbols(mechanism.n)

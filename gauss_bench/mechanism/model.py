@@ -156,6 +156,12 @@ class Revolute:
     joint: str
     a: Point
     b: Point
+    slides: ClassVar[bool] = False
+
+    @property
+    def ends(self) -> tuple[Point, Point]:
+        """The points that the pin joins, on the first link and on the second."""
+        return self.a, self.b
 
     @property
     def motion(self) -> Angle:
@@ -185,10 +191,16 @@ class Prismatic:
     angle: float
     turn: float
     offset: float
+    slides: ClassVar[bool] = True
 
     @property
     def joint(self) -> str:
         return self.name
+
+    @property
+    def ends(self) -> tuple[Point, Point]:
+        """The points that the slide is measured between, on the guide and on the block."""
+        return self.guide, self.block
 
     @property
     def motion(self) -> Along:
@@ -584,6 +596,14 @@ class Mechanism:
                     raise TypeError(f"{word} {x.name}: nothing is known of the kind {type(x).__name__}")
         if not isinstance(self.measured.coordinate, Coordinate):
             raise TypeError(f"{self.measured.name}: nothing is known of the kind {type(self.measured.coordinate).__name__}")
+
+    @property
+    def pins(self) -> tuple[Revolute, ...]:
+        return tuple(joint for joint in self.joints if isinstance(joint, Revolute))
+
+    @property
+    def slides(self) -> tuple[Prismatic, ...]:
+        return tuple(joint for joint in self.joints if isinstance(joint, Prismatic))
 
     @property
     def driver(self) -> AngleDriver | None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import slots
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
@@ -13,8 +14,7 @@ def spread(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
         return motion
     levels: tuple[list[Array], ...] = ([], [], [])
     for part in mechanism.parts:
-        columns = slice(3 * part.body, 3 * part.body + 3)
-        q, v, a = (x[..., columns] for x in (motion.q, motion.v, motion.a))
+        q, v, a = (x[..., slots(part.body)] for x in (motion.q, motion.v, motion.a))
         c, s = np.cos(q[..., 2]), np.sin(q[..., 2])
         x, y = c * part.at[0] - s * part.at[1], s * part.at[0] + c * part.at[1]
         w, alpha = v[..., 2], a[..., 2]

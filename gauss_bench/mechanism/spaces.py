@@ -14,6 +14,10 @@ any kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), s
 
 from typing import Any
 
+import numpy as np
+
+from gauss_bench.terms import Array
+
 Real = Any  # a number of any kind
 Turning = Any  # a number in the plane
 
@@ -43,6 +47,7 @@ class Plane:
     """The plane. `axis` is the direction that every angle turns about, as a turning."""
 
     dimension, turns = 2, 1
+    size = dimension + turns  # coordinates of a body: its place, then its angle
     axis = 1.0
 
     def dot(self, a: Vec, b: Vec) -> Real:
@@ -78,3 +83,41 @@ class Plane:
 
 
 PLANE = Plane()
+
+
+# A state (..., n) of all bodies, and the part of it that is of one. The ground has index -1, and rests at the origin.
+
+
+def slots(body: int) -> slice:
+    """The coordinates of a body in a state."""
+    return slice(PLANE.size * body, PLANE.size * (body + 1))
+
+
+def angle_slot(body: int) -> int:
+    """The coordinate that is the angle of a body."""
+    return PLANE.size * body + PLANE.dimension
+
+
+def bodies(x: Array) -> Array:
+    """A state (..., n) by body, (..., bodies, 3); a view where x is contiguous."""
+    return x.reshape(*x.shape[:-1], x.shape[-1] // PLANE.size, PLANE.size)
+
+
+def places(x: Array) -> Array:
+    """The places of all centres of mass, or their rates, (..., bodies, 2)."""
+    return bodies(x)[..., : PLANE.dimension]
+
+
+def angles(x: Array) -> Array:
+    """The angles of all bodies, or their rates, (..., bodies), as a view."""
+    return x[..., PLANE.dimension :: PLANE.size]
+
+
+def place_at(x: Array, body: int) -> Array:
+    """The place of a body's centre of mass, or its rate, (..., 2)."""
+    return places(x)[..., body, :] if body >= 0 else np.zeros((*x.shape[:-1], PLANE.dimension), dtype=x.dtype)
+
+
+def angle_at(x: Array, body: int) -> Array:
+    """The angle of a body, or its rate, (...)."""
+    return np.asarray(angles(x)[..., body] if body >= 0 else np.zeros(x.shape[:-1], dtype=x.dtype))

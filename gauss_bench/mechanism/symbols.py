@@ -13,9 +13,11 @@ from gauss_bench.mechanism.equations import Given
 from gauss_bench.mechanism.frames import Frame
 from gauss_bench.mechanism.model import GROUND
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import Vec
+from gauss_bench.mechanism.spaces import PLANE, Vec, slots
 from gauss_bench.mechanism.written import Number, Program, Symbol, Written
 from gauss_bench.terms import Array
+
+LEVELS = 3  # of a law: value, rate and second rate
 
 
 class Symbols(Given):
@@ -29,9 +31,10 @@ class Symbols(Given):
 
     def frame(self, body: int) -> Frame:
         if body not in self._frames:
-            none, names = self.program.symbol(0.0), range(3 * body, 3 * body + 3)
+            names = range(self.n)[slots(body)]
             (x, y, angle), (u, w, omega) = (
-                [none] * 3 if body == GROUND else [self.program.input(f"{name}{k}") for k in names] for name in "qv"
+                [self.program.symbol(0.0)] * PLANE.size if body == GROUND else [self.program.input(f"{x}{k}") for k in names]
+                for x in "qv"
             )
             self._frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
         return self._frames[body]
@@ -44,13 +47,12 @@ class Symbols(Given):
 
     def law(self, law: MotionLaw) -> tuple[Symbol, Symbol, Symbol]:
         self.laws.append(law)
-        first = 3 * (len(self.laws) - 1)
-        x, rate, second = (self.program.input(f"g{first + k}") for k in range(3))
+        x, rate, second = (self.program.input(f"g{k}") for k in range(LEVELS * len(self.laws))[-LEVELS:])
         return x, rate, second
 
     def written(self, *told: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
         """A function of t (...), q and v (..., n): each group of symbols as an array (..., k)."""
-        inputs = [("q", self.n), ("v", self.n), ("g", 3 * len(self.laws))]
+        inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
         function, laws = Written(self.program, inputs, [[self.program.symbol(x) for x in group] for group in told]), self.laws
 
         def at(t: float | Array, q: Array, v: Array) -> list[Array]:

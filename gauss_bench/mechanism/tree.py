@@ -22,7 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Prismatic, Revolute
+from gauss_bench.mechanism.frames import unit
+from gauss_bench.mechanism.model import GROUND, Along, Joint, Mechanism
+from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.terms import Array
 
 
@@ -94,11 +96,11 @@ class Tree:
         return self._stack(q, y), self._stack(v, y), self._stack(a, y)
 
     def _stack(self, states: dict[int, Any], like: Array) -> Array:
-        out = np.empty((*like.shape[:-1], 3 * self.links))
+        out = np.empty((*like.shape[:-1], self.links, 3))
         for i in range(self.links):
             z, theta = states[i]
-            out[..., 3 * i], out[..., 3 * i + 1], out[..., 3 * i + 2] = z.real, z.imag, theta
-        return out
+            out[..., i, 0], out[..., i, 1], out[..., i, 2] = z.real, z.imag, theta
+        return out.reshape(*like.shape[:-1], -1)
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Tree coordinates and rates (..., n) of absolute states (..., 3 links); what leaves the tree's joints is ignored."""
@@ -156,14 +158,14 @@ def columns(x: Array) -> Any:
 
 def states_of(x: Array) -> dict[int, Any]:
     """Link index -> (vector, angle) of an absolute state, with a resting ground."""
-    c = columns(x)
-    placed: dict[int, Any] = {i: (c[3 * i] + 1j * c[3 * i + 1], c[3 * i + 2]) for i in range(x.shape[-1] // 3)}
-    return placed | {GROUND: (0j, 0.0)}
+    rows = bodies(x).tolist() if x.ndim == 1 else np.moveaxis(bodies(x), (-2, -1), (0, 1))
+    return {GROUND: (0j, 0.0)} | {i: (a + 1j * b, angle) for i, (a, b, angle) in enumerate(rows)}
 
 
 def ends(joint: Joint) -> tuple[int, int]:
     """The two links of a pair: guide and block, or a and b."""
-    return (joint.guide.link, joint.block.link) if isinstance(joint, Prismatic) else (joint.a.link, joint.b.link)
+    first, second = joint.ends
+    return first.link, second.link
 
 
 def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
@@ -172,8 +174,8 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     Pins are taken in file order, which makes a chain of what hangs together, or, with `least_depth`, so that every link is as few
     joints away from the ground as slides allow.
     """
-    slides = _without_loops(mechanism, [j for j in mechanism.joints if isinstance(j, Prismatic)])
-    pins = [j for j in mechanism.joints if isinstance(j, Revolute)]
+    slides = _without_loops(mechanism, mechanism.slides)
+    pins = mechanism.pins
     chosen = _nearest(mechanism, slides, pins) if least_depth else _without_loops(mechanism, [*slides, *pins])
     branches: list[Branch] = []
     reached = {GROUND}
@@ -258,12 +260,12 @@ def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, i
 
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     none = np.zeros(2)
-    if isinstance(joint, Revolute):
-        near, far = (joint.a, joint.b) if joint.a.link == parent else (joint.b, joint.a)
+    (_, offset), (_, turn) = joint.held
+    first, second = joint.ends
+    forward = first.link == parent
+    near, far, sign = (first, second, 1.0) if forward else (second, first, -1.0)
+    if not isinstance(way := joint.motion, Along):
         return Branch(child, parent, "revolute", joint, at, near.local, far.local, none, none, 0.0)
-    forward = joint.guide.link == parent
-    near, far = (joint.guide, joint.block) if forward else (joint.block, joint.guide)
-    theta, sign = (joint.angle, 1.0) if forward else (joint.angle - joint.turn, -1.0)
-    u = np.array([np.cos(theta), np.sin(theta)])
-    base = sign * joint.offset * np.array([-u[1], u[0]])
-    return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base, sign * u, sign * joint.turn)
+    theta = way.angle if forward else way.angle - turn
+    base, axis = sign * offset * unit(theta, across=True), sign * unit(theta)
+    return Branch(child, parent, "prismatic", joint, at, near.local, far.local, base, axis, sign * turn)
