@@ -206,7 +206,15 @@ def section(run: Run) -> Section:
     rows = tuple(tuple(text_cell(row[x]) for x in ("place", "sky", "temperature")) for row in run.table("weather"))
     return Section("Weather", "weather", (Text("Looked up by hand."), Table("Weather", head, rows, numeric)))
 '''
-TABLE = """    "weather": Table("a place", (text("place", "name"), text("sky", "seen"), number("temperature", "there", "K")), 1),
+TABLE = """
+[tables.weather]
+meaning = "a place"
+keys = 1
+columns = [
+  { text = "place", meaning = "name" },
+  { text = "sky", meaning = "seen" },
+  { number = "temperature", unit = "K", meaning = "there" },
+]
 """
 
 
@@ -229,11 +237,8 @@ def said_by(folder: Path, *command: str) -> str:
 def test_a_new_report_section_with_a_table_of_its_own_is_a_file_and_an_entry_of_the_schema(tmp_path: Path) -> None:
     folder = copied(tmp_path)
     (folder / "gauss_bench" / "report" / "sections" / "weather.py").write_text(SECTION, encoding="utf-8")
-    schema = folder / "gauss_bench" / "tables.py"
-    text = schema.read_text(encoding="utf-8")
-    start = "TABLES: dict[str, Table] = {\n"
-    assert text.count(start) == 1
-    schema.write_text(text.replace(start, start + TABLE), encoding="utf-8")
+    with (folder / "gauss_bench" / "tables.toml").open("a", encoding="utf-8") as schema:
+        schema.write(TABLE)
     run = folder / "run"
     row = "{'place': 'Bonn', 'sky': 'dry', 'temperature': 281.5}"
     write = f"from pathlib import Path; from gauss_bench.tables import *; d = Path({str(run)!r}); write_schema(d); "
@@ -301,8 +306,8 @@ def test_a_metric_is_a_function_its_call_and_its_column(tmp_path: Path) -> None:
     insert(package / "metrics.py", "def energy_scale(", METRIC)
     called = '        "largest_acceleration": metrics.largest_acceleration(mechanism, trajectory),\n'
     insert(package / "bench" / "measure.py", '        "position_drift": float(drift.position.max()),\n', called)
-    column = '        number("largest_acceleration", "of any centre of mass", "m/s^2"),\n'
-    insert(package / "tables.py", '        number("compared", "times at which a truth is known"),\n', column)
+    column = '  { number = "largest_acceleration", unit = "m/s^2", meaning = "of any centre of mass" },\n'
+    insert(package / "tables.toml", '  { number = "compared", meaning = "times at which a truth is known" },\n', column)
     said_by(folder, "-c", ONE_CASE)
     with (folder / "run" / "results.csv").open(newline="", encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["status"] == "ok"]
