@@ -78,7 +78,7 @@ def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper(motion: CrankM
     for state, problem in zip(states(), problems.crank_problems(), strict=True):
         for formula, full in (
             (EQ_16, yuan_ge_eq16(problem.terms).a),
-            (EQS_10_11, least_squares.acceleration(problem, least_squares.pair_as_printed(problem))),
+            (EQS_10_11, least_squares.acceleration(problem, (-0.5, -0.5))),
         ):
             found = replace(motion, formula=formula).acceleration(state.q[2], state.v[2])
             assert found == pytest.approx(full[problems.CRANK], rel=1e-9)  # two pseudo-inverses of condition 1e3
@@ -189,13 +189,12 @@ def test_no_inertia_of_the_rods_makes_it_stop(motion: CrankMotion, rows: dict[st
 
 
 def test_verdicts_follow_from_the_data(motion: CrankMotion) -> None:
-    printed = {c.key: c.verdict for c in claims(motion)}
-    other = {c.key: c.verdict for c in claims(replace(motion, torque=-motion.torque))}
-    assert printed["stops"] == printed["decreases"] == "refuted"
-    assert other["stops"] == other["decreases"] == "holds"
-    assert other["any_inertia"] == "refuted"
-    assert printed["formula"] == "refuted"
-    assert {c.key: c.verdict for c in claims(replace(motion, torque=-1.0))}["rests"] == "refuted"
+    printed, other = claims(motion), claims(replace(motion, torque=-motion.torque))
+    assert not any(printed[claim] for claim in ("stops", "decreases", "formula"))
+    assert other["stops"]
+    assert other["decreases"]
+    assert not other["any_inertia"]
+    assert not claims(replace(motion, torque=-1.0))["rests"]
 
 
 def test_rows_are_plain(rows: dict[str, dict[str, Any]]) -> None:

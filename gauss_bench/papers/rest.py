@@ -9,7 +9,8 @@ because torque, weight and spring give back no more than they took and the dampe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -25,46 +26,29 @@ MARGIN = 100.0  # brackets by which the second search starts outside the first
 FINER = 1e-2  # of the tolerance: integrated again with it, the bound moves by what the integration leaves
 
 
-@dataclass(frozen=True)
-class Extreme:
+class Extreme(NamedTuple):
     """Largest or smallest static torque [N m] and its crank angle [rad]."""
 
     torque: float
     theta: float
 
 
-@dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(NamedTuple):
     """A crank angle [rad] in (-pi, pi] at which the crank can rest."""
 
     theta: float
     stable: bool
 
 
-@dataclass(frozen=True)
-class Bound:
-    """The value at which coming to rest turns into running, and its uncertainty.
-
-    The uncertainty is half the bracket of the bisection, plus what a finer integration moves the value by.
-    """
-
-    value: float
-    bracket: float
-
-
 def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
     """Smallest and largest static torque of weight and spring over a turn."""
     idle = replace(motion, torque=0.0)
-    theta = np.linspace(-np.pi, np.pi, GRID + 1)
-    F, step = idle.static_torque(theta), 2 * np.pi / GRID
-    extremes = []
-    for sign, near in ((1.0, theta[F.argmin()]), (-1.0, theta[F.argmax()])):
-        best = minimize_scalar(
-            lambda x, sign=sign: sign * float(idle.static_torque(x)),
-            bounds=(float(near - step), float(near + step)),
-            method="bounded",
-            options={"xatol": 1e-10},
-        )
+    theta, step = np.linspace(-np.pi, np.pi, GRID + 1), 2 * np.pi / GRID
+    F, extremes = idle.static_torque(theta), []
+    for sign in (1.0, -1.0):
+        near = float(theta[(sign * F).argmin()])
+        ends, options = (near - step, near + step), {"xatol": 1e-10}
+        best = minimize_scalar(lambda x, k=sign: k * idle.static_torque(float(x)), bounds=ends, method="bounded", options=options)
         extremes.append(Extreme(sign * float(best.fun), float(best.x)))
     return extremes[0], extremes[1]
 
@@ -101,8 +85,10 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     return bool(abs(course.theta[-1]) < np.pi * 2 * (1 - 1e-6))
 
 
-def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> Bound:
-    """The bound between a value with which the crank comes to rest and one with which it runs on; `width` is relative.
+def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
+    """The bound between a value with which the crank comes to rest and one with which it runs on, and its uncertainty.
+
+    The uncertainty is half the bracket of the bisection, `width` of its end, and what a finer integration moves the bound by.
 
     Raises:
         ValueError: it does not come to rest with the first, or does with the second.
@@ -111,15 +97,10 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
     near = MARGIN * (high - low)
     fine = bisect(make, low - near, high + near, FINER * RTOL, width)
     value = (fine[0] + fine[1]) / 2
-    return Bound(value, abs(fine[1] - fine[0]) / 2 + abs(value - (low + high) / 2))
+    return value, abs(fine[1] - fine[0]) / 2 + abs(value - (low + high) / 2)
 
 
 def bisect(make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float) -> tuple[float, float]:
-    """Both ends of the bracket, narrowed to `width` of the larger of them.
-
-    Raises:
-        ValueError: the crank does not come to rest at the first end, or does at the second.
-    """
     if not settles(make(settled), rtol) or settles(make(running), rtol):
         raise ValueError(f"no bound between {settled:g} and {running:g}")
     while abs(running - settled) > width * max(abs(running), abs(settled)):

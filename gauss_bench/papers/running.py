@@ -9,8 +9,6 @@ The speed that a turn starts and ends with alike is found by the secant method. 
 at constant speed the damper would take c u integral (dx3/dtheta)^2 dtheta.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import newton
@@ -23,28 +21,6 @@ SAMPLES = 2001  # of a turn: extremes of speed are then found to (2 pi / 2000)^2
 STEADY = 1e-2  # relative: speeds within this of the last one are called steady
 TURNS = 500  # at most; the paper's example needs some 50 to become steady
 POINTS = 4096  # of a turn, for an integral of a smooth periodic function: exact to rounding
-
-
-@dataclass(frozen=True)
-class Regime:
-    """One turn of the steady motion, and the way there from rest.
-
-    Attributes:
-        mean, slowest, fastest: crank speed over a turn in time, and its extremes, signed [rad/s].
-        period: [s]; taken, lost: energy of the torque and in the damper [J] over a turn.
-        first_speed, first_time: at the end of the first turn from rest [rad/s], [s].
-        steady_after: time from rest [s] after which each turn starts within STEADY of the last speed.
-    """
-
-    mean: float
-    slowest: float
-    fastest: float
-    period: float
-    taken: float
-    lost: float
-    first_speed: float
-    first_time: float
-    steady_after: float
 
 
 def swept(motion: CrankMotion) -> float:
@@ -92,8 +68,12 @@ def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) ->
     return np.asarray(run.y)
 
 
-def regime(motion: CrankMotion, rtol: float = RTOL) -> Regime:
-    """The running regime that a start from rest leads to.
+def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
+    """The running regime that a start from rest leads to, one turn of it and the way there.
+
+    Keys: mean, slowest and fastest crank speed of a steady turn, signed [rad/s]; its period [s]; energy taken from the torque and
+    lost in the damper [J]; first_speed [rad/s] and first_time [s] at the end of the first turn from rest; steady_after, the time
+    from rest [s] after which each turn starts within STEADY of the last speed.
 
     Raises:
         ArithmeticError: the crank does not complete a turn, or its turns do not become alike.
@@ -109,19 +89,18 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> Regime:
         steady = float(newton(gain, guess, x1=1.1 * guess, tol=10 * rtol * guess))
     except RuntimeError as error:
         raise ArithmeticError("no speed that a turn starts and ends with") from error
-    last = turn(motion, direction * steady, rtol, SAMPLES)
-    period = float(last[1, -1])
-    return Regime(
-        mean=direction * TURN / period,
-        slowest=direction * float(last[0].min()),
-        fastest=direction * float(last[0].max()),
-        period=period,
-        taken=TURN * abs(motion.torque),
-        lost=float(last[2, -1]),
-        first_speed=first_speed,
-        first_time=first_time,
-        steady_after=first_time + approach(motion, first_speed, steady, rtol),
-    )
+    speeds, times, lost = turn(motion, direction * steady, rtol, SAMPLES)
+    return {
+        "mean": direction * TURN / float(times[-1]),
+        "slowest": direction * float(speeds.min()),
+        "fastest": direction * float(speeds.max()),
+        "period": float(times[-1]),
+        "taken": TURN * abs(motion.torque),
+        "lost": float(lost[-1]),
+        "first_speed": first_speed,
+        "first_time": first_time,
+        "steady_after": first_time + approach(motion, first_speed, steady, rtol),
+    }
 
 
 def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:

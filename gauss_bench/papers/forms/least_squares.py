@@ -64,13 +64,10 @@ def gauss_function(p: Problem, a: Number) -> Number:
     return np.asarray(r @ np.linalg.solve(p.M, r) / 2)
 
 
-def root_function(p: Problem, a: Number) -> Number:
-    r = power(p.M, -0.5) @ (p.M @ a + p.f - p.Q)
+def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
+    """Eq. (2), or (3) with the constraint forces `extra` that do work."""
+    r = power(p.M, -0.5) @ (p.M @ a + p.f - p.Q - extra)
     return np.asarray(r @ r / 2)
-
-
-def function_with(p: Problem, extra: Array, a: Number) -> Number:
-    return root_function(replace(p, Q=p.Q + extra), a)
 
 
 def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
@@ -89,12 +86,12 @@ def same_function(form: Callable[[Problem, Number], Number]) -> float:
     return worst([abs(float(form(p, a) / gauss_function(p, a)) - 1) for p, a in pairs])
 
 
-def stationary_with(form: Callable[[Problem, Array, Number], Number]) -> float:
+def stationary_with(form: Callable[[Problem, Number, Array], Number]) -> float:
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         extra = rng.normal(size=p.n)
         true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
-        errors.append(slope(p, lambda a, p=p, extra=extra: form(p, extra, a), true))  # type: ignore[misc]
+        errors.append(slope(p, lambda a, p=p, extra=extra: form(p, a, extra), true))  # type: ignore[misc]
     return worst(errors)
 
 
@@ -161,48 +158,34 @@ def contradicting_rows(form: Inverse) -> float:
     return worst(errors)
 
 
-def matrix_as_printed(p: Problem) -> Array:
-    return power(p.M, -0.5) @ projector(p)
+def matrix(p: Problem, exponent: float = 0.5) -> Array:
+    """A of eq. (10) with this exponent of M."""
+    return power(p.M, exponent) @ projector(p)
 
 
-def matrix(p: Problem) -> Array:
-    return power(p.M, 0.5) @ projector(p)
+def vector(p: Problem, exponent: float = 0.5) -> Array:
+    """b of eq. (11) with this exponent of M in its first term."""
+    return -(power(p.M, exponent) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
 
 
-def vector_as_printed(p: Problem) -> Array:
-    return -(power(p.M, -0.5) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
-
-
-def vector(p: Problem) -> Array:
-    return -(power(p.M, 0.5) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
-
-
-def matrix_off(form: Callable[[Problem], Array]) -> float:
+def matrix_off(exponent: float) -> float:
     """Against what (8) put into (2) leaves in front of h: M^(-1/2) M N."""
-    return worst([relative(form(p), power(p.M, -0.5) @ p.M @ projector(p)) for p in all_problems()])
+    return worst([relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p)) for p in all_problems()])
 
 
-def vector_off(form: Callable[[Problem], Array]) -> float:
+def vector_off(exponent: float) -> float:
     """Against what (8) put into (2) leaves without h: M^(-1/2) (M J^- g + f - Q)."""
-    return worst([relative(form(p), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g)) for p in all_problems()])
+    return worst([relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g)) for p in all_problems()])
 
 
-def pair_as_printed(p: Problem) -> AB:
-    return matrix_as_printed(p), vector_as_printed(p)
-
-
-def pair(p: Problem) -> AB:
-    return matrix(p), vector(p)
-
-
-def acceleration(p: Problem, parts: AB) -> Array:
-    """Eq. (14) without w."""
-    A, b = parts
+def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
+    """Eq. (14) without w, with these exponents of M in A and b."""
+    A, b = matrix(p, exponents[0]), vector(p, exponents[1])
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (pinv(A) @ b))
 
 
-def pair_off(form: Callable[[Problem], AB]) -> float:
-    return worst([relative(acceleration(p, form(p)), p.a) for p in crank_problems()])
+def pair_off(exponents: tuple[float, float]) -> float:
+    return worst([relative(acceleration(p, exponents), p.a) for p in crank_problems()])
 
 
 def half_square(A: Array, b: Array, h: Array) -> float:
@@ -215,7 +198,7 @@ def square_off(form: Callable[[Array, Array, Array], float]) -> float:
     for p in random_problems():
         h = rng.normal(size=p.n)
         G = gauss_function(p, general_solution(p, pinv(p.J), h))
-        errors.append(abs(form(*pair(p), h) / float(G) - 1))
+        errors.append(abs(form(matrix(p), vector(p), h) / float(G) - 1))
     return worst(errors)
 
 
@@ -228,8 +211,8 @@ def unit_dependence(acceleration_of: Callable[[Problem], Array]) -> float:
     return worst(errors)
 
 
-def pair_unit_dependence(form: Callable[[Problem], AB]) -> float:
-    return unit_dependence(lambda p: acceleration(p, form(p)))
+def pair_unit_dependence(exponents: tuple[float, float]) -> float:
+    return unit_dependence(lambda p: acceleration(p, exponents))
 
 
 def sides(A: Array, b: Array, h: Array) -> AB:
@@ -242,13 +225,13 @@ def normal_sides(A: Array, b: Array, h: Array) -> AB:
 
 def sides_off(form: Callable[[Array, Array, Array], AB]) -> float:
     """Difference of both sides at the true minimum, which h = a is."""
-    return worst([relative(*form(*pair(p), p.a)) for p in all_problems()])
+    return worst([relative(*form(matrix(p), vector(p), p.a)) for p in all_problems()])
 
 
 def minimum_missed(form: Inverse) -> float:
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
-        A, b = pair(p)
+        A, b = matrix(p), vector(p)
         X = form(A, rng)
         h = X @ b + (np.eye(p.n) - X @ A) @ rng.normal(size=p.n)
         errors.append(left_in_least_squares(A, h, b))
@@ -256,18 +239,18 @@ def minimum_missed(form: Inverse) -> float:
 
 
 def expand(p: Problem, w: Array) -> Array:
-    A, b = pair(p)
+    A, b = matrix(p), vector(p)
     N, X = projector(p), pinv(A)
     return np.asarray(pinv(p.J) @ p.g + N @ X @ b + N @ w - N @ X @ A @ w)
 
 
 def last_member_alone(p: Problem, w: Array) -> Array:
-    A, _ = pair(p)
+    A = matrix(p)
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
 def bracket(p: Problem, w: Array) -> Array:
-    A, b = pair(p)
+    A, b = matrix(p), vector(p)
     X = pinv(A)
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
 
@@ -285,5 +268,5 @@ def true_crank_at_start() -> float:
     return float(crank_slider.states()[0].a[CRANK])
 
 
-def crank_by_pair(form: Callable[[Problem], AB]) -> float:
-    return crank_at_start(lambda p: acceleration(p, form(p)))
+def crank_by_pair(exponents: tuple[float, float]) -> float:
+    return crank_at_start(lambda p: acceleration(p, exponents))

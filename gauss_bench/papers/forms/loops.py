@@ -22,7 +22,7 @@ from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
 from gauss_bench.mechanism.motion_laws import rise
-from gauss_bench.papers.forms.problems import relative, worst
+from gauss_bench.papers.forms.problems import count_off, relative, worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
@@ -89,27 +89,19 @@ def velocities_off(form: Callable[[Matrices, Array], Array]) -> float:
     return worst([relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns]) for t in turnings()])
 
 
-def accelerations_as_printed(m: Matrices, rate: Array, q_rate: Array, q_second: Array) -> Array:
-    return np.asarray(np.linalg.solve(m.J, -m.B @ q_second - m.B_rate @ q_rate - m.J @ rate))
-
-
-def accelerations(m: Matrices, rate: Array, q_rate: Array, q_second: Array) -> Array:
-    return np.asarray(np.linalg.solve(m.J, -m.B @ q_second - m.B_rate @ q_rate - m.J_rate @ rate))
-
-
-def accelerations_off(form: Callable[[Matrices, Array, Array, Array], Array]) -> float:
-    """Of the angles; slides follow from the same rows."""
+def accelerations_off(last: list[str]) -> float:
+    """Of the angles, with this matrix in the last term of (5); slides follow from the same rows."""
     errors = []
     for t in turnings():
-        TU = t.unknowns
-        computed = form(t.matrices, t.rate[:TU], t.rate[TU:], t.second[TU:])
+        TU, m = t.unknowns, t.matrices
+        left = m.B @ t.second[TU:] + m.B_rate @ t.rate[TU:] + getattr(m, *last) @ t.rate[:TU]
         angles = ~np.isnan(t.second[:TU])
-        errors.append(relative(computed[angles], t.second[:TU][angles]))
+        errors.append(relative(np.linalg.solve(m.J, -left)[angles], t.second[:TU][angles]))
     return worst(errors)
 
 
 Parts = tuple[Array, Array]
-Blocks = tuple[Array, Array, Array, Array]
+Blocks = tuple[Array, ...]
 Laws = dict[str, Callable[[Array], Array]]
 
 
@@ -140,20 +132,15 @@ def assembly_off(form: Callable[..., Parts]) -> float:
     return worst(errors)
 
 
-def row_transposed(blocks: Sequence[Array]) -> Array:
-    return np.hstack(blocks).T
+def stack_off(transposed: bool) -> float:
+    """Relative error of the velocities from (4), or the share of rows and columns by which the stack does not fit.
 
-
-def stack(blocks: Sequence[Array]) -> Array:
-    return np.vstack(blocks)
-
-
-def stack_off(form: Callable[[Sequence[Array]], Array]) -> float:
-    """Relative error of the velocities from (4), or the share of rows and columns by which the stack does not fit."""
+    The blocks stand one below the other, or are those of a row that was transposed.
+    """
     errors = []
     for t in turnings():
         parts = [assemble(*loop) for loop in loops_of(t)]
-        J, B = form([part[0] for part in parts]), form([part[1] for part in parts])
+        J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
         rows, columns = 2 * len(parts), t.unknowns
         misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
         if misfit:
@@ -163,39 +150,27 @@ def stack_off(form: Callable[[Sequence[Array]], Array]) -> float:
     return worst(errors)
 
 
-def each_alone(U: Array, K: Array) -> list[Array]:
-    return [U, K]
+def ones_off(form: list[list[str]]) -> float:
+    """Share of rows in which there is not exactly one 1, of the matrices that the form puts side by side."""
+    right = []
+    for t in turnings():
+        for _, Us, Ks in loops_of(t):
+            for U, K in zip(Us, Ks, strict=True):
+                for names in form:
+                    M = np.hstack([{"U": U, "K": K}[name] for name in names])
+                    right += [(row != 0).sum() == 1 and row.max(initial=0.0) == 1 for row in M]
+    return 1 - float(np.mean(right))
 
 
-def side_by_side(U: Array, K: Array) -> list[Array]:
-    return [np.hstack([U, K])]
-
-
-def ones_off(form: Callable[[Array, Array], list[Array]]) -> float:
-    """Share of rows in which there is not exactly one 1."""
-    rows = [
-        float((row != 0).sum() == 1 and row.max(initial=0.0) == 1)
-        for t in turnings()
-        for _, Us, Ks in loops_of(t)
-        for U, K in zip(Us, Ks, strict=True)
-        for M in form(U, K)
-        for row in M
-    ]
-    return 1 - sum(rows) / len(rows)
-
-
-def columns_of_unit(turns: int, guides: int, blocks: int) -> int:
-    return turns + guides
-
-
-def columns_off(form: Callable[[int, int, int], int]) -> float:
+def columns_off(form: list[int]) -> float:
+    """Columns of a unit claimed as so many times its turning, its guides and its blocks."""
     errors = []
     for t in turnings():
         for p in (p for ways in t.equations.ways for p in ways):
             kinds = [p.way.enter.kind, p.way.leave.kind]
             guides = sum(kind in MOVING for kind in kinds)
             unit = p.way.units(0.0, 0.0, t.x[p.slides], t.rate[p.slides])
-            errors.append(float(abs(form(int(p.way.turns), guides, kinds.count("block")) - unit.J.shape[1])))
+            errors.append(count_off(form, (int(p.way.turns), guides, kinds.count("block")), unit.J.shape[1]))
     return worst(errors)
 
 
@@ -205,62 +180,38 @@ def graphs() -> tuple[tuple[Mechanism, LinkageGraph], ...]:
     return tuple((m, find_graph(m)) for m in mechanisms if m.joints and not m.knife_edges)
 
 
-def square(loops: int, redundant: int) -> int:
-    return 2 * loops
-
-
-def with_spare_rows(loops: int, redundant: int) -> int:
-    return 2 * loops - redundant
-
-
-def unknowns_off(form: Callable[[int, int], int]) -> float:
-    """Error of the number of unknown variables claimed from the number of loops and of redundant constraints."""
+def unknowns_off(form: list[int]) -> float:
+    """Unknown variables claimed as so many times the loops and the redundant constraints."""
     errors = []
     for name in COUNTED:
         mechanism = load(name, "driven")
         equations = LoopEquations(mechanism, inputs_of(mechanism))
-        errors.append(float(abs(form(len(equations.ways), mechanism.redundant) - len(equations.unknown))))
+        errors.append(count_off(form, (len(equations.ways), mechanism.redundant), len(equations.unknown)))
     return worst(errors)
 
 
-def loop_count(pairs: int, links: int) -> int:
-    return pairs - links + 1
+def loop_count_off(form: list[int]) -> float:
+    """Loops claimed as so many times pairs, links and one, against the dimension of the space of cycles.
 
-
-def loop_count_off(form: Callable[[int, int], int]) -> float:
-    """Against the dimension of the space of cycles: pairs minus the rank of the incidence matrix."""
+    That is the number of pairs less the rank of the incidence matrix.
+    """
     errors = []
     for _, graph in graphs():
         M = graph.incidence()
-        errors.append(float(abs(form(M.shape[1], M.shape[0]) - (M.shape[1] - np.linalg.matrix_rank(M)))))
+        errors.append(count_off(form, (M.shape[1], M.shape[0], 1), M.shape[1] - int(np.linalg.matrix_rank(M))))
     return worst(errors)
 
 
-def ith_with_ith(belongs: Array) -> Array:
-    return np.eye(*belongs.shape) * belongs
-
-
-def ith_with_jth(belongs: Array) -> Array:
-    return belongs
-
-
-def incidence_off(form: Callable[[Array], Array]) -> float:
-    """Share of wrong entries among those that are not zero, signs left aside."""
+def incidence_off(diagonal: bool) -> float:
+    """Share of wrong entries among those that are not zero, signs left aside: of link i with joint j, or with joint i alone."""
     wrong = entries = 0
     for _, graph in graphs():
         links = [*range(graph.links), GROUND]
         belongs = np.array([[float(i in pair.links) for pair in graph.pairs] for i in links])
         true = np.abs(graph.incidence())
-        wrong, entries = wrong + int((form(belongs) != true).sum()), entries + int(true.sum())
+        found = np.eye(*belongs.shape) * belongs if diagonal else belongs
+        wrong, entries = wrong + int((found != true).sum()), entries + int(true.sum())
     return wrong / entries
-
-
-Named = dict[str, tuple[str, ...]]
-
-
-def loops_as_printed() -> Named:
-    """Linkage -> loops as the paper lists them, by the names of their joints."""
-    return {"six_bar": ("a-b-c-d", "d-e-f-g"), "eight_bar": ("1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-10-4")}
 
 
 def cyclic(loop: str) -> frozenset[frozenset[str]]:
@@ -269,10 +220,10 @@ def cyclic(loop: str) -> frozenset[frozenset[str]]:
     return frozenset(frozenset(pair) for pair in zip(names, [*names[1:], names[0]], strict=True))
 
 
-def loops_off(form: Callable[[], Named]) -> float:
-    """Number of loops that are not among those that the suite lists."""
+def loops_off(form: dict[str, list[str]]) -> float:
+    """Number of loops (linkage -> names of their joints) that are not among those that the suite lists."""
     missing = 0
-    for name, loops in form().items():
+    for name, loops in form.items():
         own = {cyclic(str(loop)) for loop in find_graph(load(name)).loops}
         missing += len(own ^ {cyclic(loop) for loop in loops})
     return float(missing)
@@ -284,23 +235,11 @@ def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
     arms = np.array([l1, l2, l3s, l3, l5])
     angle, speed = phi[[0, 1, 2, 2, 3]] + np.array([0, 0, ALPHA, 0, 0]), rate[[0, 1, 2, 2, 3]]
     s, c, s_rate, c_rate = arms * np.sin(angle), arms * np.cos(angle), arms * speed * np.cos(angle), arms * speed * np.sin(angle)
-    J = np.array(
-        [
-            [-s[1], s[2], 0, 0],
-            [c[1], -c[2], 0, 0],
-            [0, -s[3], -s[4], -np.cos(RAIL)],
-            [0, c[3], c[4], -np.sin(RAIL)],
-        ]
-    )
-    J_rate = np.array(
-        [
-            [-s_rate[1], s_rate[2], 0, 0],
-            [-c_rate[1], c_rate[2], 0, 0],
-            [0, -s_rate[3], -s_rate[4], 0],
-            [0, -c_rate[3], -c_rate[4], 0],
-        ]
-    )
-    return J, J_rate, np.array([[-s[0]], [c[0]], [0], [0]]), np.array([[-s_rate[0]], [-c_rate[0]], [0], [0]])
+    J = [[-s[1], s[2], 0, 0], [c[1], -c[2], 0, 0], [0, -s[3], -s[4], -np.cos(RAIL)], [0, c[3], c[4], -np.sin(RAIL)]]
+    S, C = s_rate, c_rate
+    J_rate = [[-S[1], S[2], 0, 0], [-C[1], C[2], 0, 0], [0, -S[3], -S[4], 0], [0, -C[3], -C[4], 0]]
+    B, B_rate = [[-s[0]], [c[0]], [0], [0]], [[-S[0]], [-C[0]], [0], [0]]
+    return np.array(J), np.array(J_rate), np.array(B), np.array(B_rate)
 
 
 def blocks_off(form: Callable[[Array, Array], Blocks]) -> float:

@@ -109,35 +109,18 @@ def lengths_off(form: Callable[[Shaper], tuple[float, float]]) -> float:
     return worst([max(map(abs, form(x))) / x.lever**2 for x in shapers()])
 
 
-def basic_as_printed() -> tuple[str, str]:
-    """Point and axis that are said to be known of the slider."""
-    return "C", "real"
-
-
-def basic() -> tuple[str, str]:
-    return "C", "imag"
-
-
-def basic_off(form: Callable[[], tuple[str, str]]) -> float:
-    """The error of the coordinate that is said to be known, in a turn, relative to the stroke."""
-    point, axis = form()
+def basic_off(form: list[str]) -> float:
+    """Range in a turn of the coordinate (point and axis) that is said to be known, relative to the stroke."""
+    point, axis = form
     values = [getattr(getattr(x, point), axis) for x in shapers()]
     return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))
 
 
-def collinear_as_printed() -> str:
-    return "O1 B C"
-
-
-def collinear() -> str:
-    return "O1 A B"
-
-
-def collinear_off(form: Callable[[], str]) -> float:
+def collinear_off(form: list[str]) -> float:
     """Largest sine of the angle between the three points that are said to be in line."""
     errors = []
     for x in shapers():
-        a, b, c = (getattr(x, name) for name in form().split())
+        a, b, c = (getattr(x, name) for name in form)
         errors.append(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
     return worst(errors)
 

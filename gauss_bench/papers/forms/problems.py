@@ -134,3 +134,8 @@ def relative(x: Array, true: Array) -> float:
 def worst(values: Sequence[float]) -> float:
     """The largest; not a number where any is not, which no tolerance lets pass."""
     return float(np.max(values))
+
+
+def count_off(factors: Sequence[int], numbers: Sequence[int], true: int) -> float:
+    """Error of a count that is claimed as a sum of so many times each of the numbers."""
+    return float(abs(sum(k * x for k, x in zip(factors, numbers, strict=True)) - true))

@@ -16,26 +16,18 @@ import numpy as np
 from gauss_bench.formulations.gauss_pinv import gauss_pinv
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
 from gauss_bench.papers.forms.least_squares import pinv, power, projector
-from gauss_bench.papers.forms.problems import Problem, all_problems, relative, special_problems, worst
+from gauss_bench.papers.forms.problems import Problem, all_problems, count_off, relative, special_problems, worst
 from gauss_bench.terms import Array
 
 Accelerations = Callable[[Problem], Array]
 
 
-def regular(n: int, m: int, r: int) -> int:
-    return n
-
-
-def deficient(n: int, m: int, r: int) -> int:
-    return n - r
-
-
-def rank_off(form: Callable[[int, int, int], int]) -> float:
-    """Error of a rank of N claimed from n coordinates and m rows of rank r."""
+def rank_off(form: list[int]) -> float:
+    """Error of a rank of N claimed as a sum of so many times n coordinates, m rows and their rank r."""
     errors = []
     for p in all_problems():
         sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
-        errors.append(float(abs(form(p.n, len(p.J), p.rank) - int((sizes > 0.5).sum()))))
+        errors.append(count_off(form, (p.n, len(p.J), p.rank), int((sizes > 0.5).sum())))
     return worst(errors)
 
 
@@ -65,8 +57,9 @@ def final_of_14(p: Problem) -> Array:
     return gauss_pinv(p.terms).a
 
 
-def accelerations_off(form: Accelerations) -> float:
-    return worst([relative(form(p), p.a) for p in all_problems()])
+def accelerations_off(form: Accelerations, on: str = "") -> float:
+    """On all problems, or on special ones."""
+    return worst([relative(form(p), p.a) for p in (special_problems(on) if on else all_problems())])
 
 
 def constraints_off(form: Accelerations) -> float:
@@ -75,26 +68,15 @@ def constraints_off(form: Accelerations) -> float:
     return worst([float(np.abs(r).max() / scale.max()) for scale, r in terms])
 
 
-def nothing(p: Problem) -> Array:
-    return np.zeros(p.n)
-
-
 def predict(p: Problem) -> Array:
     return -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
 
 
-def difference_off(form: Accelerations) -> float:
-    """Against the measured difference, relative to the larger of the two accelerations that are subtracted."""
+def difference_off(factor: float) -> float:
+    """A multiple of what is predicted against the measured difference, relative to the larger of the accelerations subtracted."""
     errors = []
     for p in all_problems():
         wrong = euclidean(p)
         scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())
-        errors.append(float(np.abs(form(p) - (p.a - wrong)).max() / scale))
+        errors.append(float(np.abs(factor * predict(p) - (p.a - wrong)).max() / scale))
     return worst(errors)
-
-
-def off_in(kind: str) -> Callable[[Accelerations], float]:
-    return lambda form: worst([relative(form(p), p.a) for p in special_problems(kind)])
-
-
-even_off, full_off, idle_off, aligned_off = (off_in(kind) for kind in ("even", "full", "idle", "aligned"))
