@@ -74,28 +74,6 @@ def test_steps_in_c_are_those_of_the_native_code(stabilization: str, integrator:
 
 
 @compiled_c
-def test_a_turn_in_c_is_that_of_the_native_code(tmp_path: Path) -> None:
-    closure, count = compile_closure(load("four_bar")), 90
-    source, target = tmp_path / "turn.c", tmp_path / "turn.so"
-    source.write_text(closure.c_source(), encoding="utf-8")
-    subprocess.run(
-        [str(COMPILER), "-std=c99", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", source, "-o", target, "-lm"], check=True
-    )
-    wanted, start = closure.turn(count), closure._start
-    levels = np.zeros((count + 1, 3))
-    levels[:, 0] = start.u + 2 * np.pi / count * np.arange(count + 1)
-    levels[:, 1] = 1.0
-    rows, report = np.full(wanted.rows.shape, np.nan), np.zeros(1 + len(start.signs))
-    c, where = ctypes.CDLL(str(target)), np.zeros(1, dtype=np.int64)
-    c.follow.argtypes = [*[POINTER] * 5, ctypes.POINTER(ctypes.c_long), POINTER, ctypes.c_double, ctypes.c_long, ctypes.c_long]
-    arrays = pointers(start.x.copy(), start.signs, levels, np.zeros(1), rows)
-    places = where.ctypes.data_as(ctypes.POINTER(ctypes.c_long))
-    assert c.follow(*arrays, places, *pointers(report), 1e-28, count, 0) == 0
-    assert report[0] == count
-    np.testing.assert_allclose(rows, wanted.rows, rtol=1e-12, atol=1e-12)
-
-
-@compiled_c
 def test_a_guard_in_c_returns_one(tmp_path: Path) -> None:
     """All bars of the parallelogram lie on one line: no partition serves there, and no step is taken."""
     mechanism = load("n_four_bar_1")

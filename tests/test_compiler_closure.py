@@ -10,11 +10,9 @@ import pytest
 
 from gauss_bench.api.kinematics import kinematics
 from gauss_bench.compiler.closure import Closure, Status, Sweep, compile_closure
-from gauss_bench.compiler.equations.links import parameter_values
+from gauss_bench.compiler.equations.links import parameter_values, with_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.turns.follow import Course
-from gauss_bench.compiler.turns.tracker import with_numbers
 from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
@@ -267,13 +265,13 @@ def test_next_to_a_change_point_rates_are_not_given() -> None:
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_lane_does_not_leap(backend: str) -> None:
     """A parallelogram's rocker is predicted exactly however far the crank goes; what came between is then not known."""
-    compiled = compile_closure(two_crank_parallelogram(), backend=backend)
-    start, path = compiled._start, compiled._tracker.path
+    tracker = compile_closure(two_crank_parallelogram(), backend=backend)._tracker
+    start = tracker.starts(two_crank_parallelogram().q0[None], np.zeros((1, 0)))
     for way, closed in ((0.2, 2), (1.0, 1)):
-        inputs = np.zeros((1, 3, 3))
-        inputs[0, :, 0] = start.u + np.array([0.0, way, way])
-        course = Course(start.x[None], start.signs[None], inputs, np.zeros((1, 0)), np.array([0]), np.zeros((2, 2)), 1e-28)
-        assert path.run(course).closed.tolist() == [closed]
+        inputs = np.zeros((1, 3, 3, 1))
+        inputs[0, :, 0, 0] = start.u[0] + np.array([0.0, way, way])
+        rows = np.empty((2, tracker.program.width))
+        assert tracker.follower.run(start.q, start.least, inputs, np.zeros((1, 0)), rows)[0].tolist() == [closed]
 
 
 def test_nothing_is_closed_behind_a_loss() -> None:
@@ -291,14 +289,14 @@ def test_nothing_is_closed_behind_a_loss() -> None:
 def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """A start that is a whole turn off closes as well as the right one, and on the same sides."""
     compiled = compile_closure(mechanism("four_bar"))
-    truth, found = compiled.turn(400), compiled._tracker._starts
+    truth, found = compiled.turn(400), compiled._tracker._walk
 
     def shifted(*given: Any) -> Array:
         starts = found(*given)
-        starts[2:] += 2 * np.pi
+        starts[:, -1, 2::3] += 2 * np.pi
         return starts
 
-    monkeypatch.setattr(compiled._tracker, "_starts", shifted)
+    monkeypatch.setattr(compiled._tracker, "_walk", shifted)
     sweep = compiled.turn(400)
     assert (sweep.status == Status.CLOSED).all()
     assert_same(sweep, truth.q, truth.v, truth.a)
@@ -330,7 +328,7 @@ def test_each_lane_has_a_linkage_of_its_own(linkages: int, backend: str, rng: np
         truth = library(built, angles)  # whose centres of mass are where the file's bars have them: the angles are the same
         for found, wanted in ((sweep.q, truth.q), (sweep.v, truth.v), (sweep.a, truth.a)):
             assert np.abs(found[k] - wanted)[:, 2::3].max() < ROUNDING * max(1.0, np.abs(wanted[:, 2::3]).max())
-        same_centres = with_numbers(replace(mechanism("four_bar"), q0=sweep.q[k, 0]), numbers)
+        same_centres = with_parameters(replace(mechanism("four_bar"), q0=sweep.q[k, 0]), numbers)
         truth = library(same_centres, angles)
         assert_same(part(sweep, k), truth.q, truth.v, truth.a)
 

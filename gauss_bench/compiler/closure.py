@@ -13,12 +13,11 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.loop_program import closure_program, loop_values
+from gauss_bench.compiler.elimination.closing import closing_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.native_code import Target, in_plain_c
-from gauss_bench.compiler.turns.follow import Follower, follow
-from gauss_bench.compiler.turns.tracker import Judge, Loss, Lost, Motion, Start, Status, Tracker, deform_starts
+from gauss_bench.compiler.machine.native_code import Target
+from gauss_bench.compiler.turns.tracker import Linkages, Loss, Status, Tracker
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import Mechanism, Point
@@ -81,7 +80,6 @@ def compile_closure(
         KernelError: an unknown name, no usable pivots, a start at a singular position, or a backend that is not there.
         ValueError: knife edges, or inputs that do not fit the linkage.
     """
-    start = time.perf_counter()
     if backend not in (None, *BACKENDS):
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
     if backend == "llvm" and not native_code.available():
@@ -90,24 +88,20 @@ def compile_closure(
     width = (native_code.best_lanes() if chosen == "llvm" else PARTS) if lanes is None else lanes
     if width < 1 or (chosen == "llvm" and width & (width - 1)):
         raise KernelError(f"{width} lanes are no power of 2")
-    return Closure(mechanism, _inputs(mechanism, inputs), tuple(open_parameters), tuple(points), chosen, width, cache, start)
-
-
-def _inputs(mechanism: Mechanism, inputs: Sequence[Input] | None) -> tuple[Input, ...]:
-    if inputs is not None:
-        return tuple(inputs)
-    if mechanism.drivers or mechanism.crank is None:
-        return inputs_of(mechanism)
-    return (Input(constant(0.0, 1.0), link=mechanism.crank),)
+    if inputs is None:
+        free = not mechanism.drivers and mechanism.crank is not None
+        inputs = (Input(constant(0.0, 1.0), link=mechanism.crank),) if free else inputs_of(mechanism)
+    return Closure(mechanism, tuple(inputs), tuple(open_parameters), tuple(points), Target(chosen, width, cache))
 
 
 class Closure:
     """Compiled closure of one linkage.
 
     Attributes:
-        mechanism: what was compiled. inputs: names of what drives it, in the order of every `inputs` argument; parameters: of the
-        open numbers, likewise, and values: theirs in the file. backend: "llvm" or "numpy". lanes: in one vector. unknowns: loop
-        variables that are solved for. build_seconds: to generate the program and to compile or load its code.
+        mechanism: what was compiled. backend: "llvm" or "numpy". lanes: in one vector.
+        inputs: names of what drives it, in the order of every `inputs` argument.
+        parameters: names of the open numbers, likewise. values: theirs in the file.
+        build_seconds: to generate the program and to compile or load its code.
     """
 
     def __init__(
@@ -116,34 +110,23 @@ class Closure:
         inputs: tuple[Input, ...],
         open_names: tuple[str, ...],
         points: tuple[Point, ...],
-        backend: str,
-        lanes: int,
-        cache: bool,
-        start: float,
+        target: Target,
     ):
-        self.mechanism, self.backend, self.lanes = mechanism, backend, lanes
-        equations = LoopEquations(mechanism, inputs)
-        program = closure_program(equations, open_names, points)
+        start = time.perf_counter()
+        self.mechanism, self.backend, self.lanes = mechanism, target.backend, target.lanes
+        LoopEquations(mechanism, inputs)  # refuses inputs that do not fit
+        for name in open_names:
+            if name.startswith(("forces.", "gravity.")) or name.endswith((".mass", ".inertia")):
+                raise KernelError(f"{name} is no dimension of {mechanism.name}: kinematics does not depend on it")
+        program = closing_program(replace(mechanism, observed_points=points), inputs, open_names)
         self.parameters, self.values, self._points = program.open_names, program.values, len(points)
-        self._equations, self._program = equations, program
-        self.unknowns = tuple(str(x) for x in equations.unknown)
-        self._phases = np.array([0.0 if x.link is None else equations.phase[x.link] for x in inputs])
-        judge = self._judge = Judge(mechanism, inputs, self._phases, self.parameters, points)
-        judge.mechanism_with(self.values)  # refuses a number that is no dimension
-        states = Follower(program, "states", Target(backend, lanes, cache))
-        path = Follower(program, "path", Target(backend, 1, cache))
-        self._tracker = Tracker(program, equations, states, path, judge, lanes)
-        try:
-            self._start = self._start_at(mechanism.q0, self.values)
-        except Lost as error:
-            raise KernelError(f"{mechanism.name}: {error}") from error
-        self.inputs = tuple(self._tracker.named(self._start.u))
-        states.loaded.call(lanes)
+        self._tracker = Tracker(program, target, inputs)
+        self._start = self._tracker.starts(mechanism.q0[None], self.values[None])
+        if self._start.faults[0]:
+            raise KernelError(f"{mechanism.name}: {self._start.faults[0]}")
+        self.inputs = tuple(self._tracker.name(self._start.u[0]))
+        self._tracker.follower.loaded.call(self.lanes)
         self.build_seconds = time.perf_counter() - start
-
-    def _start_at(self, q: Array, p: Array) -> Start:
-        x = loop_values(self._equations, self._judge.mechanism_with(p), q)
-        return self._tracker.start(x[: self._program.unknowns], x[self._program.unknowns :], p)
 
     def turn(
         self, angles: int | Array = 3600, parameters: Array | None = None, threads: int = 1, out: Array | None = None
@@ -160,8 +143,7 @@ class Closure:
         if len(self.inputs) != 1:
             raise ValueError(f"{self.mechanism.name} has the inputs {', '.join(self.inputs)}; a turn is of one")
         if isinstance(angles, int):
-            first = float(self._start.u[0] + self._phases[0])
-            angles = first + 2 * np.pi / angles * np.arange(angles)
+            angles = float(self._start.u[0, 0]) + 2 * np.pi / angles * np.arange(angles)
         return self.sweep(angles, parameters=parameters, threads=threads, out=out)
 
     def sweep(
@@ -194,41 +176,44 @@ class Closure:
         p = self.values if parameters is None else np.asarray(parameters, dtype=float)
         if p.shape[-1:] != (len(self.parameters),) or not np.isfinite(p).all():
             raise ValueError(f"parameters of shape {p.shape}; {len(self.parameters)} are open: {', '.join(self.parameters)}")
-        at = () if start is None else np.shape(start)[:-1]
-        many = np.broadcast_shapes(levels.shape[:-2], p.shape[:-1], at)
-        linkages = many[0] if many else 1
-        divided = max(1, ceil(self._tracker.strides(levels[..., : len(self.inputs)])))
+        many = np.broadcast_shapes(levels.shape[:-3], p.shape[:-1], () if start is None else np.shape(start)[:-1])
+        stride = self._tracker.strides(levels[..., 0, :])
+        divided = max(1, ceil(stride))
         if divided > 1:
             levels = _divide(levels, divided)
-        starts = self._starts(p, start, linkages)
-        one = [Motion(levels if levels.ndim == 2 else levels[i], p if p.ndim == 1 else p[i], x) for i, x in enumerate(starts)]
-        rows = self._memory((linkages, len(one[0].levels), self._program.width), many, out if divided == 1 else None)
-        status = np.zeros(rows.shape[:2], dtype=np.int8)
-        losses = [replace(x, sample=-(-x.sample // divided)) for x in self._track(one, rows, status, threads)]
-        rows, status = rows[:, ::divided], status[:, ::divided]
-        return self._sweep(rows, status, losses) if many else self._sweep(rows[0], status[0], losses)
+        some = self._linkages(np.broadcast_to(p, (many[0] if many else 1, len(self.parameters))), start)
+        rows = self._memory((*many, levels.shape[-3], self._tracker.program.width), out if divided == 1 else None)
+        status = np.zeros((len(some.p), levels.shape[-3]), dtype=np.int8)
+        each = rows if many else rows[None]
+        found = self._tracker.track(some, levels if levels.ndim > 3 else levels[None], stride / divided, each, status, threads)
+        losses = tuple(replace(x, sample=-(-x.sample // divided)) for x in found)
+        rows, status = rows[..., ::divided, :], (status if many else status[0])[..., ::divided]
+        n, shape = self.mechanism.n, (*status.shape, self._points, 3, 2)
+        q, v, a = (rows[..., level * n : (level + 1) * n] for level in range(3))
+        places = rows[..., self._tracker.program.width - 6 * self._points :].reshape(shape)
+        return Sweep(q, v, a, places[..., 0, :], places[..., 1, :], places[..., 2, :], status, losses, rows)
 
-    def c_source(self) -> str:
-        """Its routine in plain C, `follow` of `turns/follow.py`, for one lane."""
-        return in_plain_c(follow(self._program, "states", plain=True))
+    def _linkages(self, p: Array, start: Array | None) -> Linkages:
+        """The linkages with numbers p (linkages, n_p), at their starts."""
+        if start is not None:
+            return self._tracker.starts(np.broadcast_to(np.asarray(start, dtype=float), (len(p), self.mechanism.n)), p)
+        if not (p == self.values).all():
+            return self._tracker.deform(self._start, p)
+        return self._start if len(p) == 1 else self._start.take(np.zeros(len(p), dtype=int))
 
-    def _memory(self, shape: tuple[int, ...], many: tuple[int, ...], out: Array | None) -> Array:
-        if out is None:
-            return np.empty(shape)
-        if out.shape != (shape if many else shape[1:]) or out.dtype != np.float64 or not out.flags.c_contiguous:
-            raise ValueError(f"out of shape {out.shape} is not the memory of {shape if many else shape[1:]} doubles")
-        return out.reshape(shape)
+    def _memory(self, shape: tuple[int, ...], out: Array | None) -> Array:
+        if out is not None and (out.shape != shape or out.dtype != np.float64 or not out.flags.c_contiguous):
+            raise ValueError(f"out of shape {out.shape} is not the memory of {shape} doubles")
+        return np.empty(shape) if out is None else out
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Inputs, rates and second rates (..., k, 3 K)."""
-        K = len(self.inputs)
-        u = self._columns(inputs)
+        """Inputs, rates and second rates (..., k, 3, K)."""
+        K, u = len(self.inputs), self._columns(inputs)
         if u.ndim not in (2, 3) or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")
-        levels = np.empty((*u.shape[:-1], 3 * K))
-        levels[..., :K] = u - self._phases
-        levels[..., K : 2 * K] = (1.0 if K == 1 else 0.0) if rates is None else self._columns(rates)
-        levels[..., 2 * K :] = 0.0 if second_rates is None else self._columns(second_rates)
+        levels = np.empty((*u.shape[:-1], 3, K))
+        levels[..., 0, :], levels[..., 1, :] = u, (1.0 if K == 1 else 0.0) if rates is None else self._columns(rates)
+        levels[..., 2, :] = 0.0 if second_rates is None else self._columns(second_rates)
         if not np.isfinite(levels).all():
             raise ValueError("inputs or their rates are not finite")
         return levels
@@ -238,41 +223,10 @@ class Closure:
         x = np.asarray(x, dtype=float)
         return x[:, None] if x.ndim == 1 and len(self.inputs) == 1 else x
 
-    def _starts(self, p: Array, start: Array | None, linkages: int) -> list[Start]:
-        """The start of each linkage."""
-        if start is None:
-            nominal = p.ndim == 1 and bool((p == self.values).all())
-            if nominal:
-                return [self._start] * linkages
-            starts = deform_starts(self._tracker, self._start, self.values, np.atleast_2d(p))
-            return starts * linkages if len(starts) == 1 else starts
-        at = np.broadcast_to(np.asarray(start, dtype=float), (linkages, self.mechanism.n))
-        numbers = np.broadcast_to(p, (linkages, len(self.values)))
-        return [self._start_or_fault(q, one) for q, one in zip(at, numbers, strict=True)]
-
-    def _start_or_fault(self, q: Array, p: Array) -> Start:
-        try:
-            return self._start_at(q, p)
-        except Lost as error:
-            return replace(self._start, x=np.full_like(self._start.x, np.nan), fault=str(error))
-
-    def _track(self, motions: list[Motion], rows: Array, status: Statuses, threads: int) -> list[Loss]:
-        """Follow all motions: cut into parts while there are fewer than lanes, else side by side."""
-        if len(motions) >= self.lanes:
-            return self._tracker.track_many(motions, rows, status, threads)
-        lost = [self._tracker.track(motion, rows[i], status[i]) for i, motion in enumerate(motions)]
-        return [replace(x, linkage=i) for i, x in enumerate(lost) if x is not None]
-
-    def _sweep(self, rows: Array, status: Statuses, losses: list[Loss]) -> Sweep:
-        n = self.mechanism.n
-        q, v, a = (rows[..., level * n : (level + 1) * n] for level in range(3))
-        places = rows[..., 3 * n :].reshape(*rows.shape[:-1], self._points, 3, 2)
-        return Sweep(q, v, a, places[..., 0, :], places[..., 1, :], places[..., 2, :], status, tuple(losses), rows)
-
 
 def _divide(levels: Array, parts: int) -> Array:
-    """(..., k, 3 K) with `parts` steps from each sample to the next; rates hold at the old samples only."""
-    ends = levels[..., :-1, None, :], levels[..., 1:, None, :]
-    steps = ends[0] + (np.arange(parts) / parts)[:, None] * (ends[1] - ends[0])
-    inner = steps.reshape(*levels.shape[:-2], -1, levels.shape[-1])
-    return np.concatenate([inner, levels[..., -1:, :]], axis=-2)
+    """(..., k, 3, K) with `parts` steps from each sample to the next; rates hold at the old samples only."""
+    before, after = levels[..., :-1, None, :, :], levels[..., 1:, None, :, :]
+    steps = before + (np.arange(parts) / parts)[:, None, None] * (after - before)
+    inner = steps.reshape(*levels.shape[:-3], -1, *levels.shape[-2:])
+    return np.concatenate([inner, levels[..., -1:, :, :]], axis=-3)

@@ -215,7 +215,7 @@ class Gauss:
 
     @property
     def guards(self) -> list[tuple[Node, float]]:
-        return _guards(self.factors)
+        return guarded(self.factors)
 
 
 def _at(x: Right, j: int) -> list[Node]:
@@ -349,7 +349,7 @@ class Lagrange:
 
     @property
     def correcting(self) -> list[tuple[Node, float]]:
-        return _guards(self._mobility if self.single else self._units)
+        return guarded(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Right) -> Right:
         return {k - self.n: x for k, x in self._solve(gamma).items() if k >= self.n}
@@ -358,19 +358,19 @@ class Lagrange:
     def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
         graph, unknowns, motions, factors = self.terms.graph, range(len(self.independent)), self._free_motions, self._mobility
         if len(motions) == 1:
-            return motions, _guards(factors)
+            return motions, guarded(factors)
         forces = [factors.solve({k: graph.constant(1.0)}) for k in unknowns]
         sums = [
             [(j, graph.total([motions[k][j] * x for k, x in f.items() if j in motions[k]])) for j in range(self.n)] for f in forces
         ]
-        return [{j: x for j, x in motion if not x.zero} for motion in sums], _guards(factors)
+        return [{j: x for j, x in motion if not x.zero} for motion in sums], guarded(factors)
 
     @property
     def guards(self) -> list[tuple[Node, float]]:
-        return _guards(self.factors)
+        return guarded(self.factors)
 
 
-def _guards(factors: Factors) -> list[tuple[Node, float]]:
+def guarded(factors: Factors) -> list[tuple[Node, float]]:
     """Pivots that vary with the state, each without its constant factor, and their thresholds; equal ones once."""
     guards: dict[int, tuple[Node, float]] = {}
     for p in factors.guarded:
@@ -438,12 +438,8 @@ class Workspace:
 
     def residuals(self) -> dict[int, Node]:
         """phi by kept row where the position is to be corrected; a knife edge has none: its row keeps to the edge."""
-        moved = self.keeping(rows_of(self.links_at_new())).values()
+        moved = keep_rows(self.terms.graph, rows_of(self.links_at_new()), self.kept, self.drop)
         return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
-
-    def keeping(self, rows: Sequence[Row]) -> dict[int, Row]:
-        """Those of all rows that are eliminated, with what they take on of the others."""
-        return _keeping(self.terms.graph, rows, self.kept, self.drop)
 
     def spread_out(self, multipliers: Right) -> Right:
         """Multipliers of all rows from those of the rows that are eliminated: a dropped row has what others take on of it."""
@@ -477,9 +473,10 @@ class Workspace:
         return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
 
 
-def _keeping(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> dict[int, Row]:
-    taken = {k: [(rows[r], factor) for at, r, factor in drop.shares if at == k] for k in kept}
-    return {k: combine(graph, [(rows[k], 1.0), *taken[k]]) if taken[k] else rows[k] for k in kept}
+def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> list[Row]:
+    """The rows that are eliminated, with what they take on of the others."""
+    taken = [[(rows[r], factor) for at, r, factor in drop.shares if at == k] for k in kept]
+    return [combine(graph, [(rows[k], 1.0), *more]) if more else rows[k] for k, more in zip(kept, taken, strict=True)]
 
 
 def bend(links: Links, row: Row, alpha: float, beta: float) -> Node:
@@ -509,7 +506,7 @@ def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspac
     rows = rows_of(links)
     mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
     drop = study.drops[plan.drop]
-    terms = Terms(graph, tuple(mass), list(_keeping(graph, rows, kept, drop).values()), generalised_force(links), bool(drop.shares))
+    terms = Terms(graph, tuple(mass), keep_rows(graph, rows, kept, drop), generalised_force(links), bool(drop.shares))
     steady = bool((study.soundness(plan.drop) >= ENOUGH).all())
     moving = bool((conditions(study, plan.independent) >= ENOUGH).all())
     return Workspace(plan, 1.0 if steady else STEADY, moving, links, rows, terms, kept, drop, len(graph.trail))

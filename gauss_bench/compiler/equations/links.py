@@ -14,7 +14,8 @@ motion never leaves these rows, which are linear. Sines and cosines are those of
 steps can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
 """
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,53 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
 def force_numbers(force: Force) -> dict[str, float | Array]:
     """The numbers and vectors (2,) that a force has among its fields; the angle of an axis is geometry."""
     return {x.name: getattr(force, x.name) for x in fields(force) if x.type in (float, Array) and x.name != "angle"}
+
+
+def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
+    """The mechanism with other numbers, by the names of `parameter_values`; arrays (k,) are those of as many linkages."""
+    if not numbers:
+        return mechanism
+    many, known = 0.0 * next(iter(numbers.values())), parameter_values(mechanism)
+
+    def at(name: str, old: Any) -> Any:
+        """The number or pair of this name."""
+        if np.ndim(old) == 0:
+            return numbers.get(name, old + many)
+        return np.stack([at(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
+
+    ground = {name: at(f"points.ground.{name}", xy) for name, xy in mechanism.ground_points.items()}
+    links = tuple(
+        replace(
+            link,
+            points={name: at(f"points.{link.name}.{name}", xy) for name, xy in link.points.items()},
+            **{key: at(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia", "com")},
+        )
+        for link in mechanism.links
+    )
+
+    def change(x: Any) -> Any:
+        """Points where links have them, named numbers as given, and all that holds such things."""
+        if isinstance(x, tuple):
+            return tuple(map(change, x))
+        if isinstance(x, Point):
+            own, centre = (ground, 0.0) if x.link == GROUND else (links[x.link].points, links[x.link].com)
+            name = x.name.partition(".")[2]
+            return replace(x, local=own[name] - centre) if name in own else x
+        if not is_dataclass(x) or isinstance(x, (type, MotionLaw, Factor)):
+            return x
+        changes = {}
+        for key, old in ((f.name, getattr(x, f.name)) for f in fields(x)):
+            names = [
+                name
+                for head in ("forces", "joints")
+                if {name := f"{head}.{getattr(x, 'name', '')}.{key}", f"{name}.x"} & known.keys()
+            ]
+            changes[key] = at(names[0], old) if names else change(old)
+        return replace(x, **changes)
+
+    parts = ("joints", "forces", "drivers", "observed_points", "measured")
+    changed = {part: change(getattr(mechanism, part)) for part in parts}
+    return replace(mechanism, links=links, ground_points=ground, gravity=at("gravity", mechanism.gravity), **changed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ in which order. Whatever a loop needs that does not change in it is computed bef
     Compute(values)                      values in this order
     Load(array, rows, start)             rows of an array become leaves
     Store(array, values, start)          values become rows of an array
-    Scatter(array, places, values, start)   each lane's values, side by side, at a place of its own
+    Scatter(array, values, start, block, last)   each lane's values, side by side, at a place of its own
     Loop(carried, body, again, after)    body; if again: after, and once more, with the next values of what is carried
     If(condition, body, merged)          leaves that have one value after the body, and another without it
 
@@ -498,12 +498,10 @@ class Array:
     Attributes:
         rows: of one group, each with one number for each trajectory; 0 where groups share the array.
         by: name of a count by which `rows` is multiplied; "" for 1.
-        whole: whether its numbers are whole.
     """
 
     rows: int
     by: str = ""
-    whole: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -533,12 +531,13 @@ class Store:
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Each trajectory's values side by side in an array, where the array `places` of whole numbers says, and `start` behind it."""
+    """Each trajectory's values side by side in an array: the k-th begins at k `block`, at most at `last`, and `start` behind it."""
 
     array: str
-    places: str
     values: Sequence[int]
     start: int
+    block: int
+    last: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -607,7 +606,7 @@ def list_needed(r: Routine) -> set[int]:
             case Compute() | Store():
                 roots += s.values
             case Scatter():
-                roots += [*s.values, s.start]
+                roots += [*s.values, s.start, s.block, s.last]
             case Loop():
                 roots += [s.again, *(x for pair in s.carried.values() for x in pair)]
             case If():

@@ -11,7 +11,7 @@ Numbers of W lanes are scattered lane by lane: blocks of W rows are transposed i
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from gauss_bench.compiler.machine.graph import (
@@ -106,8 +106,8 @@ class Writer(Emitter):
         sizes = {x: self._size(array) for x, array in r.arrays.items()}
         self._go_to("group")
         header = self._open()
-        self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}"), r.arrays[x]) for x, size in sizes.items()}
-        self.places = {s.places: self._scatter(s) for s in nest(r.body) if isinstance(s, Scatter)}
+        self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}")) for x, size in sizes.items()}
+        self.places = [place for s in nest(r.body) if isinstance(s, Scatter) for place in self._places(s)]
         self.statements(r.body)
         self.lines[header] = f"  %at = phi i64 [0, %entry], [%at_next, %{self.block}]"
         self.line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
@@ -121,9 +121,8 @@ class Writer(Emitter):
         """Elements of an array in one group."""
         return self.let(f"mul i64 %{array.by}, {array.rows}") if array.by else str(array.rows)
 
-    def at(self, base: str, row: int | str, array: Array | None = None) -> str:
-        kind = self.integer if array and array.whole else self.real
-        return self.let(f"getelementptr {kind}, ptr {base}, i64 {row}")
+    def at(self, base: str, row: int | str) -> str:
+        return self.address(base, row, self.real)
 
     def line(self, text: str) -> None:
         self.lines.append(text)
@@ -246,7 +245,7 @@ class Writer(Emitter):
                 for row, x in enumerate(values):
                     self.line(f"  store {self.real} {x}, ptr {self.at(base, row)}, align 8")
             case Scatter():
-                _Scattering(self, s).write()
+                self._scatter(s)
             case Loop():
                 self._loop(s)
             case If():
@@ -297,59 +296,37 @@ class Writer(Emitter):
             self.names[x] = f"%{join}_{k}"
             self.line(f"  %{join}_{k} = phi {self._kind(x)} [{a}, %{below}], [{b}, %{above}]")
 
-    def _scatter(self, s: Scatter) -> list[str]:
+    def _places(self, s: Scatter) -> Iterator[str]:
         """The addresses where each trajectory's numbers begin."""
-        whole = [self.let(f"load i64, ptr {self.address(self.base[s.places], k, 'i64')}") for k in range(self.lanes)]
-        return [self.address(self.base[s.array], place, "double") for place in whole]
+        first, block, last = self.let(f"mul i64 %at, {self.lanes}"), self.need(s.block), self.need(s.last)
+        for lane in range(self.lanes):
+            begin = self.let(f"mul i64 {self.let(f'add i64 {first}, {lane}')}, {block}")
+            yield self.address(self.base[s.array], self.let(f"call i64 @llvm.smin.i64(i64 {begin}, i64 {last})"), "double")
 
-
-class _Scattering:
-    """One row of numbers for each trajectory."""
-
-    def __init__(self, writer: Writer, s: Scatter):
-        self.w, self.row = writer, writer.compute(s.values)
-        start = writer.need(s.start)
-        self.places = [writer.address(place, start, "double") for place in writer.places[s.places]]
-
-    def write(self) -> None:
-        w, row = self.w, self.row
-        if w.lanes == 1:
-            self._singly(row, self.places, "double")
-        for block in range(0, w.lanes if w.lanes > 1 else 0, BLOCK):
-            size, places = min(BLOCK, w.lanes - block), self.places[block : block + BLOCK]
-            part = [self._lanes(x, block, size) for x in row]
-            starts = range(0, len(row) - size + 1, size) if len(row) >= size else []
-            for k in [*starts, *([len(row) - size] if starts and len(row) % size else [])]:
-                for lane, x in enumerate(self._transpose(part[k : k + size])):
-                    w.line(f"  store <{size} x double> {x}, ptr {w.address(places[lane], k, 'double')}, align 8")
-            if not starts:
-                self._singly(part, places, f"<{size} x double>")
-
-    def _lanes(self, x: str, first: int, size: int) -> str:
-        """A part of the lanes of a value."""
-        return x if size == self.w.lanes else self.w.let(_shuffle(self.w.real, x, x, range(first, first + size)))
+    def _scatter(self, s: Scatter) -> None:
+        """One row of numbers for each trajectory, of which there are more than lanes in a block."""
+        row, start = self.compute(s.values), self.need(s.start)
+        for low in range(0, self.lanes, BLOCK):
+            size = min(BLOCK, self.lanes - low)
+            kind = "double" if size == 1 else f"<{size} x double>"
+            places = [self.address(place, start, "double") for place in self.places[low : low + size]]
+            part = row if size == self.lanes else [self.let(_shuffle(self.real, x, x, range(low, low + size))) for x in row]
+            for k in sorted({*range(0, len(row) - size, size), len(row) - size}):  # the last block may overlap the one before
+                for place, x in zip(places, self._transpose(part[k : k + size]), strict=True):
+                    self.line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
 
     def _transpose(self, rows: list[str]) -> list[str]:
         """Vectors of as many lanes as there are rows, exchanged so that lane l of row k becomes lane k of row l."""
-        w, size = self.w, len(rows)
-        distance = 1
+        size, distance = len(rows), 1
         while distance < size:
             low = [k if not k & distance else size + k - distance for k in range(size)]
             high = [k + distance if not k & distance else size + k for k in range(size)]
             new = list(rows)
             for k in (k for k in range(size) if not k & distance):
                 pair, kind = (rows[k], rows[k + distance]), f"<{size} x double>"
-                new[k], new[k + distance] = (w.let(_shuffle(kind, *pair, which)) for which in (low, high))
+                new[k], new[k + distance] = (self.let(_shuffle(kind, *pair, which)) for which in (low, high))
             rows, distance = new, 2 * distance
         return rows
-
-    def _singly(self, row: list[str], places: list[str], kind: str) -> None:
-        """Fewer numbers than lanes."""
-        w = self.w
-        for lane, place in enumerate(places):
-            for k, x in enumerate(row):
-                one = x if kind == "double" else w.let(f"extractelement {kind} {x}, i32 {lane}")
-                w.line(f"  store double {one}, ptr {w.address(place, k, 'double')}, align 8")
 
 
 def _shuffle(kind: str, a: str, b: str, lanes: Sequence[int]) -> str:

@@ -146,10 +146,11 @@ class Source(Emitter):
                 for row, name in enumerate(held):
                     self.line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
             case Scatter():
-                values, start = self.compute(s.values), self.need(s.start)
+                values, (start, block, last) = self.compute(s.values), self.compute([s.start, s.block, s.last])
+                lanes = f"np.arange({next(iter(self.routine.arrays))}.shape[-1])"
+                place = self.let(s.start, f"np.minimum({lanes} * {block}, {last}) + {start}", "place")
                 for row, name in enumerate(values):
-                    place = f"{s.array}[{s.places}[0] + {start} + {row}]"
-                    self.line(self.language.assign.format(place, name))
+                    self.line(f"{s.array}[{place} + {row}] = {name}")
             case Loop():
                 carried = self.carried(s)
                 self.moved(dict(zip(carried, self.first, strict=True)), "v")
@@ -183,7 +184,7 @@ def in_c(routine: Routine) -> str:
     s = Source(routine, C)
     s.statements(routine.body)
     s.line(f"return !{s.need(routine.sound)};")
-    given = [f"{'long' if x.whole else 'double'} *{name}" for name, x in routine.arrays.items()]
+    given = [f"double *{name}" for name in routine.arrays]
     given += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
     kinds: dict[str, list[str]] = {}
     for name, kind in s.variables.items():

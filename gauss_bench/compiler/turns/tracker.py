@@ -10,8 +10,6 @@ closes is taken over; where it finds a limit or a singular position, the motion 
 Starts of linkages with other dimensions than the file's, which are known for the file's alone. The numbers go from the one to the
 other little by little, in steps that grow, with a guess from the last two steps; every guard keeps its side on the way, so that the
 assembly stays the same. Source: Allgower and Georg, Introduction to Numerical Continuation Methods (2003), chapter 2.
-
-The library knows a linkage by its numbers alone, so that open parameters are put into a mechanism first.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,137 +22,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.loop_program import ClosureProgram, loop_values
-from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.turns.follow import LARGEST, TURN, Course, Followed, Follower
+from gauss_bench.compiler.elimination.closing import ClosingProgram
+from gauss_bench.compiler.equations.links import with_parameters
+from gauss_bench.compiler.equations.sampling import typical_length
+from gauss_bench.compiler.machine.native_code import Target
+from gauss_bench.compiler.turns.follow import TURN, Follower
 from gauss_bench.kinematics.errors import MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.kinematics.loop_equations import LoopEquations
-from gauss_bench.mechanism import coordinates
-from gauss_bench.mechanism.model import AngleDriver, Driver, Joint, LengthDriver, Link, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.coordinates import acceleration, position, value, velocity
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
-
-class Lost(ArithmeticError):
-    """The inputs cannot be followed to a sample.
-
-    Attributes:
-        kind: "limit of motion", "singular position" or "not assembled".
-        inputs: the last ones that were reached [rad, m].
-    """
-
-    def __init__(self, text: str, kind: str, inputs: Mapping[str, float]):
-        self.kind, self.inputs = kind, inputs
-        super().__init__(text)
-
-
-@dataclass(frozen=True, eq=False)
-class NextSample:
-    """From a closed state q (n,) to inputs u with rates w and second rates b (K,), known variables as the loops count them."""
-
-    q: Array
-    u: Array
-    w: Array
-    b: Array
-
-
-class Judge:
-    """The library's closure for one linkage and the open numbers p."""
-
-    def __init__(
-        self, mechanism: Mechanism, inputs: Sequence[Input], phases: Array, names: tuple[str, ...], points: Sequence[Point]
-    ):
-        self.mechanism, self.inputs, self.phases, self.names, self.points = mechanism, inputs, phases, names, points
-
-    def mechanism_with(self, p: Array) -> Mechanism:
-        """The mechanism with the open numbers p (n_p,)."""
-        return with_numbers(self.mechanism, dict(zip(self.names, p.tolist(), strict=True)))
-
-    def step(self, step: NextSample, p: Array) -> Array:
-        """The row of numbers of a sample.
-
-        Raises:
-            Lost: the library cannot get there either.
-        """
-        mechanism = replace(self.mechanism_with(p), q0=step.q)
-        levels = zip(step.u + self.phases, step.w, step.b, strict=True)
-        given = [replace(x, law=_hold(*level)) for x, level in zip(self.inputs, levels, strict=True)]
-        try:
-            motion = loop_motion(mechanism, given, np.array([1.0]))
-        except MotionError as error:
-            kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
-            raise Lost(str(error).rpartition(": ")[2], kind, error.inputs) from error
-        q, v, a = motion.q[0], motion.v[0], motion.a[0]
-        return np.concatenate([q, v, a, *(_point(mechanism, point, q, v, a) for point in self.points)])
-
-
-def _hold(*levels: Any) -> MotionLaw:
-    return MotionLaw("held", lambda t: levels)
-
-
-def _point(mechanism: Mechanism, point: Point, q: Array, v: Array, a: Array) -> Array:
-    """Position, velocity and acceleration (6,) of a point."""
-    moved = _move(mechanism, point)
-    return np.concatenate(
-        [coordinates.position(q, moved), coordinates.velocity(q, v, moved), coordinates.acceleration(q, v, a, moved)]
-    )
-
-
-def with_numbers(mechanism: Mechanism, numbers: Mapping[str, float]) -> Mechanism:
-    """A mechanism with other dimensions: points and centres of mass of links, points of the ground, offsets of slides.
-
-    Raises:
-        KernelError: a number that is no dimension.
-    """
-    if not numbers:
-        return mechanism
-    tables = {"ground": {k: np.array(x, dtype=float) for k, x in mechanism.ground_points.items()}}
-    tables |= {link.name: {k: np.array(x, dtype=float) for k, x in link.points.items()} for link in mechanism.links}
-    centres = {link.name: np.array(link.com, dtype=float) for link in mechanism.links}
-    offsets: dict[str, float] = {}
-    for name, value in numbers.items():
-        match name.split("."):
-            case ["points", owner, point, axis]:
-                tables[owner][point]["xy".index(axis)] = value
-            case ["links", owner, "com", axis]:
-                centres[owner]["xy".index(axis)] = value
-            case ["joints", joint, "offset"]:
-                offsets[joint] = value
-            case _:
-                raise KernelError(f"{name} is no dimension of {mechanism.name}: kinematics does not depend on it")
-    links = tuple(_link(link, tables[link.name], centres[link.name]) for link in mechanism.links)
-    made = replace(mechanism, links=links, ground_points=tables["ground"])
-    joints = tuple(_joint(made, joint, offsets) for joint in mechanism.joints)
-    return replace(made, joints=joints, drivers=tuple(_driver(made, driver, joints) for driver in mechanism.drivers))
-
-
-def _link(link: Link, points: Mapping[str, Array], com: Array) -> Link:
-    return replace(link, points=points, com=com)
-
-
-def _move(mechanism: Mechanism, point: Point) -> Point:
-    """The point where the mechanism has it; one that no table names stays."""
-    name = point.name.partition(".")[2]
-    known = mechanism.ground_points if point.link < 0 else mechanism.links[point.link].points
-    return mechanism.point(point.link, name) if name in known else point
-
-
-def _joint(mechanism: Mechanism, joint: Joint, offsets: Mapping[str, float]) -> Joint:
-    if isinstance(joint, Revolute):
-        return replace(joint, a=_move(mechanism, joint.a), b=_move(mechanism, joint.b))
-    guide, block = _move(mechanism, joint.guide), _move(mechanism, joint.block)
-    return replace(joint, guide=guide, block=block, offset=offsets.get(joint.name, joint.offset))
-
-
-def _driver(mechanism: Mechanism, driver: Driver, joints: Sequence[Joint]) -> Driver:
-    if isinstance(driver, AngleDriver):
-        return driver
-    if isinstance(driver, LengthDriver):
-        return replace(driver, a=_move(mechanism, driver.a), b=_move(mechanism, driver.b))
-    slide = next(j for j in joints if isinstance(j, Prismatic) and j.name == driver.joint.name)
-    return replace(driver, joint=slide)
+STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
+MANY = 8  # angles; beyond, strides are shorter
+SUBDIVISIONS = (8, 64)  # of a way that could not be gone at once
+FEW = 4  # samples of a part, at least
+LEAST = 1e-3  # of a guard at the start: below, the library decides, which refuses rates nearer to a singular position still
+SIGN = 1e-300  # of a guard, whose sign alone is to be kept
+STEPS = (32, 256)  # to other numbers; the last is the longest, a sixteenth or a 128th of the way
+APART = "with these numbers the linkage cannot be assembled where the file has it, coming from there"
 
 
 class Status(IntEnum):
@@ -180,293 +68,189 @@ class Loss:
     linkage: int
     sample: int
     kind: str
-    inputs: dict[str, float]
+    inputs: Mapping[str, float]
     text: str
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """The start of a linkage.
+class Linkages:
+    """Linkages at their starts.
 
     Attributes:
-        x: (U,) unknowns, NaN where there is no start; u: (K,) inputs.
-        signs: (G,) that the guards keep.
-        fault: why there is no start.
+        p: (linkages, n_p) open numbers.
+        q: (linkages, n) closed positions, NaN where there is none. u: (linkages, K) inputs there.
+        least: (linkages, G) what guards must not fall below.
+        faults: (linkages,) why there is no start; "" where there is one.
     """
 
-    x: Array
-    u: Array
-    signs: Array
-    fault: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """One linkage to be followed.
-
-    Attributes:
-        levels: (k, 3 K) inputs, rates, second rates; one array for all linkages that share them.
-        p: (n_p,) open numbers.
-    """
-
-    levels: Array
     p: Array
-    start: Start
+    q: Array
+    u: Array
+    least: Array
+    faults: NDArray[np.str_]
 
-    @property
-    def u(self) -> Array:
-        return self.levels[:, : self.levels.shape[1] // 3]
-
-
-STRIDE = 0.1  # [rad, lengths] of an input between two closures: the second-order prediction then misses by a few 1e-4
-CLOSED = 4e-15  # of the loops' vectors: four times what rounding of sines and sums leaves
-MANY = 8  # unknowns; beyond, strides are shorter
-SUBDIVISIONS = (8, 64)  # of a way that could not be gone at once
-FEW = 4  # samples of a part, at least
+    def take(self, index: slice | NDArray[np.integer[Any]]) -> "Linkages":
+        """Some of them, or one several times."""
+        return Linkages(self.p[index], self.q[index], self.u[index], self.least[index], self.faults[index])
 
 
 class Tracker:
-    """Follows motions with the runners of one program: `states` stores whole rows, `path` the unknowns alone, in one lane."""
+    """Follows linkages of a program; levels (linkages or 1, k, 3, K) are values, rates and second rates of the inputs."""
 
-    def __init__(
-        self, program: ClosureProgram, equations: LoopEquations, states: Follower, path: Follower, judge: Judge, lanes: int
-    ):
-        self.program, self.equations, self.states, self.path = program, equations, states, path
-        self.judge, self.lanes = judge, lanes
-        length = max(program.lengths, default=1.0)
-        many = max(1.0, sqrt(program.unknowns / MANY))  # what bounds a way and a correction is the norm of all unknowns
-        self.per_stride = np.where(program.known_angles, 1.0, 1.0 / length) * many / STRIDE
+    def __init__(self, program: ClosingProgram, target: Target, inputs: Sequence[Input]):
+        self.program, self.inputs = program, inputs
+        self.follower, self.lanes, self.n = Follower(program, target), target.lanes, program.driven.n
+        sizes = [1.0 if d.coordinate.unit == "rad" else typical_length(program.driven) for d in program.driven.drivers]
+        many = max(1.0, sqrt(len(program.angles) / MANY))  # what bounds a way and a correction is the norm of all angles
+        self.per_stride = many / STRIDE / np.array(sizes)
 
-    def tolerance(self, u: Array, x: Array) -> float:
-        """|A|^2 of a closed sample, of the squared vectors in it: angles of many turns are rounded more coarsely."""
-        turns = max(_largest(u), _largest(x))
-        return (CLOSED * (1.0 + turns / 8.0)) ** 2
+    def linkage(self, p: Array) -> Mechanism:
+        """The linkage with the open numbers p (n_p,), or those of many (n_p, k)."""
+        return with_parameters(self.program.driven, dict(zip(self.program.open_names, p, strict=True)))
 
-    def start(self, x: Array, u: Array, p: Array) -> Start:
-        """The start at a closed state, with the signs of its guards.
+    def name(self, u: Array) -> dict[str, float]:
+        """Name -> value of inputs."""
+        return {d.name: float(x) for d, x in zip(self.program.driven.drivers, u, strict=True)}
 
-        Raises:
-            Lost: not closed, or too near a singular position to tell assemblies apart.
-        """
-        still = Start(x, u, np.zeros(self.program.guards))
-        followed, _ = self._single(still, u[None], p)
-        if not followed.closed[0]:
-            raise Lost("the start is not closed, or at a singular position", "not assembled", self.named(u))
-        return replace(still, x=followed.x[0], signs=np.sign(followed.guards[0]))
+    def starts(self, q: Array, p: Array) -> Linkages:
+        """Linkages at assembled positions (linkages, n) with numbers p (linkages, n_p)."""
+        u = np.stack([np.broadcast_to(value(d.coordinate, q), len(q)) for d in self.linkage(p.T).drivers], axis=-1)
+        rows = np.empty((len(q), self.program.width))
+        closed, guards = self.follower.run(q, np.zeros((len(q), self.program.guards)), _at_rest(u[:, None], len(u)), p, rows)
+        faults = np.where(closed, "", "the start is not closed, or at a singular position")
+        return Linkages(p, np.where(closed[:, None], rows[:, : self.n], np.nan), u, LEAST * guards, faults)
 
-    def named(self, u: Array) -> dict[str, float]:
-        """Name -> value of inputs as their laws count them."""
-        return self.equations.input_values(np.concatenate([np.zeros(self.program.unknowns), u]))
+    def deform(self, start: Linkages, p: Array) -> Linkages:
+        """The linkages with numbers p (linkages, n_p), from the one whose start is known."""
+        first = start.take(np.zeros(len(p), dtype=int))
+        q, least = np.full_like(first.q, np.nan), first.least.copy()
+        for steps in STEPS:
+            left = np.flatnonzero(~np.isfinite(q).all(axis=1))
+            if len(left):
+                q[left], least[left] = self._deform(first.take(left), p[left], steps)
+        return Linkages(p, q, first.u, least, np.where(np.isfinite(q).all(axis=1), "", APART))
 
-    def _single(self, start: Start, u: Array, p: Array) -> tuple[Followed, Array]:
-        """One lane along u (k, K), and its unknowns (k, U)."""
-        k, K = u.shape
-        inputs = np.zeros((1, k + 1, 3 * K))
-        inputs[0, :k, :K], inputs[0, k, :K] = u, u[-1]
-        rows = np.empty((k, self.program.unknowns))
-        where = np.zeros(1, dtype=np.int64)
-        course = Course(start.x[None], start.signs[None], inputs, p[None], where, rows, self.tolerance(u, start.x))
-        return self.path.run(course), rows
+    def _deform(self, first: Linkages, p: Array, steps: int) -> tuple[Array, Array]:
+        """Positions (linkages, n), NaN where lost, and what guards must not fall below there."""
+        signs, levels = SIGN * np.sign(first.least), _at_rest(first.u[:1, None], 1)
+        before = q = first.q
+        last, rows = 1.0, np.empty((len(p), self.program.width))
+        for a, b in pairwise(np.linspace(0.0, 1.0, steps + 1) ** 2):
+            guess = q + (q - before) * ((b - a) / last)
+            closed, guards = self.follower.run(guess, signs, levels, first.p + b * (p - first.p), rows)
+            q, before, last = np.where(closed[:, None], rows[:, : self.n], np.nan), q, b - a
+        return q, LEAST * guards
 
     def strides(self, u: Array) -> float:
         """Strides from one sample to the next where they are farthest apart, of samples (..., k, K)."""
-        return _largest((u[..., 1:, :] - u[..., :-1, :]) * self.per_stride)
+        return float((np.abs(u[..., 1:, :] - u[..., :-1, :]) * self.per_stride).max(initial=0.0))
 
-    def track(self, motion: Motion, rows: Array, status: NDArray[np.int8]) -> Loss | None:
-        """One linkage: fills its rows (k, R) and status (k,)."""
-        parts, count = self.cut(len(motion.levels))
-        starts, levels = self._starts(motion, parts, count), motion.levels[: parts * count]
-        inputs = np.empty((parts, count + 1, levels.shape[1]))
-        inputs[:, :count], inputs[:, count] = levels.reshape(parts, count, -1), levels[count - 1 :: count]
-        inputs[:-1, count] = levels[count::count]
-        signs, p = (x[None].repeat(parts, axis=0) for x in (motion.start.signs, motion.p))
-        tolerance = self.tolerance(motion.u, starts)
-        followed = self.states.run(Course(starts, signs, inputs, p, np.arange(parts) * count, rows, tolerance))
-        self._check_turns(followed.x, count)
-        whole = parts * count == len(motion.levels) and (followed.closed == count).all()
-        if whole and self._join(followed.x[:-1], starts[1:]):
-            return None
-        return self._mend(motion, rows, status, starts, followed, count)
+    def track(
+        self, some: Linkages, levels: Array, stride: float, rows: Array, status: NDArray[np.int8], threads: int = 1
+    ) -> list[Loss]:
+        """Fill rows (linkages, k, R) and status (linkages, k): linkages side by side, or few of them one by one, in parts.
 
-    def _join(self, ends: Array, starts: Array) -> bool:
-        """Tell whether states (..., U) lie near those a sample before, and so in the same assembly."""
-        gaps = (starts - ends) / self.program.lengths
-        return bool((np.sqrt((gaps * gaps).sum(axis=-1)) < 2 * TURN).all())
-
-    def track_many(self, motions: Sequence[Motion], rows: Array, status: NDArray[np.int8], threads: int = 1) -> list[Loss]:
-        """Many linkages with as many samples each: fills rows (linkages, k, R) and status (linkages, k)."""
-        k, first = len(motions[0].levels), motions[0]
-        shared = all(m.levels is first.levels for m in motions)
-        inputs = np.stack([np.concatenate([m.levels, m.levels[-1:]]) for m in (motions[:1] if shared else motions)])
-        x = self._walk_in(motions)
-        course = Course(
-            x,
-            np.array([m.start.signs for m in motions]),
-            inputs,
-            np.array([m.p for m in motions]),
-            np.arange(len(motions)) * k,
-            rows.reshape(-1, rows.shape[-1]),
-            self.tolerance(inputs[..., : self.program.inputs], x),
-        )
-        followed = self.states.run(course, threads)
-        self._check_turns(followed.x, k)
-        losses = []
-        for i in np.flatnonzero(followed.closed < k).tolist():
-            one = slice(i, i + 1)
-            alone = Followed(followed.closed[one], followed.x[one], followed.guards[one])
-            lost = self._mend(motions[i], rows[i], status[i], x[one], alone, k)
-            losses += [] if lost is None else [replace(lost, linkage=i)]
-        return losses
-
-    def _walk_in(self, motions: Sequence[Motion]) -> Array:
-        """Unknowns (linkages, U) at everyone's first sample, from everyone's start; NaN where the way there must be mended."""
-        ways = np.array([m.u[0] - m.start.u for m in motions])
-        steps = max(1, ceil(_largest(ways * self.per_stride)))
-        parts = np.minimum(np.arange(steps + 2) / steps, 1.0)
-        inputs = np.zeros((len(motions), steps + 2, 3 * self.program.inputs))
-        inputs[:, :, : self.program.inputs] = np.array([m.start.u for m in motions])[:, None] + parts[:, None] * ways[:, None]
-        x, signs = np.array([m.start.x for m in motions]), np.array([m.start.signs for m in motions])
-        followed = self.ends(x, signs, inputs, np.array([m.p for m in motions]))
-        return np.where((followed.closed == steps + 1)[:, None], followed.x, np.nan)
-
-    def ends(self, x: Array, signs: Array, inputs: Array, p: Array) -> Followed:
-        """A lane for each linkage, as in Course; only where it ends is kept."""
-        count = inputs.shape[1] - 1
-        rows = np.empty((len(x) * count, self.program.width))
-        where = np.arange(len(x)) * count
-        return self.states.run(Course(x, signs, inputs, p, where, rows, self.tolerance(inputs[..., : self.program.inputs], x)))
-
-    def cut(self, samples: int) -> tuple[int, int]:
-        """Parts, and samples of each; a few more may be left."""
-        parts = self.lanes if samples >= FEW * self.lanes else 1
-        return parts, samples // parts
-
-    def _starts(self, motion: Motion, parts: int, count: int) -> Array:
-        """Unknowns (parts, U) at the first sample of each part, NaN from where they could not be found."""
-        u, start = motion.u, motion.start
-        lead = max(1, ceil(_largest((u[0] - start.u) * self.per_stride)))
-        each = min(count, max(1, ceil(count * self.strides(u))))
-        nodes = np.arange(1, (parts - 1) * each + 1) * count // each
-        way = start.u + (np.arange(lead) / lead)[:, None] * (u[0] - start.u)
-        path = self._walk(motion, np.concatenate([way, u[:1], u[nodes]]))
-        return path[lead::each]
-
-    def _walk(self, motion: Motion, u: Array) -> Array:
-        """Unknowns along the inputs u (k, K), from the start; NaN from where the way is lost."""
-        path = np.full((len(u), self.program.unknowns), np.nan)
-        at, x = 0, motion.start.x
-        while at < len(u):
-            followed, rows = self._single(Start(x, u[at], motion.start.signs), u[at:], motion.p)
-            closed = int(followed.closed[0])
-            path[at : at + closed] = rows[:closed]
-            at += closed
-            if at == len(u) or not closed:
-                break
-            ahead = self._between(motion, followed.x[0], u[at - 1], u[at])
-            if ahead is None:
-                break
-            x = ahead
-        return path
-
-    def _between(self, motion: Motion, x: Array, before: Array, after: Array) -> Array | None:
-        """Unknowns at `after` from those at `before`, on a way that is divided ever more finely."""
-        for parts in SUBDIVISIONS:
-            u = before + np.linspace(0.0, 1.0, parts + 1)[:, None] * (after - before)
-            followed, _ = self._single(Start(x, before, motion.start.signs), u, motion.p)
-            if followed.closed[0] == parts + 1:
-                return np.asarray(followed.x[0])
-        return None
-
-    def _mend(
-        self, motion: Motion, rows: Array, status: NDArray[np.int8], starts: Array, followed: Followed, count: int
-    ) -> Loss | None:
-        """Close what the lanes left open, part after part; the loss where the motion ends."""
-        x, k = motion.start.x, len(motion.levels)
-        if motion.start.fault:
-            rows[:], status[:] = np.nan, Status.LOST
-            return Loss(0, 0, "not assembled", self.named(motion.start.u), motion.start.fault)
-        for part, closed in enumerate([*followed.closed.tolist(), 0]):
-            at, end = part * count, k if part == len(starts) else (part + 1) * count
-            if closed and (part == 0 or self._join(x, starts[part])):
-                at, x = at + closed, followed.x[part]
-            while at < end:
-                try:
-                    at, x = self._onward(motion, rows, status, at, end, x)
-                except Lost as lost:
-                    rows[at:], status[at:] = np.nan, Status.LOST
-                    return Loss(0, at, lost.kind, dict(lost.inputs), str(lost))
-        return None
-
-    def _onward(self, motion: Motion, rows: Array, status: NDArray[np.int8], at: int, end: int, x: Array) -> tuple[int, Array]:
-        """From the state x before a sample: close it and what follows; the next sample and the state before that."""
-        before = motion.u[at - 1] if at else motion.start.u
-        ahead = self._between(motion, x, before, motion.u[at])
-        if ahead is not None:
-            followed = self._follow_one(motion, ahead, at, end, rows)
-            if followed.closed[0]:
-                return at + int(followed.closed[0]), followed.x[0]
-        n = self.program.n
-        q = rows[at - 1, :n] if at else self.state(motion, x)
-        rows[at] = self.judge.step(NextSample(q.copy(), *np.split(motion.levels[at], 3)), motion.p)
-        status[at] = Status.LIBRARY
-        return at + 1, loop_values(self.equations, self.judge.mechanism_with(motion.p), rows[at, :n])[: self.program.unknowns]
-
-    def _follow_one(self, motion: Motion, x: Array, at: int, end: int, rows: Array) -> Followed:
-        """One lane through the samples from `at` to `end`."""
-        inputs = np.concatenate([motion.levels[at:end], motion.levels[end - 1 : end]])[None]
-        where, signs = np.array([at]), motion.start.signs[None]
-        return self.states.run(Course(x[None], signs, inputs, motion.p[None], where, rows, self.tolerance(motion.u, x)))
-
-    def state(self, motion: Motion, x: Array) -> Array:
-        """q (n,) at the start."""
-        one = replace(motion, levels=hold(motion.start))
-        rows = np.empty((1, self.program.width))
-        self._follow_one(one, x, 0, 1, rows)
-        return rows[0, : self.program.n]
-
-    def _check_turns(self, x: Array, count: int) -> None:
-        """No angle may have gone where its sine is not exact: it moves at most half a radian between samples.
-
-        Raises:
-            ValueError: it may have.
+        `stride` is the farthest way from one sample to the next, in strides.
         """
-        if _largest(x) + 0.5 * count > LARGEST:
-            raise ValueError(f"too many samples or turns in one sweep: {count} samples of a part")
+        count, k = status.shape
+        every = np.broadcast_to(levels, (count, *levels.shape[1:]))
+        if count < self.lanes:
+            closed = [self._follow_parts(some.take(slice(i, i + 1)), every[i], stride, rows[i]) for i in range(count)]
+        else:
+            q = self._walk(some, levels[:, :1, 0])[:, -1]
+            flat, ahead = rows.reshape(-1, self.program.width), np.concatenate([levels, levels[:, -1:]], axis=1)
+            closed = self.follower.run(q, some.least, ahead, some.p, flat, threads)[0].tolist()
+        losses = [
+            (i, self._finish(some.take(slice(i, i + 1)), every[i], rows[i], status[i], done))
+            for i, done in enumerate(closed)
+            if done < k
+        ]
+        return [replace(loss, linkage=i) for i, loss in losses if loss is not None]
+
+    def _walk(self, some: Linkages, u: Array) -> Array:
+        """Positions (linkages, m, n) at inputs u (linkages or 1, m, K), from everyone's start; NaN from where the way is lost."""
+        way = u[:, 0] - some.u
+        lead = max(1, ceil(float(np.abs(way * self.per_stride).max())))
+        levels = _at_rest(u, len(way), lead)
+        levels[:, :lead, 0] = some.u[:, None] + _parts(lead) * way[:, None]
+        rows = np.empty((len(way), lead + u.shape[1], self.program.width))
+        closed, _ = self.follower.run(some.q, some.least, levels, some.p, rows.reshape(-1, self.program.width))
+        q = rows[:, lead:, : self.n]
+        q[np.arange(lead, rows.shape[1]) >= closed[:, None]] = np.nan
+        return q
+
+    def _follow_parts(self, one: Linkages, levels: Array, stride: float, rows: Array) -> int:
+        """Follow one linkage in parts, of which the last may overlap; samples closed before the first that was not."""
+        k = len(rows)
+        parts = self.lanes if k >= FEW * self.lanes else 1
+        count = -(-k // parts)
+        begins = np.minimum(np.arange(parts) * count, k - count)
+        each = min(count, max(1, ceil(count * stride)))
+        nodes = (begins[:-1, None] + np.diff(begins)[:, None] * np.arange(each) // each).ravel()
+        q = self._walk(one, levels[None, [*nodes, begins[-1]], 0])[0, ::each]
+        ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)
+        closed, _ = self.follower.run(q, one.least.repeat(parts, axis=0), ahead, one.p.repeat(parts, axis=0), rows)
+        gaps = (rows[begins[1:]] - rows[begins[1:] - 1])[:, self.program.angles]
+        joined = np.append(True, (gaps * gaps).sum(axis=1) < (2 * TURN) ** 2)  # else in another assembly, or a turn off
+        first = int(np.argmin(joined & (closed == count)))
+        return k if joined[first] and closed[first] == count else int(begins[first] + (closed[first] if joined[first] else 0))
+
+    def _finish(self, one: Linkages, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
+        """Close what a lane left open from a sample on; the loss where the motion ends."""
+        loss = Loss(0, 0, "not assembled", self.name(one.u[0]), str(one.faults[0])) if one.faults[0] else None
+        while loss is None and at < len(rows):
+            q, u = (rows[at - 1, : self.n], levels[at - 1, 0]) if at else (one.q[0], one.u[0])
+            done = self._onward(one, q, u, levels[at:], rows[at:])
+            if done:
+                at += done
+                continue
+            found = self._ask(one.p[0], q, levels[at])
+            if isinstance(found, Loss):
+                loss = replace(found, sample=at)
+            else:
+                rows[at], status[at], at = found, Status.LIBRARY, at + 1
+        if loss is not None:
+            rows[loss.sample :], status[loss.sample :] = np.nan, Status.LOST
+        return loss
+
+    def _onward(self, one: Linkages, q: Array, u: Array, levels: Array, rows: Array) -> int:
+        """Follow one lane from q, u through samples, the way to the first of which is divided; samples closed."""
+        for parts in SUBDIVISIONS:
+            way = u + _parts(parts) * (levels[0, 0] - u)
+            ahead = np.concatenate([_at_rest(way[None], 1)[:, :-1], levels[None], levels[None, -1:]], axis=1)
+            found = np.empty((parts + len(rows), self.program.width))
+            closed = int(self.follower.run(q[None], one.least, ahead, one.p, found)[0][0]) - parts
+            if closed > 0:
+                rows[:closed] = found[parts : parts + closed]
+                return closed
+        return 0
+
+    def _ask(self, p: Array, q: Array, levels: Array) -> Array | Loss:
+        """The row of numbers of the sample after q by the library's closure, or why it cannot get there either."""
+        mechanism = replace(self.linkage(p), q0=q.copy())
+        given = [replace(x, law=_hold(level)) for x, level in zip(self.inputs, levels.T, strict=True)]
+        try:
+            motion = loop_motion(mechanism, given, np.array([1.0]))
+        except MotionError as error:
+            kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
+            return Loss(0, 0, kind, error.inputs, str(error).rpartition(": ")[2])
+        (q,), (v,), (a,) = motion.q, motion.v, motion.a
+        points = [x for p in mechanism.observed_points for x in (position(q, p), velocity(q, v, p), acceleration(q, v, a, p))]
+        return np.concatenate([q, v, a, *points])
 
 
-def hold(start: Start) -> Array:
-    """Levels (1, 3 K) of inputs that rest at the start."""
-    return np.concatenate([start.u, 0.0 * start.u, 0.0 * start.u])[None]
+def _parts(count: int) -> Array:
+    """Parts (count, 1) of a way, from its beginning."""
+    return np.arange(count)[:, None] / count
 
 
-def _largest(x: Array) -> float:
-    """The largest size among numbers, those that are none left out."""
-    return float(np.fmax.reduce(np.abs(x), axis=None, initial=0.0))
+def _at_rest(u: Array, linkages: int, lead: int = 0) -> Array:
+    """Levels (linkages, lead + k + 1, 3, K) of inputs (linkages or 1, k, K), without rates; the last row is there twice."""
+    levels = np.zeros((linkages, lead + u.shape[1] + 1, 3, u.shape[2]))
+    levels[:, lead:-1, 0], levels[:, -1, 0] = u, u[:, -1]
+    return levels
 
 
-STEPS = (32, 256)  # the last is the longest, a sixteenth or a 128th of the way
-APART = "with these numbers the linkage cannot be assembled where the file has it, coming from there"
-
-
-def deform_starts(tracker: Tracker, start: Start, nominal: Array, p: Array) -> list[Start]:
-    """The starts of linkages with numbers p (linkages, n_p), from that with the nominal ones; with a fault where there is none."""
-    ends = np.full((len(p), len(start.x)), np.nan)
-    for steps in STEPS:
-        left = np.flatnonzero(~np.isfinite(ends).all(axis=1))
-        if len(left):
-            ends[left] = _deform(tracker, start, nominal, p[left], steps)
-    faults = ["" if good else APART for good in np.isfinite(ends).all(axis=1)]
-    return [replace(start, x=x, fault=fault) for x, fault in zip(ends, faults, strict=True)]
-
-
-def _deform(tracker: Tracker, start: Start, nominal: Array, p: Array, steps: int) -> Array:
-    """Unknowns (linkages, U), NaN where lost."""
-    inputs = hold(start).repeat(2, axis=0)[None]
-    signs = start.signs[None].repeat(len(p), axis=0)
-    before = x = start.x[None].repeat(len(p), axis=0)
-    last = 1.0
-    for a, b in pairwise(np.linspace(0.0, 1.0, steps + 1) ** 2):
-        guess = x + (x - before) * ((b - a) / last)
-        followed = tracker.ends(guess, signs, inputs, nominal + b * (p - nominal))
-        x, before, last = np.where(followed.closed[:, None] == 1, followed.x, np.nan), x, b - a
-    return np.asarray(x)
+def _hold(levels: Array) -> MotionLaw:
+    """The law that has a value, rate and second rate (3,) at all times."""
+    return MotionLaw("held", lambda t: (levels[0], levels[1], levels[2]))

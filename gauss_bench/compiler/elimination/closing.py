@@ -1,0 +1,209 @@
+"""All that closing a linkage at one sample of its inputs needs: the rows of joints and inputs, solved for all coordinates.
+
+Inputs u hold as drivers do, with rates w and second rates b, so that J is square; the next sample is at u + g:
+
+    correction     J z = -phi(q, u)
+    one input      J d = 1,  J e = gamma(q, d),     q' = d w,  q'' = d b + e w^2,     the next guess is q + g (d + g e / 2)
+    several        J q' = w,  J q'' = b + gamma(q, q');     the next guess likewise, with g for w and 0 for b
+
+The pivots of J are the guards: their product is its determinant, whose sign names the assembly. They are chosen at samples of the
+assembly that the linkage starts in, as in the equations of motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from gauss_bench.compiler.elimination.formulations import guarded, keep_rows, vector
+from gauss_bench.compiler.elimination.function import Function, Inputs, costs_of, function
+from gauss_bench.compiler.elimination.lu import Search, lu
+from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
+from gauss_bench.compiler.equations.constraints import Row, rows_of
+from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
+from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
+from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.loop_equations import REGULAR
+from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.coordinates import columns, state, value
+from gauss_bench.mechanism.equations import Motion
+from gauss_bench.mechanism.model import GROUND, Along, AngleDriver, Driver, Mechanism, Point, SlideDriver
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.terms import Array
+
+SEARCHES = [Search(), *(Search(seed, 1.5, 0.0, crossing) for seed in range(6) for crossing in (0.0, 1.0))]
+WORLD = Point(GROUND, np.zeros(2), "ground.")
+
+
+@dataclass(frozen=True, eq=False)
+class ClosingProgram:
+    """Everything one linkage is closed with.
+
+    Attributes:
+        driven: the linkage, with its inputs as drivers. open_names, values: of the open numbers, as in the file.
+        correction: (q, u, p) -> z (n).
+        motion: (q, u, w, b, g, p) -> guards, which must not change their signs; the way to the guess at the next sample (n);
+            q, v, a, then place, rate and second rate of each observed point.
+    """
+
+    driven: Mechanism
+    open_names: tuple[str, ...]
+    values: Array
+    correction: Function
+    motion: Function
+
+    @property
+    def inputs(self) -> int:
+        return len(self.driven.drivers)
+
+    @property
+    def guards(self) -> int:
+        return len(self.motion.outputs[0])
+
+    @cached_property
+    def angles(self) -> list[int]:
+        """Coordinates whose sines and cosines are needed."""
+        return sorted(self.correction.angles(0) | self.motion.angles(0))
+
+    @property
+    def width(self) -> int:
+        """Numbers stored at each sample."""
+        return len(self.motion.outputs[2])
+
+
+def drive(mechanism: Mechanism, inputs: Sequence[Input]) -> Mechanism:
+    """The mechanism whose drivers are the inputs; the name of each law is its place among them."""
+    drivers: list[Driver] = []
+    for k, given in enumerate(inputs):
+        law = MotionLaw(str(k), given.law.motion)
+        known = [d for d in mechanism.drivers if d.name == given.joint]
+        if given.link is not None:
+            drivers.append(AngleDriver(mechanism.link_name(given.link), law, given.link))
+        elif known:
+            drivers.append(replace(known[0], law=law))
+        else:
+            slide = next(j for j in mechanism.joints if j.name == given.joint)
+            drivers.append(SlideDriver(slide.name, law, slide))  # type: ignore[arg-type]  # a pin has no name of an input
+    return replace(mechanism, drivers=tuple(drivers))
+
+
+class Driven(Links):
+    """The links at a sample: laws have the levels of its inputs, and rates are given where they are known."""
+
+    levels: Sequence[Motion]
+    rates: Sequence[Node] | None = None
+
+    def law(self, law: MotionLaw) -> Motion:
+        return self.levels[int(law.name)]
+
+    def rate(self, k: int) -> Node:
+        return super().rate(k) if self.rates is None else self.rates[k]
+
+
+def closing_program(mechanism: Mechanism, inputs: Sequence[Input], open_names: tuple[str, ...]) -> ClosingProgram:
+    """The program of a linkage that is driven by as many inputs as it has degrees of freedom, and of the points that it observes.
+
+    Raises:
+        KernelError: no usable pivots, or a name the mechanism does not have.
+    """
+    driven = drive(mechanism, inputs)
+    known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)  # positions all over the motion
+    equations = _Equations(driven, open_parameters(mechanism, open_names), known)
+    tried = [(cost, k) for k, search in enumerate(SEARCHES) if (cost := equations.cost(search)) is not None]
+    if not tried:
+        raise KernelError(f"{mechanism.name}: no pivots are usable with these inputs")
+    correction, motion = equations.solve(SEARCHES[min(tried)[1]])
+    n, K, size = mechanism.n, len(inputs), len(open_names)
+    place: Inputs = (("q", n), ("u", K), ("p", size))
+    return ClosingProgram(
+        driven,
+        equations.parameters.names,
+        equations.parameters.values,
+        function(place, correction, None),
+        function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K), ("p", size)), motion, None),
+    )
+
+
+class _Equations:
+    """The rows of a driven linkage at samples of the assembly that it starts in, before elimination."""
+
+    def __init__(self, driven: Mechanism, parameters: Parameters, known: Study):
+        self.driven, self.parameters, self.drop = driven, parameters, known.drops[0]
+        joints = Constraints(driven).joint_rows
+        self.kept = (*(k for k in known.kept(0) if k < joints), *range(joints, joints + len(driven.drivers)))
+        q = self._same_assembly(known.states.q)
+        u = np.array([value(d.coordinate, q) for d in driven.drivers])
+        self.graph = graph = ExpressionGraph(len(q))
+        self.state = State("t", "q", "v", np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
+        self.levels = [
+            tuple(graph.input(letter, k, x if letter == "u" else 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
+            for place, letter in enumerate("uwbg")
+        ]
+        zero = graph.constant(0.0)
+        self.zeros = (zero,) * len(u)
+        self.rows = self._rows(self.zeros, self.zeros)
+        self.mark = len(graph.trail)
+
+    def _same_assembly(self, q: Array) -> Array:
+        """The positions (k, n) whose determinant has the sign that it has at the start."""
+        J = Constraints(self.driven)(0.0, np.concatenate([self.driven.q0[None], q]), np.zeros((1 + len(q), q.shape[1]))).J
+        square = J[:, self.kept]
+        for at, row, factor in self.drop.shares:
+            square[:, self.kept.index(at)] += factor * J[:, row]
+        sizes, signs = np.linalg.svd(square, compute_uv=False), np.linalg.slogdet(square)[0]
+        regular = sizes[:, -1] / sizes[:, 0]
+        if regular[0] < REGULAR:
+            raise KernelError(f"{self.driven.name}: the start is at a singular position")
+        same: Array = q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))]
+        return same
+
+    def _links(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> Driven:
+        links = Driven(self.graph, self.driven, self.parameters, self.state)
+        links.levels, links.rates = list(zip(self.levels[0], rates, seconds, strict=True)), v
+        return links
+
+    def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
+        return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
+
+    def cost(self, search: Search) -> float | None:
+        """Operations with these pivots; None where there are none."""
+        try:
+            correction, (guards, *rest) = self.solve(search)
+        except KernelError:
+            return None
+        return costs_of([x for part in (*correction, guards, *rest) for x in part]).batch
+
+    def solve(self, search: Search) -> tuple[list[list[Node]], list[list[Node]]]:
+        """Results of `ClosingProgram.correction` and `.motion`."""
+        graph, n = self.graph, self.driven.n
+        graph.forget(self.mark)
+        jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
+        factors = lu(graph, jacobian, range(n), range(n), search, squares=True)
+
+        def solved(right: Sequence[Node]) -> list[Node]:
+            return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
+
+        def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
+            """Rates and second rates of all coordinates for those of the inputs."""
+            v = solved([-row.phi_t for row in self._rows(rates, seconds)])
+            return v, solved([row.gamma for row in self._rows(rates, seconds, v)])
+
+        _, w, b, g = self.levels
+        if len(w) == 1:
+            d, e = follow((graph.constant(1.0),), self.zeros)
+            advance = [g[0] * (x + g[0] * (y * 0.5)) for x, y in zip(d, e, strict=True)]
+            square = w[0] * w[0]
+            v, a = [x * w[0] for x in d], [x * b[0] + y * square for x, y in zip(d, e, strict=True)]
+        else:
+            advance = [x + y * 0.5 for x, y in zip(*follow(g, self.zeros), strict=True)]
+            v, a = follow(w, b)
+        z = solved([-row.phi for row in self.rows if row.phi is not None])
+        links = self._links(self.zeros, self.zeros, v)
+        stored = [*(links.coordinate(k) for k in range(n)), *v, *a]
+        for point in self.driven.observed_points:
+            ways = [state(Along(WORLD, point, 0.0, across), links) for across in (False, True)]
+            seconds = [graph.total([x.bias, *(e * a[k] for k, e in columns(links.space, x.entries).items())]) for x in ways]
+            stored += [*(x.value for x in ways), *(x.rate for x in ways), *seconds]
+        return [z], [[x for x, _ in guarded(factors)], advance, stored]
