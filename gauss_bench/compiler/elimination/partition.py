@@ -24,7 +24,8 @@ import numpy as np
 from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import PLANE, angle_slot
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
@@ -119,7 +120,7 @@ class Study:
 
 def row_names(mechanism: Mechanism) -> list[str]:
     """Names of all rows in the file's order."""
-    parts = [(j.name, ("normal", "turn") if isinstance(j, Prismatic) else ("x", "y")) for j in mechanism.joints]
+    parts = [(j.name, ("normal", "turn") if j.slides else ("x", "y")) for j in mechanism.joints]
     names = [f"{name}.{part}" for name, both in parts for part in both]
     names += [x.name for x in mechanism.couplings for _ in x.held]
     return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
@@ -233,11 +234,11 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
         return [()]
     mechanism, every = study.mechanism, range(study.mechanism.n)
     made = {spread(study.bases, study.free, every, first) for first in every}
-    angles = spread(study.bases, study.free, every[2::3])
+    angles = spread(study.bases, study.free, every[angle_slot(0) :: PLANE.size])
     worst = {chosen: float(conditions(study, chosen).min()) for chosen in {*made, angles} if chosen is not None}
     best = max(worst.values(), default=0.0)
     near = sorted(chosen for chosen, x in worst.items() if x > max(USABLE, NEAR * best))
-    natural = [] if mechanism.crank is None else [x for x in near if 3 * mechanism.crank + 2 in x][:1]
+    natural = [] if mechanism.crank is None else [x for x in near if angle_slot(mechanism.crank) in x][:1]
     natural += [angles] if angles is not None and worst[angles] > USABLE else []
     if mechanism.n > DENSE and (natural or near):
         return natural[:1] or near[len(near) // 2 :][:1]
@@ -253,6 +254,6 @@ def conditions(study: Study, independent: tuple[int, ...]) -> Array:
 def covering(study: Study) -> list[tuple[int, ...]]:
     """Partitions of which one is usable at every sample; the first, with the crank's angle where that is good, at most of them."""
     chosen = candidates(study)
-    crank = None if study.mechanism.crank is None else 3 * study.mechanism.crank + 2
+    crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
     chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]
     return _covering(study.bases, chosen, range(study.mechanism.n))

@@ -17,7 +17,7 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.factors import STEADY, Factor
 from gauss_bench.mechanism.model import PointForce, Torque
-from gauss_bench.mechanism.spaces import Vec
+from gauss_bench.mechanism.spaces import Vec, angle_slot, slots
 
 FLAT = 20.0
 DOUBLINGS, TERMS = 8, 11  # 2 FLAT / 2^8 is 0.16, of which the twelfth power over 12! is below a thousandth of rounding
@@ -41,7 +41,7 @@ def generalised_force(links: Links) -> dict[int, Node]:
 def _weights(links: Links) -> Iterable[dict[int, Node]]:
     for i, link in enumerate(links.mechanism.links):
         mass = links.number(f"links.{link.name}.mass")
-        yield {3 * i + k: mass * links.number(f"gravity.{axis}") for k, axis in enumerate("xy")}
+        yield {k: mass * links.number(f"gravity.{axis}") for k, axis in enumerate("xy", slots(i).start)}
 
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
@@ -95,7 +95,7 @@ def energy(links: Links) -> Node:
         mass, inertia = links.number(f"links.{link.name}.mass"), links.number(f"links.{link.name}.inertia")
         frame = links.frame(i)
         gravity = Vec(links.number("gravity.x"), links.number("gravity.y"))
-        omega = links.rate(3 * i + 2)
+        omega = links.rate(angle_slot(i))
         terms += [mass * 0.5 * links.space.dot(frame.u, frame.u), inertia * 0.5 * (omega * omega)]
         terms.append(-(mass * links.space.dot(gravity, frame.z)))
     held = (links.graph.node(equations.energies(links, load)[0]) for load in links.loads())

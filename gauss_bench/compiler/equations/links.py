@@ -27,9 +27,9 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.equations import Given, Motion
 from gauss_bench.mechanism.factors import Factor
 from gauss_bench.mechanism.frames import Direction, End, Frame, unit
-from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Prismatic, Torque, factor_of, loads
+from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import PLANE, Vec
+from gauss_bench.mechanism.spaces import PLANE, Vec, angle_slot, slots
 from gauss_bench.terms import Array
 
 
@@ -55,7 +55,7 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
             axes = [""] if np.ndim(x) == 0 else [".x", ".y"]
             numbers = np.ravel(x).tolist()
             out |= {f"forces.{force.name}.{key}{axis}": float(number) for axis, number in zip(axes, numbers, strict=True)}
-    out |= {f"joints.{j.name}.offset": float(j.offset) for j in mechanism.joints if isinstance(j, Prismatic)}
+    out |= {f"joints.{j.name}.offset": float(j.offset) for j in mechanism.slides}
     return out
 
 
@@ -158,8 +158,8 @@ class Tie:
 
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     """For every link the angle it follows through slides."""
-    ties = [Tie(i, 0.0) for i in range(len(mechanism.links))]
-    for slide in (j for j in mechanism.joints if isinstance(j, Prismatic)):
+    ties = list(free_angles(mechanism))
+    for slide in mechanism.slides:
         guide, block = (Tie(GROUND, 0.0) if p.link == GROUND else ties[p.link] for p in (slide.guide, slide.block))
         old, new, offset = block.root, guide.root, guide.offset + slide.turn - block.offset
         if old == GROUND:
@@ -213,7 +213,7 @@ class Links(Given):
     def omega(self, link: int) -> Node:
         """Angular speed; a tied link has that of its root."""
         root = GROUND if link == GROUND else self.ties[link].root
-        return self.zero if root == GROUND else self.rate(3 * root + 2)
+        return self.zero if root == GROUND else self.rate(angle_slot(root))
 
     def frame(self, link: int) -> Frame:
         if link not in self._frames:
@@ -221,9 +221,9 @@ class Links(Given):
                 still = Vec(self.zero, self.zero)
                 self._frames[link] = Frame(link, still, still, self.zero, self.zero, True)
             else:
-                x, y, angle = (self.coordinate(3 * link + k) for k in range(3))
-                u = Vec(self.rate(3 * link), self.rate(3 * link + 1))
-                self._frames[link] = Frame(link, Vec(x, y), u, self.omega(link), angle)
+                own = range(self.mechanism.n)[slots(link)]
+                *place, angle = map(self.coordinate, own)
+                self._frames[link] = Frame(link, Vec(*place), Vec(*map(self.rate, own[:-1])), self.omega(link), angle)
         return self._frames[link]
 
     def number(self, name: str) -> Node:
@@ -256,7 +256,7 @@ class Links(Given):
         s = PLANE.turned(self._unit(tie.offset), s)
         if tie.root == GROUND:
             return s
-        theta = self.coordinate(3 * tie.root + 2)
+        theta = self.coordinate(angle_slot(tie.root))
         return PLANE.turned(Vec(self.graph.cos(theta), self.graph.sin(theta)), s)
 
     def _unit(self, theta: float, across: bool = False) -> Vec:

@@ -14,11 +14,13 @@ from scipy.sparse.linalg import splu
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import PLANE
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
 STEP = 0.1  # [rad, lengths of the linkage] of a walk: Newton keeps its branch well beyond that
 WALK = 2 * np.pi + STEP  # [rad, lengths] one turn of a crank
+FARTHEST = 3.0 * STEP  # from pose to pose: beyond, another branch was closed
 TIMES = 64  # moments at which a driven linkage is closed
 DENSE = 100  # coordinates: beyond, sparse factorisations are cheaper by far
 CLOSED = 1e-12  # [m, rad]
@@ -37,7 +39,7 @@ def typical_length(mechanism: Mechanism) -> float:
 def scales(mechanism: Mechanism) -> Array:
     """(n,) what a change of each coordinate is measured by: the typical length, and 1 rad."""
     length = typical_length(mechanism)
-    return np.tile([length, length, 1.0], len(mechanism.links))
+    return np.tile([*[length] * PLANE.dimension, *[1.0] * PLANE.turns], len(mechanism.links))
 
 
 @lru_cache(maxsize=64)  # a walk takes longer than many a search, and pivots, checks and engines ask for the same ones
@@ -72,7 +74,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
             drift = 0.4 * scale * rng.normal(size=mechanism.n) * (freedom > 1)
             ahead = _unit(_free_part(J * scale, (ahead + drift) / scale)) * scale
             following = _close(constraints, 0.0, q + STEP * ahead, scale)
-            if following is None or np.abs((following - q) / scale).max() > 3 * STEP:
+            if following is None or np.abs((following - q) / scale).max() > FARTHEST:
                 break
             q = following
             poses.append((0.0, q))
