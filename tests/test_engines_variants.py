@@ -72,7 +72,7 @@ def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp
         (SOFT.replace("the loops are springs of some stiffness", "so it is"), r"settings\.default\.soft: gives no cause"),
         (GOOD + SHORT.replace("rounds", "laps"), "unfinished: laps is no knob"),
         (GOOD + SHORT.replace("one round is too few from a cold start", "short"), r"unfinished\.cause: gives no cause"),
-        (GOOD + SHORT.replace("[[unfinished]]", "[unfinished]"), "unfinished: a list of tables is wanted"),
+        (GOOD + SHORT.replace("[[unfinished]]", "[unfinished]"), "unfinished: Input should be a valid list"),
     ],
 )
 def test_what_is_inexact_needs_a_cause(text: str, said: str, tmp_path: Path) -> None:
@@ -84,22 +84,22 @@ def test_what_is_inexact_needs_a_cause(text: str, said: str, tmp_path: Path) -> 
     ("old", "new", "said"),
     [
         (', source = "https://example.org/mu"', "", r"knobs\.mu: needs `source`"),
-        ("https://example.org/mu", "a friend told me", r"knobs\.mu: `source` is no address"),
+        ("https://example.org/mu", "a friend told me", r"knobs\.mu\.source: .* pattern"),
         (
             ', own_search = "nobody says how many are enough"',
             ', own_search = "why not"',
-            r"knobs\.rounds: `own_search` gives no reason",
+            r"knobs\.rounds\.own_search: .* at least",
         ),
-        ('meaning = "damping"', 'meaning = " "', r"knobs\.mu: does not say what it means"),
-        ('meaning = "damping"', 'meaning = "damping", unit = "1"', r"knobs\.mu: unknown field unit"),
+        ('meaning = "damping"', 'meaning = " "', r"knobs\.mu\.meaning: .* at least"),
+        ('meaning = "damping"', 'meaning = "damping", unit = "1"', r"knobs\.mu\.unit: Extra"),
         ("rounds = 1,", "turns = 1,", r"settings\.quick: turns is no knob"),
         ("mu = 1e-8, ", "", r"settings\.default: mu has no value"),
         ('integrator = "rk4" }\nmany', 'integrator = "rk4", speed = 3 }\nmany', r"variants\.plain: speed is no knob"),
         ('plain = { integrator = "rk4" }', "plain = { mu = 1e-4 }", r"variants\.plain: integrator is missing"),
         ('settings = "quick"', 'settings = "slow"', r"variants\.many: there are no settings 'slow'"),
         ("plain = {", "quick = {", r"variants\.quick: quick is there already"),
-        ("[variants]", "[variant]", "variants: a table of inline tables"),
-        ('plain = { integrator = "rk4" }', "plain = 3", "variants: a table of inline tables"),
+        ("[variants]", "[variant]", "variants: Field required"),
+        ('plain = { integrator = "rk4" }', "plain = 3", r"variants\.plain: .* dictionary"),
         ("[knobs]", "[[knobs]", "TOML syntax"),
     ],
 )

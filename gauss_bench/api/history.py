@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.api.results import Simulation
-from gauss_bench.engines.minimal.structure import RPR, closed_from, opening
+from gauss_bench.engines.minimal.structure import Links, closed_from
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, Prismatic, Torque
@@ -106,10 +106,11 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
     """
     given = {driver.link for driver in mechanism.drivers if isinstance(driver, AngleDriver)}
     given |= {mechanism.crank} if mechanism.crank is not None and not given else set()
+    at = Links.of(q, np.zeros_like(q))
     for dyad in closed_from(mechanism, given)[0] if given else ():
-        if not isinstance(dyad, RPR):
+        if dyad.kind != "RPR":
             names = "-".join(mechanism.link_name(k) for k in dyad.links)
-            angle = np.degrees(np.arcsin(np.clip(np.abs(opening(dyad, q)), 0.0, 1.0)))
+            angle = np.degrees(np.arcsin(np.clip(np.abs(dyad.opening(at)), 0.0, 1.0)))
             yield Curve(Group.TRANSMISSION, names, "transmission", "deg", angle)
 
 

@@ -111,7 +111,7 @@ class FaultyModel(InterpretedModel):
                 before = t + h
                 q, v = self.fault.stepped((q, v), self, before)
                 self.steps += 1
-            self.q[k + 1], self.v[k + 1] = q, v
+            self.x[k + 1], self.dx[k + 1] = q, v
 
     def read(self) -> Trajectory:
         trajectory = replace(super().read(), t=self.asked)

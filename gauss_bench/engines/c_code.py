@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gauss_bench.integrate.fixed_step import dop853_tableau
+from gauss_bench.integrate.fixed_step import tableau
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
@@ -25,27 +25,8 @@ FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
 LONGEST = 300.0  # [s] to compile
 NO_COMPILER = "no C compiler: none of cc, gcc and clang is installed"
 
-RK4 = """
-void rk4(double *q, double *v, double t, double h, long steps)
-{
-    for (long k = 0; k < steps; k++) {
-        double at = t + k * h, x[N], v2[N], v3[N], v4[N], a1[N], a2[N], a3[N], a4[N];
-        acceleration(at, q, v, a1);
-        for (int i = 0; i < N; i++) { x[i] = q[i] + h / 2 * v[i]; v2[i] = v[i] + h / 2 * a1[i]; }
-        acceleration(at + h / 2, x, v2, a2);
-        for (int i = 0; i < N; i++) { x[i] = q[i] + h / 2 * v2[i]; v3[i] = v[i] + h / 2 * a2[i]; }
-        acceleration(at + h / 2, x, v3, a3);
-        for (int i = 0; i < N; i++) { x[i] = q[i] + h * v3[i]; v4[i] = v[i] + h * a3[i]; }
-        acceleration(at + h, x, v4, a4);
-        for (int i = 0; i < N; i++) {
-            q[i] += h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i]);
-            v[i] += h / 6 * (a1[i] + 2 * a2[i] + 2 * a3[i] + a4[i]);
-        }
-    }
-}
-
-void accelerate(double t, const double *q, const double *v, double *a) { acceleration(t, q, v, a); }
-"""
+ACCELERATE = "void accelerate(double t, const double *q, const double *v, double *a) { acceleration(t, q, v, a); }"
+METHODS = ("rk4", "dop853_fixed")
 
 
 def compiler() -> str | None:
@@ -53,9 +34,9 @@ def compiler() -> str | None:
     return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
 
 
-def dop853_fixed() -> str:
-    """The twelve stages of DOP853 in C, those coefficients that are zero left out."""
-    nodes, rows, weights = dop853_tableau()
+def steps(name: str) -> str:
+    """The stages of a method in C, those coefficients that are zero left out."""
+    nodes, rows, weights = tableau(name)
     last = len(weights)
     lines = [f"    double x[N], {', '.join(f'v{k}[N], a{k}[N]' for k in range(last))};"]
     for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
@@ -64,7 +45,7 @@ def dop853_fixed() -> str:
         lines.append(f"    acceleration(at + {node!r} * h, x, v{k}, a{k});")
     end = f"q[i] += h * ({_sums(weights, 'v')}); v[i] += h * ({_sums(weights, 'a')});"
     body = "\n".join([*lines, f"    for (int i = 0; i < N; i++) {{ {end} }}"])
-    head = "void dop853_fixed(double *q, double *v, double t, double h, long steps)"
+    head = f"void {name}(double *q, double *v, double t, double h, long steps)"
     return f"{head}\n{{\n    for (long k = 0; k < steps; k++) {{\n    double at = t + k * h;\n{body}\n    }}\n}}\n"
 
 
@@ -81,7 +62,7 @@ class Code:
 
     def __init__(self, acceleration: str, n: int):
         self.n = n
-        self.library = _library(f"#define N {n}\n{acceleration}\n{RK4}\n{dop853_fixed()}")
+        self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(steps, METHODS)]))
 
     def step(self, integrator: str, q: Array, v: Array, t: float, h: float, count: int) -> None:
         """Take `count` steps of h [s] in place; q, v (n,) contiguous."""

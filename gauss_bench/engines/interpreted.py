@@ -10,10 +10,9 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.own_options import Known
+from gauss_bench.engines.own_steps import OwnSteps
 from gauss_bench.engines.shared import with_accelerations
 from gauss_bench.formulations import FORMULATIONS
-from gauss_bench.integrate.adaptive import StepFailure, dop853
-from gauss_bench.integrate.fixed_step import STEPS, held_back, stretches
 from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import JAMMED
@@ -56,11 +55,12 @@ class Interpreted:
         return InterpretedModel(self.name, mechanism, choice)
 
 
-class InterpretedModel:
+class InterpretedModel(OwnSteps):
     """A mechanism under one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
         self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolve(choice.settings)
+        self.start, self.tolerances = (mechanism.q0, mechanism.v0), (self.options["dop853_rtol"], self.options["dop853_atol"])
         self.rate = float(self.options["baumgarte_alpha_beta_per_s"])
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
@@ -69,7 +69,6 @@ class InterpretedModel:
             self.evaluator.check_loads()
         except UndeterminedLoads as error:
             raise RunFailure(Status.RANK_LOST, str(error)) from error
-        self.evaluations = 0
         self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -114,47 +113,11 @@ class InterpretedModel:
             raise RunFailure(Status.RANK_LOST, f"{drifted}{self.rank} at the start): the linkage would lock; use projection")
         return solution
 
-    def prepare(self, times: Array, native: bool = True) -> None:
-        self.times = times
-        self.steps = self.evaluations = 0
-        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
-        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
-
-    def run(self) -> None:
-        with np.errstate(all="ignore"):  # what is not finite is found by `read`
-            if self.choice.integrator == "dop853":
-                self._adaptive()
-            else:
-                self._run_fixed()
-
-    def _adaptive(self) -> None:
-        tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
-        if self.times[-1] == self.times[0]:
-            return
-        try:
-            self.steps, _ = dop853(self.stabilized, self.times, self.q, self.v, *tolerances, kinks=self.mechanism.kinks)
-        except StepFailure as error:
-            raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
-
-    def _run_fixed(self) -> None:
-        step = STEPS[self.choice.integrator]
-        projected = self.choice.stabilization == "projection"
-        q, v = self.mechanism.q0, self.mechanism.v0
-        for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
-            rate = held_back(self.stabilized, last)
-            for i in range(count):
-                t = begin + i * h
-                q, v = step(rate, t, q, v, h)
-                if projected:
-                    q, v = self.evaluator.project(t + h, q, v)
-            if not np.isfinite(q).all():
-                raise RunFailure(Status.NAN, f"not finite at t = {begin + count * h:.6g} s; a smaller step may help")
-            if row is not None:
-                self.q[row], self.v[row] = q, v
-            self.steps += count
+    def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
+        return self.evaluator.project(t, x, dx)
 
     def read(self) -> Trajectory:
         def at(k: int) -> Array:
-            return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
+            return self.acceleration(float(self.times[k]), self.x[k], self.dx[k])
 
-        return with_accelerations(self.times, self.q, self.v, at, self.steps, self.evaluations)
+        return with_accelerations(self.times, self.x, self.dx, at, self.steps, self.evaluations)

@@ -21,7 +21,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from gauss_bench.engines.own_options import Known
 from gauss_bench.untrusted import parse_toml
@@ -32,24 +34,38 @@ CHOSEN = ("integrator", "stabilization")  # knobs that a run is given beside its
 REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
+Reason = Annotated[str, StringConstraints(min_length=LEAST_WORDS)]
+Line = dict[str, Any]
+
 
 class VariantError(ValueError):
     """A file of variants that cannot be used; the message names file, table and field."""
 
 
-@dataclass(frozen=True)
-class Knob:
-    """Something about an engine that can be chosen.
+class Knob(BaseModel):
+    """Something about an engine that can be chosen, as the file tells it."""
 
-    Attributes:
-        source: address of where it is documented, or OWN_SEARCH and why it is tried.
-        values: words that it may be besides those that settings and variants use.
-    """
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str
-    meaning: str
-    source: str
+    meaning: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
+    address: str = Field("", alias="source", pattern="^https://")
+    own_search: Reason = ""
     values: tuple[str, ...] = ()
+
+    @property
+    def source(self) -> str:
+        """The address of where it is documented, or OWN_SEARCH and why it is tried."""
+        return self.address or OWN_SEARCH + self.own_search
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    knobs: dict[str, Knob]
+    settings: Annotated[dict[str, Line], Field(min_length=1)]
+    variants: dict[str, Line]
+    first: tuple[str, ...] = ()
+    unfinished: list[Line] = []
 
 
 @dataclass(frozen=True)
@@ -92,10 +108,6 @@ class Variants:
             KeyError: there is neither of that name.
             OptionError: an option that there is not, or a value that it cannot take.
         """
-        if name in self.settings:
-            return self.settings[name]
-        if name in self.space:
-            return self.space[name].options
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
         return Known(labels, [k for k in self.knobs if k not in CHOSEN], {k: x.values for k, x in self.knobs.items()}).resolve(name)
 
@@ -108,107 +120,74 @@ def read_variants(room: Path) -> Variants:
     """
     path = room / FILE
     try:
-        document = parse_toml(path.read_text(encoding="utf-8"))
+        told = _File.model_validate(parse_toml(path.read_text(encoding="utf-8")))
+        return _read(told)
     except tomllib.TOMLDecodeError as error:
         raise VariantError(f"{path}: TOML syntax: {error}") from error
-    for name in ("knobs", "settings", "variants"):
-        if not all(isinstance(x, dict) for x in document.get(name, {"": None}).values()):
-            raise VariantError(f"{path}: {name}: a table of inline tables is wanted")
-    if strange := document.keys() - {"knobs", "settings", "variants", "first", "unfinished"}:
-        raise VariantError(f"{path}: unknown table {min(strange)}")
-    knobs = {name: _knob(f"{path}: knobs.{name}", name, table) for name, table in document["knobs"].items()}
-    settings = _settings(str(path), knobs, document["settings"])
-    causes = {label: _cause(f"{path}: settings.{label}.soft", x[SOFT]) for label, x in document["settings"].items() if SOFT in x}
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise VariantError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    except VariantError as error:
+        raise VariantError(f"{path}: {error}") from error
+
+
+def _read(told: _File) -> Variants:
+    for name, knob in told.knobs.items():
+        _require(bool(knob.address) != bool(knob.own_search), f"knobs.{name}", "needs `source`, or `own_search`, why we try it")
+    own = [name for name in told.knobs if name not in CHOSEN]
+    usual, settings, soft = next(iter(told.settings)), dict[str, Line](), dict[str, str]()
+    for label, line in told.settings.items():
+        _known(line, (*own, REMARK, SOFT), f"settings.{label}")
+        options = {**settings.get(usual, {}), **line}
+        lacking = ", ".join(x for x in own if x not in options)
+        _require(not lacking, f"settings.{label}", f"{lacking} has no value")
+        settings[label] = {x: options[x] for x in own} | ({REMARK: line[REMARK]} if REMARK in line else {})
+        if SOFT in line:
+            soft[label] = _cause(line[SOFT], f"settings.{label}.{SOFT}")
     space: dict[str, Variant] = {}
-    soft = dict(causes)
-    for line, table in document["variants"].items():
-        for variant in _points(f"{path}: variants.{line}", line, table, knobs, settings):
-            if variant.name in space or variant.name in settings:
-                raise VariantError(f"{path}: variants.{line}: {variant.name} is there already")
+    for name, line in told.variants.items():
+        label = line.get("settings", usual)
+        _require(label in settings, f"variants.{name}", f"there are no settings {label!r}")
+        _known(line, (*told.knobs, "settings"), f"variants.{name}")
+        _require("integrator" in line, f"variants.{name}", "integrator is missing")
+        for variant in _points(name, {"stabilization": "none", **line}, settings[label]):
+            _require(variant.name not in {**space, **settings}, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
-            if (label := table.get("settings", next(iter(settings)))) in causes:
-                soft[variant.name] = causes[label]
-    first = tuple(map(str, document.get("first", ())))
-    if absent := [name for name in first if name not in space]:
-        raise VariantError(f"{path}: first: there is no variant {absent[0]!r}")
-    return Variants(
-        knobs, settings, space, first, soft, _read_unfinished(f"{path}: unfinished", document.get("unfinished", []), knobs, space)
-    )
+            soft |= {variant.name: soft[label]} if label in soft else {}
+    for name in told.first:
+        _require(name in space, "first", f"there is no variant {name!r}")
+    unfinished: dict[str, str] = {}
+    for line in told.unfinished:
+        wanted = {key: x for key, x in line.items() if key != "cause"}
+        _known(wanted, tuple(told.knobs), "unfinished")
+        cause = _cause(line.get("cause"), "unfinished.cause")
+        unfinished |= {name: cause for name, x in space.items() if wanted.items() <= x.options.items()}
+    return Variants(told.knobs, settings, space, told.first, soft, unfinished)
 
 
-def _cause(place: str, said: Any) -> str:
-    if not isinstance(said, str) or len(said) < LEAST_WORDS:
-        raise VariantError(f"{place}: gives no cause: {said}")
-    return said
+def _require(good: bool, place: str, otherwise: str) -> None:
+    if not good:
+        raise VariantError(f"{place}: {otherwise}")
 
 
-def _read_unfinished(place: str, tables: Any, knobs: Mapping[str, Knob], space: Mapping[str, Variant]) -> dict[str, str]:
-    """The variants whose options are those of one of the tables, with its cause."""
-    if not isinstance(tables, list):
-        raise VariantError(f"{place}: a list of tables is wanted, [[unfinished]]")
-    found: dict[str, str] = {}
-    for table in tables:
-        wanted = {key: x for key, x in table.items() if key != "cause"}
-        if strange := wanted.keys() - knobs.keys():
-            raise VariantError(f"{place}: {min(strange)} is no knob")
-        cause = _cause(f"{place}.cause", table.get("cause"))
-        found |= {name: cause for name, x in space.items() if all(x.options.get(key) == value for key, value in wanted.items())}
-    return found
+def _known(line: Line, names: tuple[str, ...], place: str) -> None:
+    for name in line.keys() - {*names}:
+        raise VariantError(f"{place}: {name} is no knob: nothing says what it is and where it comes from")
 
 
-def _knob(place: str, name: str, table: Mapping[str, Any]) -> Knob:
-    if strange := table.keys() - {"meaning", "source", "own_search", "values"}:
-        raise VariantError(f"{place}: unknown field {min(strange)}")
-    if not str(table.get("meaning", "")).strip():
-        raise VariantError(f"{place}: does not say what it means")
-    source, reason = str(table.get("source", "")), str(table.get("own_search", ""))
-    if bool(source) == bool(reason):
-        raise VariantError(f"{place}: needs `source`, the address where it is documented, or `own_search`, why we try it")
-    if source and not source.startswith("https://"):
-        raise VariantError(f"{place}: `source` is no address: {source}")
-    if reason and len(reason) < LEAST_WORDS:
-        raise VariantError(f"{place}: `own_search` gives no reason: {reason}")
-    return Knob(name, str(table["meaning"]), source or OWN_SEARCH + reason, tuple(map(str, table.get("values", ()))))
+def _cause(said: Any, place: str) -> str:
+    _require(isinstance(said, str) and len(said) >= LEAST_WORDS, place, f"gives no cause: {said}")
+    return str(said)
 
 
-def _settings(path: str, knobs: Mapping[str, Knob], tables: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Every label with all its options."""
-    wanted = [name for name in knobs if name not in CHOSEN]
-    settings: dict[str, dict[str, Any]] = {}
-    for label, table in tables.items():
-        place = f"{path}: settings.{label}"
-        options = {**next(iter(settings.values()), {}), **table}
-        for name in table:
-            if name not in (*wanted, REMARK, SOFT):
-                raise VariantError(f"{place}: {name} is no knob of settings")
-        if lacking := [name for name in wanted if name not in options]:
-            raise VariantError(f"{place}: {lacking[0]} has no value")
-        settings[label] = {name: options[name] for name in wanted} | ({REMARK: table[REMARK]} if REMARK in table else {})
-    if not settings:
-        raise VariantError(f"{path}: settings: there are none")
-    return settings
-
-
-def _points(
-    place: str, line: str, table: Mapping[str, Any], knobs: Mapping[str, Knob], settings: Mapping[str, Mapping[str, Any]]
-) -> Iterator[Variant]:
+def _points(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant]:
     """Every combination of a line."""
-    label = table.get("settings", next(iter(settings)))
-    if label not in settings:
-        raise VariantError(f"{place}: there are no settings {label!r}")
-    values = {k: x for k, x in table.items() if k != "settings"}
-    values.setdefault("stabilization", "none")
-    for name in values:
-        if name not in knobs:
-            raise VariantError(f"{place}: {name} is no knob: nothing says what it is and where it comes from")
-    if "integrator" not in values:
-        raise VariantError(f"{place}: integrator is missing")
-    lists = {name: x for name, x in values.items() if _several(x, settings[label].get(name))}
+    values = {k: x for k, x in line.items() if k != "settings"}
+    lists = {k: x for k, x in values.items() if _several(x, usual.get(k))}
     for choice in product(*lists.values()):
         chosen = {**values, **dict(zip(lists, choice, strict=True))}
-        name = "/".join([line, *map(str, choice)])
-        options = {**settings[label], **{k: x for k, x in chosen.items() if k not in CHOSEN}}
-        yield Variant(name, str(chosen["integrator"]), str(chosen["stabilization"]), options)
+        options = {**usual, **{k: x for k, x in chosen.items() if k not in CHOSEN}}
+        yield Variant("/".join([name, *map(str, choice)]), *(str(chosen[x]) for x in CHOSEN), options)
 
 
 def _several(value: Any, usual: Any) -> bool:

@@ -49,6 +49,14 @@ def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: fl
     return y[:n], y[n:]
 
 
+def tableau(name: str) -> tuple[list[float], list[Array], Array]:
+    """Nodes, rows and weights of an explicit method, as `dop853_tableau` has them."""
+    if name == "rk4":
+        rows = [np.array(row) for row in ([], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0])]
+        return [0.0, 0.5, 0.5, 1.0], rows, np.array([1.0, 2.0, 2.0, 1.0]) / 6
+    return dop853_tableau()
+
+
 @cache
 def dop853_tableau() -> tuple[list[float], list[Array], Array]:
     """Nodes (s,), the rows' weights of the stages before them, and the weights (s,) of the step; as scipy has them.

@@ -1,10 +1,10 @@
-"""Equations that are derived by hand, compiled and run, where a C compiler is found.
+"""Two linkages by equations derived on paper, in C: what an expert writes who has one linkage and wants it fast.
 
-The state is the crank's angle th and its rate w; with x any coordinate of the linkage, x' and x'' its derivatives by th,
-
-    q = x(th),    v = x' w,    a = x' w' + x'' w^2
-
-Before a run, accelerations at states along the motion are compared with the linkage's own, so that no derivation is believed.
+The derivations are `crank_slider.c` and `four_bar.c`: the loop closed by trigonometry, then Lagrange's equation in the angle of the
+crank, which is all that moves a linkage of one degree of freedom. Nothing of the suite's generator is in them. They are written for
+these two kinds of loops and for the loads that `loops.py` names; every other linkage is refused. Each model is compared with the
+linkage before it is used, and with its motion in absolute coordinates the same way afterwards: what the crank's turning makes of
+the other links follows from the linkage's constraint rows.
 """
 
 import ctypes
@@ -15,18 +15,19 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.by_hand.loops import Loop, Underived, loop_of
 from gauss_bench.engines.c_code import FLAGS, NO_COMPILER, Code, compiler
-from gauss_bench.engines.shared import finite, finite_acceleration, require_agreement, size, unsteady
+from gauss_bench.engines.following import follow, wind
+from gauss_bench.engines.own_steps import CompiledSteps
+from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.formulations.gauss import gauss
-from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
+from gauss_bench.mechanism.coordinates import position, rotate
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angle_at, angle_slot, places
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
 
 FOLDER = Path(__file__).parent
 SETTINGS = {"default": {"compiler_flags": " ".join(FLAGS)}}
 AGREEMENT = 1e-9  # relative: rounding and the closure of the start leave 1e-13, a wrong term about 1
-TABLE = 721  # places of a turn: links turn by far less than half a turn from one to the next
 CHECKED = 0.3  # [rad] between states of the comparison
 
 
@@ -60,16 +61,17 @@ class ByHand:
         return ByHandModel(mechanism, loop_of(mechanism), choice)
 
 
-class ByHandModel:
+class ByHandModel(CompiledSteps):
     """A linkage in the angle of its crank alone."""
 
+    note = "one coordinate, derived by hand, in C"
+
     def __init__(self, mechanism: Mechanism, loop: Loop, choice: Choice):
-        self.mechanism, self.loop, self.choice = mechanism, loop, choice
+        self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
         self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", 1)
-        crank = 3 * loop.links[0] + 2
-        self.start = np.array([mechanism.q0[crank] + loop.lines[0]]), np.array([mechanism.v0[crank]])
-        self._follow()
+        self.crank = angle_slot(loop.links[0])
+        self.start = np.array([mechanism.q0[self.crank] + loop.lines[0]]), mechanism.v0[[self.crank]]
         self._verify()
 
     def _verify(self) -> None:
@@ -78,83 +80,56 @@ class ByHandModel:
         Raises:
             RunFailure: they differ.
         """
-        evaluator, th, w = Evaluator(self.mechanism), float(self.start[0][0]), float(self.start[1][0])
-        for turn, rate in ((0.0, w), (-CHECKED, 1.0), (CHECKED, -10.0)):
-            q, v, a = self._absolute(np.array([th + turn]), np.array([rate]))
+        th, w = self.start
+        for turn, rate in ((0.0, w), (-CHECKED, np.ones(1)), (CHECKED, -10.0 * np.ones(1))):
+            (q,), (v,), (a,) = self.motion(np.zeros(1), th[None] + turn, rate[None])
             if not np.isfinite(q).all():
                 continue  # the crank does not reach so far
-            terms = evaluator.terms(0.0, q[0], v[0])
-            pairs = {"accelerations": (a[0], gauss(terms).a, size(a[0])), "joints": (terms.phi, 0 * terms.phi, 1.0)}
+            terms = self.evaluator.terms(0.0, q, v)
+            pairs = {"accelerations": (a, gauss(terms).a, size(a)), "joints": (terms.phi, 0 * terms.phi, 1.0)}
             if turn == 0.0:
-                pairs["start"] = (q[0], self.mechanism.q0, size(q[0]))
+                pairs["start"] = (q, self.mechanism.q0, size(q))
             require_agreement(pairs, AGREEMENT)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        crank = 3 * self.loop.links[0] + 2
-        a = self._absolute(q[[crank]] + self.loop.lines[0], v[[crank]])[2][0]
+        a = self.motion(np.array([t]), q[None, [self.crank]] + self.loop.lines[0], v[None, [self.crank]])[2][0]
         return finite_acceleration(t, a, "the derivation by hand")
 
-    def _absolute(self, th: Array, w: Array) -> tuple[Array, Array, Array]:
-        """q, v, a (k, 9) in absolute coordinates at crank angles and rates (k,)."""
-        told = np.array([self._tell(x) for x in th])
-        turn = np.array([self.code.acceleration(0.0, np.array([x]), np.array([y]))[0] for x, y in zip(th, w, strict=True)])
-        loop, places = self.loop, np.zeros((len(th), 9, 3))
-        for k, link in enumerate(loop.links):
-            x, y, angle = (places[:, 3 * link + i] for i in range(3))
-            angle[:] = told[:, 3 * k : 3 * k + 3] if not (loop.slides and k == 2) else 0.0
-            angle[:, 0] += self.mechanism.q0[3 * link + 2] if loop.slides and k == 2 else -loop.lines[k]
-            if k == 1 or (loop.slides and k == 2):
-                at = 9 if k == 1 else 15
-                x[:], y[:] = told[:, at : at + 3], told[:, at + 3 : at + 6]
-                x[:, 0], y[:, 0] = x[:, 0] + loop.arms[k, 0], y[:, 0] + loop.arms[k, 1]
-                continue
-            c, s = np.cos(angle[:, 0]), np.sin(angle[:, 0])
-            arm = loop.arms[k] @ np.array([[c, s], [-s, c]]).transpose(2, 0, 1)
-            p, pp = angle[:, 1], angle[:, 2]
-            x[:] = np.stack([loop.pivots[k, 0] + arm[:, 0], -p * arm[:, 1], -pp * arm[:, 1] - p * p * arm[:, 0]], axis=-1)
-            y[:] = np.stack([loop.pivots[k, 1] + arm[:, 1], p * arm[:, 0], pp * arm[:, 0] - p * p * arm[:, 1]], axis=-1)
-        q, d, dd = (places[:, :, i] for i in range(3))
-        for k in (1, 2):
-            angle = q[:, 3 * loop.links[k] + 2]
-            angle += 2 * np.pi * np.round((self._followed(th, k) - angle) / (2 * np.pi))
-        return q, d * w[:, None], d * turn[:, None] + dd * (w * w)[:, None]
+    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
+        self.code.step(self.choice.integrator, x, dx, t, h, count)
 
-    def _followed(self, th: Array, k: int) -> Array:
-        """Roughly the angle (k,) of the second or third link, followed from the start over as many turns as the crank makes."""
-        turns = np.floor((th - self.turn[0]) / (2 * np.pi))
-        return np.asarray(np.interp(th - 2 * np.pi * turns, self.turn, self.angles[k]) + 2 * np.pi * turns * self.winding[k])
+    def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
+        q = self._place(x[:, 0])
+        second = np.array([self.code.acceleration(0.0, *state)[0] for state in zip(x, dx, strict=True)])
+        v = self._solve(q, np.zeros_like(q), dx[:, 0])[0]
+        return q, v, self._solve(q, v, second)[1]
 
-    def _follow(self) -> None:
-        """Tabulate the angles of all links over a turn of the crank, or over that part of it which the loop allows."""
-        th = float(self.start[0][0])
-        self.turn = np.linspace(th, th + 2 * np.pi, TABLE)
-        lines = np.array([self._tell(x)[[0, 3, 6]] for x in self.turn])
-        lines[~np.isfinite(lines)] = 0.0
-        self.angles, at_start = np.unwrap(lines, axis=0).T, self.mechanism.q0[[3 * link + 2 for link in self.loop.links]]
-        self.winding = np.round((self.angles[:, -1] - self.angles[:, 0]) / (2 * np.pi))
-        self.angles += (at_start - self.angles[:, 0])[:, None]
+    def _solve(self, q: Array, v: Array, given: Array) -> tuple[Array, Array]:
+        """What J x = 0, and J x = gamma, make of the crank's rate or second rate (k,)."""
+        rows = self.evaluator.constraints(0.0, q, v)
+        crank = np.broadcast_to(np.eye(self.mechanism.n)[self.crank], (len(q), 1, self.mechanism.n))
+        right = np.stack([0 * rows.gamma, rows.gamma], axis=-1)
+        ends = np.stack([given, given], axis=-1)[:, None]
+        found = np.linalg.solve(np.concatenate([rows.J, crank], axis=1), np.concatenate([right, ends], axis=1))
+        return found[..., 0], found[..., 1]
 
-    def _tell(self, th: float) -> Array:
-        out = np.zeros(21)
-        self.code.library.told(ctypes.c_double(th), ctypes.c_void_p(out.ctypes.data))
-        return out
+    def _place(self, th: Array) -> Array:
+        """q (k, n) at crank angles (k,): each link from the pin by which it hangs on the one before."""
+        loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
+        angles = self._angles(th)
+        for link, angle, (before, pin) in zip(loop.links, wind(angles, self._followed(th)).T, loop.pins, strict=True):
+            q[:, angle_slot(link)] = angle
+            places(q)[:, link] = position(q, before) - rotate(pin.local, angle)
+        return q
 
-    def prepare(self, times: Array, native: bool = True) -> None:
-        """There is only the compiled loop, whatever `native` says."""
-        self.times, self.plan = times, step_counts(times, self.choice.step)
-        self.th, self.w = np.full((2, len(times), 1), np.nan)
-        self.th[0], self.w[0] = self.start
+    def _angles(self, th: Array) -> Array:
+        """Angles (k, 3) of the links, the crank's as it is."""
+        lines, out = np.empty((len(th), 3)), np.zeros(2)
+        for row, x in zip(lines, th, strict=True):
+            self.code.library.told(ctypes.c_double(x), ctypes.c_void_p(out.ctypes.data))
+            row[:] = x, *out
+        return lines - self.loop.lines
 
-    def run(self) -> None:
-        for k, (count, h) in enumerate(self.plan):
-            self.th[k + 1], self.w[k + 1] = self.th[k], self.w[k]
-            self.code.step(self.choice.integrator, self.th[k + 1], self.w[k + 1], float(self.times[k]), h, count)
-
-    def read(self) -> Trajectory:
-        reached = slice(finite(self.th, self.w))
-        q, v, a = np.full((3, len(self.times), self.mechanism.n), np.nan)
-        q[reached], v[reached], a[reached] = self._absolute(self.th[reached, 0], self.w[reached, 0])
-        steps = sum(count for count, _ in self.plan)
-        return Trajectory(
-            self.times, q, v, a, steps, EVALUATIONS[self.choice.integrator] * steps, "one coordinate, derived by hand, in C"
-        )
+    def _followed(self, th: Array) -> Array:
+        start = np.array([angle_at(self.mechanism.q0, link) for link in self.loop.links])
+        return follow(self._angles, float(self.start[0][0]), th, start)

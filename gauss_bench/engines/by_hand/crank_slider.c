@@ -42,10 +42,10 @@ static void acceleration(double t, const double *q, const double *v, double *a)
     a[0] = (Q - H * w * w) / J;
 }
 
-/* Of crank, rod and slider the angle, and of rod's centre and slider's pin the place, each with two derivatives by th. */
+/* The angles of the rod's line and of the slider. */
 void told(double th, double *out)
 {
     Pose o = pose(th);
-    double all[] = {th, 1, 0, atan2(o.sp, o.cp), o.p, o.pp, 0, 0, 0, o.x, o.xp, o.xpp, o.y, o.yp, o.ypp, o.b, o.bp, o.bpp, E, 0, 0};
-    for (int i = 0; i < 21; i++) out[i] = all[i];
+    out[0] = atan2(o.sp, o.cp);
+    out[1] = 0;
 }

@@ -4,13 +4,15 @@ A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide
 in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Law, Mechanism, Point, Prismatic, Revolute, loads
+from gauss_bench.mechanism.numbers import turn_vector
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 
 LEVEL = 1e-12  # [rad] of a guide's or spring's direction
@@ -28,21 +30,15 @@ class Loop:
         source: the file of its derivation.
         numbers: what the derivation calls them -> value.
         links: crank, second and third link (indices).
-        lines: (3,) angles [rad] in the links' frames of the lines whose angles the derivation tells; 0 of a slider.
-        arms: (3, 2) from pivot (crank, rocker) or pin (slider) to the centre of mass, in the link's frame (slider: world's).
-        pivots: (3, 2) of crank and rocker on the ground.
+        lines: (3,) angles [rad] in the links' frames of the lines whose angles the derivation tells; of a slider less its own.
+        pins: by which each hangs on the ground or the link before: the point there, and its own.
     """
 
     source: str
     numbers: Mapping[str, float]
     links: tuple[int, int, int]
     lines: Array
-    arms: Array
-    pivots: Array
-
-    @property
-    def slides(self) -> bool:
-        return self.source == "crank_slider.c"
+    pins: tuple[tuple[Point, Point], ...]
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
@@ -55,7 +51,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
     held = mechanism.drivers or mechanism.constraints or mechanism.has_friction
     if crank is None or held or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
         raise Underived("only loops of three links with a crank, moved by loads alone, are derived by hand")
-    pins = [j for j in mechanism.joints if isinstance(j, Revolute)]
+    pins = mechanism.pins
     second = next((k for k in range(3) if k != crank and _pin(pins, crank, k)), 0)
     third = 3 - crank - second
     pivot, near, far = _pin(pins, GROUND, crank), _pin(pins, crank, second), _pin(pins, second, third)
@@ -63,18 +59,15 @@ def loop_of(mechanism: Mechanism) -> Loop:
         raise Underived("only a crank between a ground pin and a second link is derived by hand")
     coupler, start = far[0].local - near[1].local, position(mechanism.q0, near[0])
     numbers = _weights("1", mechanism, crank, pivot[1], near[0]) | {"R": float(np.linalg.norm(near[0].local - pivot[1].local))}
-    numbers |= _free(mechanism, second, near[1], coupler) | dict(
-        zip(("OX", "OY", "GX", "GY"), _ground(mechanism, pivot[0]), strict=True)
-    )
-    lines = [_angle(near[0].local - pivot[1].local), _angle(coupler), 0.0]
-    slide = next((j for j in mechanism.joints if isinstance(j, Prismatic)), None)
-    if slide:
-        arm = -_turn(far[1].local, float(mechanism.q0[3 * third + 2]))
-        side = np.sign(np.cos(mechanism.q0[3 * second + 2] + lines[1]))
-        numbers |= _slider(mechanism, slide, third, far[1]) | {"SIDE": float(side)}
+    at_rest = zip(("OX", "OY", "GX", "GY"), (*pivot[0].local, *mechanism.gravity), strict=True)
+    numbers |= _free(mechanism, second, near[1], coupler) | {key: float(x) for key, x in at_rest}
+    links, chain = (crank, second, third), (pivot, near, far)
+    lines = [_angle(near[0].local - pivot[1].local), _angle(coupler), -float(angle_at(mechanism.q0, third))]
+    if mechanism.slides:
+        side = np.sign(np.cos(angle_at(mechanism.q0, second) + lines[1]))
+        numbers |= _slider(mechanism, mechanism.slides[0], third, far[1]) | {"SIDE": float(side)}
         numbers |= _loads(mechanism, crank, third, far[1])
-        arms, pivots = np.array([-pivot[1].local, [0.0, 0.0], arm]), np.array([pivot[0].local, [0.0, 0.0], [0.0, 0.0]])
-        return Loop("crank_slider.c", numbers, (crank, second, third), np.array(lines), arms, pivots)
+        return Loop("crank_slider.c", numbers, links, np.array(lines), chain)
     other = _pin(pins, GROUND, third)
     if other is None:
         raise Underived("only a third link on a slide or a pin of the ground is derived by hand")
@@ -83,45 +76,30 @@ def loop_of(mechanism: Mechanism) -> Loop:
     numbers |= {"DX": float(other[0].local[0]), "DY": float(other[0].local[1])}
     numbers |= _loads(mechanism, crank, None, far[1]) | {"SIDE": float(np.sign(e[0] * r[1] - e[1] * r[0]))}
     lines[2] = _angle(rocker)
-    arms = np.array([-pivot[1].local, [0.0, 0.0], -other[1].local])
-    pivots = np.array([pivot[0].local, [0.0, 0.0], other[0].local])
-    return Loop("four_bar.c", numbers, (crank, second, third), np.array(lines), arms, pivots)
+    return Loop("four_bar.c", numbers, links, np.array(lines), chain)
 
 
-def _pin(pins: list[Revolute], a: int, b: int) -> tuple[Point, Point] | None:
+def _pin(pins: Sequence[Revolute], a: int, b: int) -> tuple[Point, Point] | None:
     """The points of a pin on links a and b."""
-    for pin in pins:
-        if {pin.a.link, pin.b.link} == {a, b}:
-            return (pin.a, pin.b) if pin.a.link == a else (pin.b, pin.a)
-    return None
+    ways = [way for pin in pins for way in ((pin.a, pin.b), (pin.b, pin.a))]
+    return next(((x, y) for x, y in ways if (x.link, y.link) == (a, b)), None)
 
 
 def _angle(x: Array) -> float:
     return float(np.arctan2(x[1], x[0]))
 
 
-def _turn(x: Array, angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
-
-
-def _ground(mechanism: Mechanism, pivot: Point) -> tuple[float, float, float, float]:
-    """The crank's pivot [m] and gravity [m/s^2]."""
-    (x, y), (gx, gy) = pivot.local, mechanism.gravity
-    return float(x), float(y), float(gx), float(gy)
-
-
 def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) -> dict[str, float]:
     """Inertia about the pivot, and the moments of weight by cosine and minus sine of the angle of the line from pivot to tip."""
     body, (gx, gy) = mechanism.links[link], mechanism.gravity
-    x, y = body.mass * _turn(-pivot.local, -_angle(tip.local - pivot.local))
+    x, y = body.mass * turn_vector(-pivot.local, -_angle(tip.local - pivot.local))
     inertia = body.inertia + body.mass * float(pivot.local @ pivot.local)
     return {f"J{k}": inertia, f"W{k}C": float(gy * x - gx * y), f"W{k}S": float(gx * x + gy * y)}
 
 
 def _free(mechanism: Mechanism, link: int, near: Point, line: Array) -> dict[str, float]:
     """Length, mass, inertia and centre of the second link, in the frame along its line from the crank's pin."""
-    body, (x, y) = mechanism.links[link], _turn(-near.local, -_angle(line))
+    body, (x, y) = mechanism.links[link], turn_vector(-near.local, -_angle(line))
     return {"L": float(np.linalg.norm(line)), "M2": body.mass, "I2": body.inertia, "A2": float(x), "B2": float(y)}
 
 
@@ -147,7 +125,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
                 and abs(angle) < LEVEL
                 and coefficients["K"] == coefficients["C"] == 0
             ):
-                beside = _turn(point.local - pin.local, float(mechanism.q0[3 * point.link + 2]))
+                beside = turn_vector(point.local - pin.local, angle_at(mechanism.q0, point.link))
                 coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
             case _:
                 raise Underived("a load acts that the derivation by hand does not have")

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.casadi.equal_steps import METHODS, EqualSteps
+from gauss_bench.engines.c_code import METHODS
+from gauss_bench.engines.casadi.equal_steps import EqualSteps
 from gauss_bench.engines.casadi.functions import unfit
 from gauss_bench.engines.shared import finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants

@@ -4,33 +4,24 @@ The equations are those of `adapter`, without an integrator of SUNDIALS: what wh
 compiler is found, or the variant says so, steps are mapped over CasADi's own virtual machine, and the run says so.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, Code, compiler
-from gauss_bench.engines.shared import finite, finite_acceleration
-from gauss_bench.integrate.fixed_step import EVALUATIONS, dop853_tableau, step_counts
+from gauss_bench.engines.own_steps import CompiledSteps
+from gauss_bench.engines.shared import finite_acceleration
+from gauss_bench.integrate.fixed_step import tableau
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
 
-METHODS = ("rk4", "dop853_fixed")
 GENERATED = "generated C"
 CHUNK = 500  # steps in one call of the virtual machine: what calling costs no longer counts
 
 
-def _tableau(name: str) -> tuple[Sequence[Sequence[float]], Sequence[float]]:
-    """Rows and weights of a method; time is a coordinate of its own."""
-    if name == "rk4":
-        return ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-    _, rows, weights = dop853_tableau()
-    return [row.tolist() for row in rows], weights.tolist()
-
-
-class EqualSteps:
+class EqualSteps(CompiledSteps):
     """A mechanism as CasADi's accelerations, stepped."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
@@ -39,14 +30,14 @@ class EqualSteps:
         from gauss_bench.engines.casadi.equations import equations, solution, stabilize
 
         self.ca: Any = casadi
-        self.mechanism, self.choice = mechanism, choice
+        self.mechanism, self.choice, self.start = mechanism, choice, (mechanism.q0, mechanism.v0)
         e = equations(mechanism)
         self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])  # what is reported has no Baumgarte terms
         if choice.stabilization == "baumgarte":
             e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
         self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
         generated = options["code"] == GENERATED and compiler() is not None
-        self.advance = self._compile() if generated else self._map()
+        self._advance = self._compile() if generated else self._map()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
         if options["code"] == GENERATED and not generated:
             self.note += f": {NO_COMPILER}"
@@ -94,7 +85,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         def rate(x: Any) -> Any:
             return self.ca.vertcat(x[n : 2 * n], self.used(x[2 * n], x[:n], x[n : 2 * n]), 1)
 
-        rows, weights = _tableau(self.choice.integrator)
+        _, rows, weights = tableau(self.choice.integrator)
         rates: list[Any] = []
         for row in rows:
             rates.append(rate(x + h * sum((c * k for c, k in zip(row, rates, strict=True)), 0 * x)))
@@ -103,19 +94,8 @@ static void acceleration(double t, const double *q, const double *v, double *a)
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return finite_acceleration(t, np.array(self.plain(t, q, v))[:, 0], "CasADi")
 
-    def prepare(self, times: Array, native: bool = True) -> None:
-        """There is only the compiled or mapped loop, whatever `native` says."""
-        self.times, self.plan = times, step_counts(times, self.choice.step)
-        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
-        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
+    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
+        self._advance(x, dx, t, h, count)
 
-    def run(self) -> None:
-        for k, (count, h) in enumerate(self.plan):
-            self.q[k + 1], self.v[k + 1] = self.q[k], self.v[k]
-            self.advance(self.q[k + 1], self.v[k + 1], float(self.times[k]), h, count)
-
-    def read(self) -> Trajectory:
-        reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
-        a[reached] = np.array(self.plain.map(reached.stop)(self.times[reached], self.q[reached].T, self.v[reached].T)).T
-        steps = sum(count for count, _ in self.plan)
-        return Trajectory(self.times, self.q, self.v, a, steps, EVALUATIONS[self.choice.integrator] * steps, self.note)
+    def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
+        return x, dx, np.array(self.plain.map(len(t))(t, x.T, dx.T)).T

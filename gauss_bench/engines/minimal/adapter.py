@@ -4,25 +4,29 @@ The equation is generated for the cheapest coordinate whose dyads stay open. Whe
 dyads opens by less than `least`; there the coordinate whose dyads are open widest takes over, on the branch that the linkage is on.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gauss_bench.compiler.equations.sampling import manifold_states
+from gauss_bench.compiler.equations.sampling import manifold_states, typical_length
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import require
-from gauss_bench.engines.minimal.absolute import Stretch, absolute
+from gauss_bench.engines.following import follow, wind
 from gauss_bench.engines.minimal.equation import Equation, write_equation
 from gauss_bench.engines.minimal.machine import Machine, compile_machine
-from gauss_bench.engines.minimal.structure import NoWay, ways
+from gauss_bench.engines.minimal.structure import Links, NoWay, ways
 from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Angle, Mechanism
+from gauss_bench.mechanism.model import GROUND, Mechanism
+from gauss_bench.mechanism.spaces import angle_at, angles, places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
@@ -34,7 +38,6 @@ CHANGE = 0.35  # opening at which it is changed otherwise: nearer, the coordinat
 NARROW = 0.02  # opening below which none is used: a run ends where no coordinate has as much
 AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states leave 1e-10, a wrong term about 1
 CHECKED = 4  # states
-ON_BRANCH = 1e-3  # [m] from where the equation puts the links: the other branch puts them far off
 
 Key = tuple[int, tuple[float, ...]]  # a way, by number, and the signs of its dyads
 
@@ -77,14 +80,65 @@ class Minimal:
         return MinimalModel(mechanism, choice)
 
 
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """States of one equation.
+
+    Attributes:
+        rows: of the samples that the states are, one after the other from here on.
+        start: (2n,) where it begins, which is the end of the stretch before; states: (k, 2n); end: (2n,) where it ends.
+    """
+
+    equation: Equation
+    rows: int
+    start: Array
+    states: Array
+    end: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The linkage at states of one equation: places (k, links, 2) [m], angles but for whole turns (k, links), v, a (k, n)."""
+
+    places: Array
+    lines: Array
+    v: Array
+    a: Array
+
+    @staticmethod
+    def of(rate: Array, told: Sequence[Array]) -> "Motion":
+        """From results of `Equation.told`, (k, ...), at rates (k,) of the coordinate."""
+        place, slope, bend, second = told
+        x, y, c, s = np.moveaxis(place.reshape(len(place), -1, 4), -1, 0)
+        w = rate[:, None]
+        return Motion(np.stack([x, y], axis=-1), np.arctan2(s, c), slope * w, slope * second + bend * (w * w))
+
+    @staticmethod
+    def at(equation: Equation, y: Array) -> "Motion":
+        """At states (k, 2n)."""
+        n, none = equation.program.n, np.zeros((len(y), 1))
+        return Motion.of(y[:, n], equation.told(none, y[:, :n], y[:, n:], none[:, :0]))
+
+    def near(self, known: Array) -> Array:
+        """q (k, n), with angles nearest to those known (k, links)."""
+        q = np.empty_like(self.v)
+        places(q)[:], angles(q)[:] = self.places, wind(self.lines, known)
+        return q
+
+
 class MinimalModel:
     """A linkage in one coordinate at a time."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         self.mechanism, self.choice, self.ways = mechanism, choice, ways(mechanism)
-        self.walk = manifold_states(mechanism, STATES)
-        openings = [way.opening(self.walk.q) for way in self.ways]
-        self.scales = [way.scales(self.walk.q) for way in self.ways]
+        self.walk, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
+        at, count = Links.of(self.walk.q, self.walk.v), len(self.walk.q)
+        openings = [np.array(way.openings(at)).reshape(-1, count).T for way in self.ways]  # (states, dyads)
+        # openings of pins are sines and cosines; of a block its way, which is measured by the largest
+        self.scales = [
+            np.array([np.abs(x).max() if dyad.kind == "RPR" else 1.0 for dyad, x in zip(way.dyads, opening.T, strict=True)])
+            for way, opening in zip(self.ways, openings, strict=True)
+        ]
         self.signs = [np.sign(x) for x in openings]
         self.open = np.array([_least(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
@@ -97,27 +151,36 @@ class MinimalModel:
 
     def _first(self) -> Key:
         """The cheapest coordinate that never needs a change, else the one that is farthest from its dead centres at the start."""
-        keys = [self._key(k, self._start) for k in self.steady or [int(self.open[:, self._start].argmax())]]
+        start = int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())
+        ways = self.steady or [int(self.open[:, start].argmax())]
+        keys = [(k, tuple(self.signs[k][start].tolist())) for k in ways]
         return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
 
-    @property
-    def _start(self) -> int:
-        """The number of the state of the walk that is the start of the motion, or next to it."""
-        return int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())
-
-    def _key(self, k: int, row: int) -> Key:
-        return k, tuple(self.signs[k][row].tolist())
+    def _on_branch(self, key: Key) -> NDArray[np.intp]:
+        """Rows of the walk at which an equation serves."""
+        k, signs = key
+        return np.flatnonzero((self.signs[k] == signs).all(axis=1) & (self.open[k] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
         """The equation of a way and branch, at states of the walk that lie on it, and at q (n,) if that is given."""
         if key not in self.equations:
             k, signs = key
-            on = np.flatnonzero((self.signs[k] == signs).all(axis=1) & (self.open[k] > self.least))
+            on = self._on_branch(key)
             best = sorted(on[np.argsort(-self.open[k][on], kind="stable")][: max(3, len(on) // 2)])
             states = self.walk.q[best] if q is None else np.vstack([self.walk.q[best], q])
-            least = self.least * self.scales[k]
-            self.equations[key] = write_equation(self.mechanism, self.ways[k], signs, states, least, self.ways)
+            self.equations[key] = write_equation(self.mechanism, self.ways[k], signs, states, self.least * self.scales[k])
         return self.equations[key]
+
+    @cached_property
+    def _quick(self) -> Callable[[Array], list[Array]]:
+        """What the first equation tells, by machine code."""
+        return compile_machine(self._equation(self.first).told)
+
+    def _choices(self, at: Links) -> dict[Key, float]:
+        """Every coordinate, on the branch of a state, and how open its dyads are there."""
+        openings = [np.array(way.openings(at)) for way in self.ways]
+        keys = [(k, tuple(np.sign(x).tolist())) for k, x in enumerate(openings)]
+        return {key: float(_least(x, scale)) for key, x, scale in zip(keys, openings, self.scales, strict=True)}
 
     def _verify(self) -> None:
         """Compare with the linkage: nothing that was derived is believed.
@@ -125,12 +188,10 @@ class MinimalModel:
         Raises:
             RunFailure: they differ.
         """
-        evaluator, (k, signs) = Evaluator(self.mechanism), self.first
-        on = np.flatnonzero((self.signs[k] == signs).all(axis=1) & (self.open[k] > self.least))
+        evaluator, on = Evaluator(self.mechanism), self._on_branch(self.first)
         for row in on[:: max(1, len(on) // CHECKED)]:
             q, v = self.walk.q[row], self.walk.v[row]
-            terms = evaluator.terms(0.0, q, v)
-            derived, expected = self._stretch(self._equation(self.first), q, v), gauss(terms).a
+            derived, expected = self._derived(self.first, q, v), gauss(evaluator.terms(0.0, q, v)).a
             pairs = {
                 name: (own, other, size(other))
                 for name, own, other in zip(("places", "speeds", "accelerations"), derived, (q, v, expected), strict=True)
@@ -139,53 +200,34 @@ class MinimalModel:
 
     def _state(self, equation: Equation, q: Array, v: Array) -> Array:
         """The equation's state (2n,) at a state of the linkage."""
-        value, rate = equation.way.state(q, v)
-        known = {link: (float(q[3 * link + 2]), float(v[3 * link + 2])) for link in equation.angles}
-        return equation.state(float(value), float(rate), known)
+        return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
-    def _stretch(self, equation: Equation, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    def _derived(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """q, v, a (n,) that an equation makes of a state of the linkage."""
+        equation = self._equation(key, q)
         y = self._state(equation, q, v)
-        motion = absolute(self.mechanism, Stretch(equation, 0, y, y[None], y), q[2::3])
-        return motion[0][0], motion[1][0], motion[2][0]
+        if key == self.first:
+            motion = Motion.of(y[len(y) // 2 :][:1], [x[None] for x in self._quick(y)])
+        else:
+            motion = Motion.at(equation, y[None])
+        return motion.near(angles(q))[0], motion.v[0], motion.a[0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        quick = self._native(q, v)
-        if quick is not None:
-            return quick
-        openings = [way.opening(q) for way in self.ways]
-        least = [float(_least(x, scale)) for x, scale in zip(openings, self.scales, strict=True)]
-        k = self.first[0] if least[self.first[0]] > self.least else int(np.argmax(least))
-        equation = self._equation((k, tuple(np.sign(openings[k]).tolist())), q)
-        return finite_acceleration(t, self._stretch(equation, q, v)[2], "the equation in one coordinate")
-
-    def _native(self, q: Array, v: Array) -> Array | None:
-        """The acceleration (n,) by the first equation in machine code, or None where the state is not on its branch."""
-        y = self._state(self._equation(self.first), q, v)
-        place, slope, bend, (w_dot,) = np.split(self._evaluate(y), self._cuts)
-        x, w = place.reshape(-1, 4), y[len(y) // 2]
-        near = np.abs(x[:, :2] - q.reshape(-1, 3)[:, :2]).max() < ON_BRANCH
-        return np.asarray(slope * w_dot + bend * (w * w)) if near and np.isfinite(w_dot) else None
-
-    @cached_property
-    def _evaluate(self) -> Callable[[Array], Array]:
-        return compile_machine(self._equation(self.first).told)
-
-    @cached_property
-    def _cuts(self) -> list[int]:
-        return [k * len(self.mechanism.links) for k in (4, 7, 10)]
+        choices = self._choices(Links.of(q, v))
+        best = max(choices, key=lambda key: choices[key])
+        key = next((key for key, least in choices.items() if key[0] == self.first[0] and least > self.least), best)
+        return finite_acceleration(t, self._derived(key, q, v)[2], "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only the compiled loop, whatever `native` says; a rehearsal compiles what changes of coordinate need."""
         self.times = times
         self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
-        self.runs: list[tuple[int, float, int, int]] = []  # first row, step, steps between samples, samples
-        for row, (count, h) in enumerate(step_counts(times, self.choice.step)):
-            before = self.runs[-1] if self.runs else (0, 0.0, 0, 0)
-            if before[2] == count and round(before[1], 15) == round(h, 15):
-                self.runs[-1] = (*before[:3], before[3] + 1)
-            else:
-                self.runs.append((row, h, count, 1))
+        self.runs = []  # first row, step, steps between samples, samples
+        row = 0
+        for (count, h), group in groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15))):
+            samples = len(list(group))
+            self.runs.append((row, h, count, samples))
+            row += samples
         machine = self._machine(self.first)
         if not machine.adaptive:
             for *_, samples in self.runs:
@@ -253,33 +295,39 @@ class MinimalModel:
         if not np.isfinite(self.y).all():
             self.lost = f"t = {t:.6g} s: not finite; a smaller step may help"
             return
-        *seen, turning = machine.seen(self.y)
-        choices = {}
-        for k, (x, scale) in enumerate(zip(seen, self.scales, strict=True)):
-            key = k, tuple(np.sign(x[3:]).tolist())
-            if key not in self.tried and np.isfinite(x).all():
-                choices[key] = float(_least(x[3:], scale))
+        here, q = self._links(machine), self.y[: machine.n]
+        choices = {key: least for key, least in self._choices(here).items() if key not in self.tried and np.isfinite(least)}
         best = max(choices, key=lambda key: choices[key], default=None)
         if best is None or choices[best] <= self.least:
             self.lost = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
             return
-        w = self.y[machine.n]
-        angles = machine.equation.known(self.y[: machine.n])
-        known = {link: (angle, rate * w) for (link, angle), rate in zip(angles.items(), turning, strict=True)}
-        x, y, rate = seen[best[0]][:3]
-        new = self._machine(best, None if best in self.machines else self._place(machine)).equation
-        value = float(np.arctan2(y, x)) if isinstance(new.way.coordinate, Angle) else float(x)
-        self.y, self.now, self.changes = new.state(value, rate * w, known), best, self.changes + 1
+        place = None if best in self.machines else Motion.at(machine.equation, self.y[None]).near(0.0 * self.start_angles)[0]
+        new, known = self._machine(best, place).equation, machine.equation.known(q)
+        self.y, self.now, self.changes = new.state(here, known), best, self.changes + 1
 
-    def _place(self, machine: Machine) -> Array:
-        """The linkage's q (n,), angles but for whole turns."""
-        q, v = self.y[: machine.n], self.y[machine.n :]
-        x, y, c, s = machine.equation.told(np.zeros(1), q, v, np.zeros(0))[0].reshape(-1, 4).T
-        return np.column_stack([x, y, np.arctan2(s, c)]).ravel()
+    def _links(self, machine: Machine) -> Links:
+        """The links where steps stopped, by machine code."""
+        place, slope, *_ = machine.told(self.y)
+        (x, y, c, s), (u, w, spin) = place.reshape(-1, 4).T, slope.reshape(-1, 3).T * self.y[machine.n]
+        numbers = (x + 1j * y, c + 1j * s, u + 1j * w, spin)
+        z, e, speeds, spins = (dict(enumerate(row.tolist())) for row in numbers)
+        return Links(z | {GROUND: 0j}, e | {GROUND: 1.0 + 0j}, speeds | {GROUND: 0j}, spins | {GROUND: 0.0})
 
     def _name(self, equation: Equation) -> str:
         way = equation.way
-        return f"angle of {self.mechanism.link_name(way.link)}" if isinstance(way.coordinate, Angle) else f"slide {way.joint.name}"
+        return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
+
+    def _follow(self, stretch: Stretch, at: Array, turned: Array) -> Array:
+        """Roughly the angles (k, links) at values (k,) of the coordinate."""
+        equation = stretch.equation
+
+        def lines(x: Array) -> Array:
+            states = np.zeros((len(x), 2 * equation.program.n))
+            states[:, 0] = x
+            return Motion.at(equation, states).lines
+
+        length = typical_length(self.mechanism) if equation.way.joint.slides else None
+        return follow(lines, float(stretch.start[0]), at, turned, length)
 
     def read(self) -> Trajectory:
         """The samples.
@@ -288,12 +336,13 @@ class MinimalModel:
             RunFailure: no coordinate served; with the samples before.
         """
         q, v, a = np.full((3, len(self.times), self.mechanism.n), np.nan)
-        first = self._stretch(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
-        q[0], v[0], a[0] = first
-        angles = self.mechanism.q0[2::3]
+        q[0], v[0], a[0] = self._derived(self.first, self.mechanism.q0, self.mechanism.v0)
+        turned = self.start_angles
         for stretch in self.stretches:
-            rows = slice(stretch.rows, stretch.rows + len(stretch.states))
-            q[rows], v[rows], a[rows], angles = absolute(self.mechanism, stretch, angles)
+            rows, states = slice(stretch.rows, stretch.rows + len(stretch.states)), np.vstack([stretch.states, stretch.end])
+            motion = Motion.at(stretch.equation, states)
+            positions = motion.near(self._follow(stretch, states[:, 0], turned))
+            q[rows], v[rows], a[rows], turned = positions[:-1], motion.v[:-1], motion.a[:-1], angles(positions[-1])
         coordinates = ", ".join(dict.fromkeys(self._name(s.equation) for s in self.stretches))
         note = f"in one coordinate: {coordinates}" + (f", changed {self.changes} times" if self.changes else "")
         trajectory = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)

@@ -21,7 +21,7 @@ Angles that a force needs are those of the coordinate or of what slides tie to i
 rate omega q', for it is known to whole turns only.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,11 +29,11 @@ import numpy as np
 from gauss_bench.compiler.elimination.function import Function, Inputs, function, uses
 from gauss_bench.compiler.elimination.program import Program
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, Vector
-from gauss_bench.engines.minimal.structure import RPR, RRP, RRR, Dyad, Held, Way
+from gauss_bench.engines.minimal.structure import Dyad, Links, Way
 from gauss_bench.mechanism.coordinates import DistanceState, state, strength
 from gauss_bench.mechanism.frames import Direction, End, Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, PointForce, Prismatic, loads
-from gauss_bench.mechanism.spaces import Vec
+from gauss_bench.mechanism.spaces import Vec, angle_at
 from gauss_bench.terms import Array
 
 NEAR = 0.02  # [rad, m] by a part of which the expressions' random points lie off the samples
@@ -51,9 +51,6 @@ class Equation:
         program: its acceleration as the compiler steps it; q is the coordinate and the angles of `followed`.
         angles: links whose angles forces need -> which of the program's q they follow, and by how much they are turned [rad].
         told: (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
-        seen: (t, q, v, p) -> for every way of the linkage its coordinate as it is, its rate and the openings of its dyads: three
-            numbers (cos, sin, rate) of a link's angle, (value, 0, rate) of a slide, then one a dyad; last the rates of the angles
-            that forces need. Rates are those at a rate 1 of this coordinate.
     """
 
     way: Way
@@ -62,18 +59,18 @@ class Equation:
     angles: Mapping[int, tuple[int, float]]
     program: Program
     told: Function
-    seen: Function
+
+    def state(self, at: Links, angles: Mapping[int, float]) -> Array:
+        """The program's q and v (2n,) at a state, given the angles that forces need."""
+        value, rate = self.way.state(at)
+        q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
+        for link, (k, turn) in self.angles.items():
+            q[k], v[k] = angles[link] - turn, at.w[link]
+        return np.concatenate([q, v])
 
     def known(self, q: Array) -> dict[int, float]:
         """The angles that forces need, at the program's q (n,)."""
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
-
-    def state(self, value: float, rate: float, known: Mapping[int, tuple[float, float]]) -> Array:
-        """The program's q and v (2n,) at a value and rate of the coordinate, given angles that forces need with their rates."""
-        q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
-        for link, (k, turn) in self.angles.items():
-            q[k], v[k] = known[link][0] - turn, known[link][1]
-        return np.concatenate([q, v])
 
 
 def needed_angles(mechanism: Mechanism) -> list[int]:
@@ -90,34 +87,28 @@ def _roots(way: Way) -> dict[int, tuple[int, float]]:
     for dyad in way.dyads:
         first, second = dyad.links
         roots[first] = first, 0.0
-        match dyad:
-            case RRR():
-                roots[second] = second, 0.0
-            case RRP():
-                root, turn = roots[dyad.second.to]
-                roots[second] = root, turn + dyad.turn
-            case RPR():
-                roots[second] = first, dyad.turn
+        if dyad.kind == "RRR":
+            roots[second] = second, 0.0
+        else:
+            root, turn = roots[dyad.second.other.link if dyad.kind == "RRP" else first]
+            roots[second] = root, turn + dyad.turn
     return roots
 
 
-def write_equation(
-    mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array, others: Sequence[Way] = ()
-) -> Equation:
+def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
     """The equation of a way.
 
     Args:
         signs: of each dyad.
         q: (k, n) positions on this branch, away from its dead centres, in absolute coordinates.
         least: (dyads,) opening of each dyad below which the equation is not to be used.
-        others: the ways that are to be seen.
     """
     needed, roots = needed_angles(mechanism), _roots(way)
     followed = tuple(sorted({roots[link][0] for link in needed} - {GROUND, way.link}))
     place = {way.link: 0, **{link: 1 + k for k, link in enumerate(followed)}}
     angles = {link: (place[roots[link][0]], roots[link][1]) for link in needed if roots[link][0] != GROUND}
-    value, _ = way.state(q, np.zeros_like(q))
-    states = np.column_stack([value, *(q[:, 3 * link + 2] for link in followed)])
+    value, _ = way.state(Links.of(q, np.zeros_like(q)))
+    states = np.column_stack([value, *(angle_at(q, link) for link in followed)])
     motion = _Motion(mechanism, way, signs, followed, states)
     a, guards = motion.acceleration(), motion.openings
     at: Inputs = (("t", 1), ("q", 1 + len(followed)), ("v", 1 + len(followed)), ("p", 0))
@@ -142,11 +133,7 @@ def write_equation(
         residual=NOTHING,
         stabilized=None,
     )
-    told, seen = (
-        function(at, [*motion.told(), a[:1]], None),
-        function(at, [*map(motion.seen, others), motion.turning(needed)], None),
-    )
-    return Equation(way, tuple(signs), followed, angles, program, told, seen)
+    return Equation(way, tuple(signs), followed, angles, program, function(at, [*motion.told(), a[:1]], None))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,11 +172,6 @@ def _unit(graph: ExpressionGraph, angle: float) -> Vector:
     return _fix(graph, float(np.cos(angle)), float(np.sin(angle)))
 
 
-def _between(graph: ExpressionGraph, a: Point, b: Point) -> Vector:
-    """From a to b in the frame of their link."""
-    return _fix(graph, *(b.local - a.local))
-
-
 class _Motion:
     """All links of a linkage as functions of the coordinate.
 
@@ -209,7 +191,7 @@ class _Motion:
         self.bodies[way.link] = self._input(way)
         self.openings: list[tuple[Node, float]] = []
         for dyad, sign in zip(way.dyads, signs, strict=True):
-            self._close(dyad, sign)
+            {"RRR": self._rrr, "RRP": self._rrp, "RPR": self._rpr}[dyad.kind](dyad, sign)
 
     def _input(self, way: Way) -> Body:
         graph, joint, q = self.graph, way.joint, self.q[0]
@@ -226,19 +208,10 @@ class _Motion:
     def at(self, point: Point) -> Place:
         return self.bodies[point.link].point(point.local)
 
-    def _close(self, dyad: Dyad, sign: float) -> None:
-        match dyad:
-            case RRR():
-                self._rrr(dyad, sign)
-            case RRP():
-                self._rrp(dyad, sign)
-            case RPR():
-                self._rpr(dyad, sign)
-
-    def _rrr(self, dyad: RRR, sign: float) -> None:
+    def _rrr(self, dyad: Dyad, sign: float) -> None:
         """With a = B - A, c = B - C: a' = i omega1 a, c' = i omega2 c, and (a - c)' is known; a x c is half the root."""
         A, C = self.at(dyad.first.other), self.at(dyad.second.other)
-        r1, r2 = dyad.lengths()
+        r1, r2 = dyad.lengths
         way = C - A
         d, D = way.p, way.p.dot(way.p)
         near = D + (r1 * r1 - r2 * r2)
@@ -261,11 +234,11 @@ class _Motion:
         """1 / s of a vector of a link's frame: what turns it in world axes into the link's direction."""
         return _fix(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
 
-    def _rrp(self, dyad: RRP, sign: float) -> None:
+    def _rrp(self, dyad: Dyad, sign: float) -> None:
         """With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link."""
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = guide.e * _unit(self.graph, dyad.angle)
-        n, way, height, r = u.turned(), R - A, dyad.height, dyad.length
+        n, way, height, r = u.turned(), R - A, dyad.height, dyad.lengths[0]
         y = n.dot(way.p) + height
         square = r * r - y * y
         root = self.graph.sqrt(square)
@@ -283,9 +256,9 @@ class _Motion:
         self.bodies[dyad.second.link] = Body(e, guide.omega, guide.alpha, pins[1], Place(A.p + a, B.d, B.b))
         self.openings.append((root, r))
 
-    def _rpr(self, dyad: RPR, sign: float) -> None:
+    def _rpr(self, dyad: Dyad, sign: float) -> None:
         """A - C = (x + i height) u with u along the guide."""
-        C, A = self.at(dyad.guide.other), self.at(dyad.block.other)
+        C, A = self.at(dyad.first.other), self.at(dyad.second.other)
         way, height = A - C, dyad.height
         D = way.p.dot(way.p)
         square = D - height * height
@@ -298,9 +271,9 @@ class _Motion:
         slip = u.dot(way.d) + omega * height
         alpha = (n.dot(way.b) + omega * omega * height - omega * slip * 2.0) * inverse
         e = u * _unit(self.graph, -dyad.angle)
-        self.bodies[dyad.guide.link] = Body(e, omega, alpha, dyad.guide.own.local, C)
+        self.bodies[dyad.first.link] = Body(e, omega, alpha, dyad.first.own.local, C)
         turned = e * _unit(self.graph, dyad.turn)
-        self.bodies[dyad.block.link] = Body(turned, omega, alpha, dyad.block.own.local, A)
+        self.bodies[dyad.second.link] = Body(turned, omega, alpha, dyad.second.own.local, A)
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
@@ -333,35 +306,6 @@ class _Motion:
             return self.graph.constant(turn)
         k = 1 + self.followed.index(root) if root in self.followed else 0
         return self.q[k] + turn
-
-    def seen(self, way: Way) -> list[Node]:
-        """The part of `Equation.seen` for one way."""
-        body = self.bodies[way.link]
-        if isinstance(way.joint, Prismatic):
-            slid = state(way.coordinate, _Rates(self, self.one))
-            return [*map(self.graph.node, (slid.value, 0.0, slid.rate)), *map(self._opening, way.dyads)]
-        return [body.e.x, body.e.y, body.omega, *map(self._opening, way.dyads)]
-
-    def turning(self, links: Sequence[int]) -> list[Node]:
-        return [self.bodies[link].omega for link in links]
-
-    def _opening(self, dyad: Dyad) -> Node:
-        """As `Way.opening`."""
-        match dyad:
-            case RRR():
-                a, c = (self.bodies[x.link].e * _between(self.graph, held.own, x) for held, x in self._arms(dyad))
-                r1, r2 = dyad.lengths()
-                return a.cross(c) * (1 / (r1 * r2))
-            case RRP():
-                u = self.bodies[dyad.line.link].e * _unit(self.graph, dyad.angle)
-                rod = self.bodies[dyad.first.link].e * _between(self.graph, dyad.first.own, dyad.middle[0])
-                return u.dot(rod) * (1 / dyad.length)
-            case RPR():
-                u = self.bodies[dyad.guide.link].e * _unit(self.graph, dyad.angle)
-                return u.dot(self.at(dyad.block.own).p - self.at(dyad.guide.own).p)
-
-    def _arms(self, dyad: RRR) -> Iterator[tuple[Held, Point]]:
-        return zip((dyad.first, dyad.second), dyad.middle, strict=True)
 
     def told(self) -> list[list[Node]]:
         """The part of `Equation.told` for the links."""

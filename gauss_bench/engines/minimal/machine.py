@@ -68,20 +68,13 @@ class Machine:
         return self._chosen.run(y, np.zeros(0), times, tolerances)
 
     @cached_property
-    def _view(self) -> Callable[[Array], Array]:
-        return compile_machine(self.equation.seen)
-
-    def seen(self, y: Array) -> list[Array]:
-        """Evaluate `Equation.seen` at a state, its parts one by one."""
-        return np.split(self._view(y), self._cuts)
-
-    @cached_property
-    def _cuts(self) -> Array:
-        return np.cumsum([len(x) for x in self.equation.seen.outputs])[:-1]
+    def told(self) -> Callable[[Array], list[Array]]:
+        """A state -> what `Equation.told` gives."""
+        return compile_machine(self.equation.told)
 
 
-def compile_machine(function: Function) -> Callable[[Array], Array]:
-    """All results of a function (t, q, v, p), which depends on neither t nor p, in one row for a state y (2n,)."""
+def compile_machine(function: Function) -> Callable[[Array], list[Array]]:
+    """The results (components,) of a function (t, q, v, p), which depends on neither t nor p, for a state y (2n,)."""
     g, n = Graph(), function.sizes[1]
     leaves = [g.leaf(f"%y{k}") for k in range(2 * n)]
     results = inline(g, function, ([g.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(g, x))
@@ -92,11 +85,12 @@ def compile_machine(function: Function) -> Callable[[Array], Array]:
     routine = Routine("evaluate", new, rows, (), (), steps, new.all(True), count_operations(new, values))
     loaded = Loaded(lambda many: routine, TARGET)
     loaded.call(1)
+    cuts = np.cumsum([len(row) for row in results])[:-1]
 
-    def evaluate(y: Array) -> Array:
+    def evaluate(y: Array) -> list[Array]:
         one = loaded.single(2 * n, len(roots))
         one.arrays[0][:] = y
         one.run()
-        return one.arrays[1].copy()
+        return np.split(one.arrays[1].copy(), cuts)
 
     return evaluate

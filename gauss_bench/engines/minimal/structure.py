@@ -11,15 +11,20 @@ each with two solutions, of which the start picks one by a sign. From which link
 Source: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
-from collections.abc import Iterator, Mapping
+import cmath
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 
-from gauss_bench.mechanism.coordinates import rate, value
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.terms import Array, Vectors
+from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
+from gauss_bench.mechanism.numbers import turn_vector
+from gauss_bench.mechanism.tree import exponential, states_of
+from gauss_bench.terms import Array
+
+Complex = Any  # of one state, or an array of them
 
 
 class NoWay(ValueError):
@@ -27,90 +32,94 @@ class NoWay(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Pin:
-    """Links that share one point: link -> the point in its own frame, from the centre of mass."""
+class Links:
+    """All links at a state or many, by index, in complex numbers: centres of mass z, their velocities u, directions e; spins w."""
 
-    points: Mapping[int, Point]
+    z: Mapping[int, Complex]
+    e: Mapping[int, Complex]
+    u: Mapping[int, Complex]
+    w: Mapping[int, Complex]
 
-    def of(self, links: set[int]) -> Point | None:
-        """The point as it belongs to the first of some links, or None."""
-        return next((point for link, point in sorted(self.points.items()) if link in links), None)
+    @staticmethod
+    def of(q: Array, v: Array) -> "Links":
+        """The links at states q, v (..., n)."""
+        exp, places, rates = exponential(q), states_of(q), states_of(v)
+        e = {link: exp(1j * angle) for link, (_, angle) in places.items()}
+        return Links({k: x for k, (x, _) in places.items()}, e, *({k: x[i] for k, x in rates.items()} for i in range(2)))
+
+    def point(self, point: Point) -> Complex:
+        return self.z[point.link] + self.e[point.link] * complex(*point.local)
+
+    def arm(self, a: Point, b: Point) -> Complex:
+        """From a to b of one link."""
+        return self.e[a.link] * complex(*(b.local - a.local))
+
+    def direction(self, link: int, angle: float) -> Complex:
+        return self.e[link] * cmath.exp(1j * angle)
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
     """A joint between a link of a dyad and one that is placed: the link's own point, and that of the other; or the slide."""
 
-    link: int
-    to: int
     own: Point
     other: Point
     slide: Prismatic | None = None
 
-
-@dataclass(frozen=True, eq=False)
-class RRR:
-    """Two links, each pinned to something placed at A and C, and to each other at B."""
-
-    first: Held
-    second: Held
-    middle: tuple[Point, Point]  # B on the first and on the second link
-
     @property
-    def links(self) -> tuple[int, int]:
-        return self.first.link, self.second.link
-
-    def lengths(self) -> tuple[float, float]:
-        """|AB| and |CB| [m]."""
-        return _length(self.middle[0], self.first.own), _length(self.middle[1], self.second.own)
+    def link(self) -> int:
+        return self.own.link
 
 
 @dataclass(frozen=True, eq=False)
-class RRP:
-    """A rod pinned at A, and at B to a link that slides along something placed.
+class Dyad:
+    """Two links, each held to something placed, and to each other.
 
-    B stays at the distance `height` to the left of a line through the point `line` of the placed link, at `angle` [rad] in its
-    frame; `turn` is the angle of the sliding link less that of the placed one.
+    RRP is a rod pinned at A, and at B to a link that slides along something placed: B stays at the distance `height` to the left of
+    a line through the point `line` of the placed link. RPR is a link with a guide, pinned at C, and one with its block, pinned at
+    A, at the distance `height` to the left of a line through C along the guide.
+
+    Attributes:
+        kind: "RRR", "RRP" or "RPR".
+        middle: B on the first and on the second link; of RPR, the two pins.
+        line: a point of the line, whose `angle` [rad] is in the frame of that point's link.
+        turn: the angle of the second link less that of the line's [rad].
     """
 
+    kind: str
     first: Held
     second: Held
     middle: tuple[Point, Point]
     line: Point
-    angle: float
-    height: float
-    turn: float
+    angle: float = 0.0
+    height: float = 0.0
+    turn: float = 0.0
 
     @property
     def links(self) -> tuple[int, int]:
         return self.first.link, self.second.link
 
     @property
-    def length(self) -> float:
-        """|AB| [m]."""
-        return _length(self.middle[0], self.first.own)
+    def lengths(self) -> tuple[float, float]:
+        """|AB| and |CB| [m]."""
+        a, b = (
+            float(np.hypot(*(pin.local - held.own.local))) for pin, held in zip(self.middle, (self.first, self.second), strict=True)
+        )
+        return a, b
 
+    def opening(self, at: Links) -> Any:
+        """The distance from the dead centre, signed by branch.
 
-@dataclass(frozen=True, eq=False)
-class RPR:
-    """A link with a guide, pinned at C, and one with its block, pinned at A.
-
-    A is at the distance `height` to the left of a line through C along the guide, at `angle` [rad] in the first link's frame;
-    `turn` is the angle of the block's link less that of the guide's.
-    """
-
-    guide: Held
-    block: Held
-    angle: float
-    height: float
-    turn: float
-
-    @property
-    def links(self) -> tuple[int, int]:
-        return self.guide.link, self.block.link
-
-
-Dyad = RRR | RRP | RPR
+        The sine of the angle between the links (RRR), the cosine of the rod against the line (RRP), of RPR the way of the block
+        from where it meets the pin [m].
+        """
+        a, b = self.middle
+        along = at.direction(self.line.link, self.angle).conjugate()
+        if self.kind == "RPR":
+            return (along * (at.point(b) - at.point(a))).real
+        r1, r2 = self.lengths
+        arm = at.arm(self.first.own, a)
+        return (arm.conjugate() * at.arm(self.second.own, b)).imag / (r1 * r2) if self.kind == "RRR" else (along * arm).real / r1
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,66 +132,27 @@ class Way:
         dyads: in the order in which they are closed.
     """
 
-    link: int
-    joint: Revolute | Prismatic
+    joint: Joint
     fixed: Point
     moved: Point
     dyads: tuple[Dyad, ...]
 
     @property
-    def coordinate(self) -> Angle | Along:
-        return Angle(GROUND, self.link) if isinstance(self.joint, Revolute) else self.joint.motion
+    def link(self) -> int:
+        return self.moved.link
 
-    def state(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """The coordinate and its rate (...) at states q, v (..., n)."""
-        return value(self.coordinate, q), rate(self.coordinate, q, v)
+    def state(self, at: Links) -> tuple[Any, Any]:
+        """The coordinate, an angle but for whole turns, and its rate."""
+        if not isinstance(self.joint, Prismatic):
+            e = at.e[self.link]
+            return np.arctan2(e.imag, e.real), at.w[self.link]
+        a, b = self.joint.ends
+        along = at.direction(a.link, self.joint.angle).conjugate()
+        return (along * (at.point(b) - at.point(a))).real, (along * (at.u[b.link] - at.u[a.link])).real
 
-    def scales(self, q: Array) -> Array:
-        """(dyads,) what an opening is measured by: 1, of RPR the largest way of the block at positions q (k, n)."""
-        largest = np.abs(self.opening(q)).max(axis=0)
-        return np.array([x if isinstance(dyad, RPR) else 1.0 for dyad, x in zip(self.dyads, largest, strict=False)])
-
-    def opening(self, q: Array) -> Array:
-        """The distance of every dyad from its dead centre, signed by branch, (..., dyads) at positions q (..., n).
-
-        The sine of the angle between the links (RRR), the cosine of the rod against the line (RRP), of RPR the way of the block
-        from where it meets the pin [m].
-        """
-        return np.stack([opening(dyad, q) for dyad in self.dyads], axis=-1) if self.dyads else np.ones((*q.shape[:-1], 0))
-
-
-def opening(dyad: Dyad, q: Array) -> Array:
-    """The distance of a dyad from its dead centre (...) at positions q (..., n), as `Way.opening` tells it."""
-    match dyad:
-        case RRR():
-            a = _vector(q, dyad.first.own, dyad.middle[0])
-            c = _vector(q, dyad.second.own, dyad.middle[1])
-            r1, r2 = dyad.lengths()
-            return np.asarray((a.conj() * c).imag / (r1 * r2))
-        case RRP():
-            along = np.exp(1j * (_angle(q, dyad.line.link) + dyad.angle))
-            return np.asarray((along.conj() * _vector(q, dyad.first.own, dyad.middle[0])).real / dyad.length)
-        case RPR():
-            along = np.exp(1j * (_angle(q, dyad.guide.link) + dyad.angle))
-            return np.asarray((along.conj() * (_place(q, dyad.block.own) - _place(q, dyad.guide.own))).real)
-
-
-def _angle(q: Array, link: int) -> Array:
-    return np.zeros(q.shape[:-1]) if link == GROUND else q[..., 3 * link + 2]
-
-
-def _vector(q: Array, a: Point, b: Point) -> Vectors:
-    """From a to b of one link, in world axes."""
-    return np.asarray(np.exp(1j * _angle(q, a.link)) * complex(*(b.local - a.local)))
-
-
-def _place(q: Array, point: Point) -> Vectors:
-    centre = 0.0 if point.link == GROUND else q[..., 3 * point.link] + 1j * q[..., 3 * point.link + 1]
-    return np.asarray(centre + np.exp(1j * _angle(q, point.link)) * complex(*point.local))
-
-
-def _length(a: Point, b: Point) -> float:
-    return float(np.hypot(*(a.local - b.local)))
+    def openings(self, at: Links) -> Sequence[Any]:
+        """Those of every dyad."""
+        return [dyad.opening(at) for dyad in self.dyads]
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
@@ -204,10 +174,11 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
     if mechanism.redundant:
         raise NoWay(f"redundant constraint rows ({mechanism.redundant}): no sequence of dyads has them")
     complete, left = [], "no link of one degree of freedom is held to the ground by a pin or slide"
-    for link, joint, fixed, moved in sorted(_inputs(mechanism), key=lambda x: x[0] != mechanism.crank):
-        dyads, open_links = closed_from(mechanism, {link})
+    on_ground = [(joint, a, b) for joint in mechanism.joints for a, b in permutations(joint.ends) if a.link == GROUND]
+    for joint, fixed, moved in sorted(on_ground, key=lambda x: x[2].link != mechanism.crank):
+        dyads, open_links = closed_from(mechanism, {moved.link})
         if not open_links:
-            complete.append(Way(link, joint, fixed, moved, tuple(dyads)))
+            complete.append(Way(joint, fixed, moved, tuple(dyads)))
         elif not complete:
             names = ", ".join(mechanism.link_name(k) for k in sorted(open_links))
             left = f"no dyad of pins and slides closes the loops of {names}, whichever link is given"
@@ -216,53 +187,15 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
     return tuple(complete)
 
 
-def _inputs(mechanism: Mechanism) -> Iterator[tuple[int, Revolute | Prismatic, Point, Point]]:
-    """Links that one joint holds to the ground: the link, the joint, its point of the ground and of the link."""
-    for joint in mechanism.joints:
-        a, b = (joint.guide, joint.block) if isinstance(joint, Prismatic) else (joint.a, joint.b)
-        if GROUND in (a.link, b.link) and a.link != b.link:
-            fixed, moved = (a, b) if a.link == GROUND else (b, a)
-            yield moved.link, joint, fixed, moved
-
-
-class _Joints:
-    """Pins with all links they join, and slides."""
-
-    def __init__(self, mechanism: Mechanism):
-        pins: dict[str, dict[int, Point]] = {}
-        for joint in mechanism.joints:
-            if isinstance(joint, Revolute):
-                pins.setdefault(joint.joint, {}).update({point.link: point for point in (joint.a, joint.b)})
-        self.pins = [Pin(points) for points in pins.values()]
-        self.slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic)]
-
-    def held(self, link: int, placed: set[int]) -> list[Held]:
-        """All joints of a link with what is placed."""
-        held = []
-        for pin in self.pins:
-            other = pin.of(placed)
-            if link in pin.points and other is not None:
-                held.append(Held(link, other.link, pin.points[link], other))
-        for slide in self.slides:
-            for own, other in ((slide.guide, slide.block), (slide.block, slide.guide)):
-                if own.link == link and other.link in placed:
-                    held.append(Held(link, other.link, own, other, slide))
-        return held
-
-    def between(self, one: int, two: int, placed: set[int]) -> tuple[Point, Point] | Prismatic | None:
-        """The points of a pin of both links, or a slide between them."""
-        for pin in self.pins:
-            if one in pin.points and two in pin.points and pin.of(placed) is None:
-                return pin.points[one], pin.points[two]
-        return next((s for s in self.slides if {s.guide.link, s.block.link} == {one, two}), None)
-
-
 def closed_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
     """Dyads in the order in which they close on the given links, and the links that none of them reaches."""
-    joints, placed = _Joints(mechanism), {GROUND, *given}
+    pins: dict[str, dict[int, Point]] = {}  # joint: link: its point
+    for pin in mechanism.pins:
+        pins.setdefault(pin.joint, {}).update({point.link: point for point in pin.ends})
+    placed = {GROUND, *given}
     left, dyads = set(range(len(mechanism.links))) - placed, list[Dyad]()
     while left:
-        tried = (_dyad(joints, (a, b), placed) for a, b in permutations(sorted(left), 2))
+        tried = (_dyad([*pins.values()], mechanism.slides, pair, placed) for pair in permutations(sorted(left), 2))
         dyad = next((x for x in tried if x is not None), None)
         if dyad is None:
             break
@@ -272,33 +205,39 @@ def closed_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[
     return dyads, left
 
 
-def _dyad(joints: _Joints, pair: tuple[int, int], placed: set[int]) -> Dyad | None:
+def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
     """The dyad of two links in this order, or None."""
-    held, middle = [joints.held(link, placed) for link in pair], joints.between(*pair, placed)
-    if middle is None or [len(x) for x in held] != [1, 1]:
+    one, two = pair
+    held = [_holds(pins, slides, link, placed) for link in pair]
+    between = next((pin for pin in pins if one in pin and two in pin and not placed & pin.keys()), None)
+    if [len(x) for x in held] != [1, 1] or held[0][0].slide:
         return None
     first, second = held[0][0], held[1][0]
-    if isinstance(middle, Prismatic):
-        if first.slide or second.slide or middle.guide.link != first.link:
+    if between is None:
+        slide = next((s for s in slides if {p.link for p in s.ends} == {*pair}), None)
+        if slide is None or second.slide or slide.guide.link != one:
             return None
         # in the guide's frame, from its pin C: block point on the line, and from it to the block's pin A
-        block = _turn(second.own.local - middle.block.local, middle.turn)
-        height = middle.offset + _beside(block, middle.angle) + _beside(middle.guide.local - first.own.local, middle.angle)
-        return RPR(first, second, middle.angle, height, middle.turn)
-    if first.slide or not second.slide:
-        return None if first.slide or second.slide else RRR(first, second, middle)
+        block = turn_vector(second.own.local - slide.block.local, slide.turn)
+        height = slide.offset + _beside(block, slide.angle) + _beside(slide.guide.local - first.own.local, slide.angle)
+        return Dyad("RPR", first, second, (first.own, second.own), slide.guide, slide.angle, height, slide.turn)
+    middle = between[one], between[two]
     slide = second.slide
-    if slide.guide.link == second.to:  # the line rests in the placed link
-        arm = _turn(middle[1].local - slide.block.local, slide.turn)
-        return RRP(first, second, middle, slide.guide, slide.angle, slide.offset + _beside(arm, slide.angle), slide.turn)
+    if slide is None:
+        return Dyad("RRR", first, second, middle, middle[0])
+    if slide.guide.link == second.other.link:  # the line rests in the placed link
+        arm = turn_vector(middle[1].local - slide.block.local, slide.turn)
+        return Dyad("RRP", first, second, middle, slide.guide, slide.angle, slide.offset + _beside(arm, slide.angle), slide.turn)
     arm = middle[1].local - slide.guide.local  # the line moves with the second link, whose angle is known
     height = _beside(arm, slide.angle) - slide.offset
-    return RRP(first, second, middle, slide.block, slide.angle - slide.turn, height, -slide.turn)
+    return Dyad("RRP", first, second, middle, slide.block, slide.angle - slide.turn, height, -slide.turn)
 
 
-def _turn(x: Array, angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
+def _holds(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]) -> list[Held]:
+    """All joints of a link with what is placed."""
+    by_pins = [Held(pin[link], pin[min(there)]) for pin in pins if link in pin and (there := placed & pin.keys())]
+    ends = [Held(own, other, slide) for slide in slides for own, other in permutations(slide.ends)]
+    return by_pins + [x for x in ends if x.link == link and x.other.link in placed]
 
 
 def _beside(x: Array, angle: float) -> float:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.own_steps import OwnSteps
 from gauss_bench.engines.pinocchio import build as building
 from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, beyond_the_loop
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
@@ -27,8 +28,6 @@ from gauss_bench.engines.pinocchio.forces import TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.adaptive import StepFailure, dop853
-from gauss_bench.integrate.fixed_step import STEPS, held_back, stretches
 from gauss_bench.integrate.stabilization import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
@@ -87,7 +86,7 @@ def is_compiled(settings: str) -> bool:
     return bool(VARIANTS.options(settings)["loop"] == "compiled")
 
 
-class PinocchioModel:
+class PinocchioModel(OwnSteps):
     """A mechanism in Pinocchio under one integrator and stabilisation of the suite."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -97,6 +96,8 @@ class PinocchioModel:
         self.mechanism, self.choice = mechanism, choice
         self.options = VARIANTS.options(choice.settings)
         self.tree, self.evaluator = joint_tree(mechanism, self.options), Evaluator(mechanism)
+        self.start = self.tree.relative(mechanism.q0, mechanism.v0)
+        self.tolerances = self.options["dop853_rtol"], self.options["dop853_atol"]
         body = Multibody(pinocchio, mechanism, self.tree)
         verify(body, mechanism, self.tree)
         self.forces, corrector = TreeForces(mechanism, self.tree, body), ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")
@@ -112,55 +113,24 @@ class PinocchioModel:
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
         """At the start: constraintDynamics alone, and what calling costs: a difference of two vectors by Pinocchio."""
-        y, dy = self.tree.relative(self.mechanism.q0, self.mechanism.v0)
-        return self.plain.bare(y, dy), lambda: self.pin.difference(self.plain.model, y, dy)
-
-    def prepare(self, times: Array, native: bool = True) -> None:
-        """The settings say whose loop it is, whatever `native` says."""
-        self.times, self.steps, self.stabilized.evaluations = times, 0, 0
-        start = self.tree.relative(self.mechanism.q0, self.mechanism.v0)
-        self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
-        self.y[0], self.dy[0] = start
+        return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
-        with np.errstate(all="ignore"):  # what is not finite is found afterwards
-            if self.choice.integrator == "dop853":
-                self._adaptive()
-            else:
-                self._run_fixed()
+        self.stabilized.evaluations = 0
+        super().run()
 
-    def _adaptive(self) -> None:
-        if self.times[-1] == self.times[0]:
-            return
-        tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
-        try:
-            if isinstance(self.stabilized, CompiledDynamics):
-                self.steps = self.stabilized.advance_adaptive(self.times, self.y, self.dy, *tolerances)
-                return
-            self.steps, _ = dop853(self.stabilized, self.times, self.y, self.dy, *tolerances, kinks=self.mechanism.kinks)
-        except StepFailure as error:
-            raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
+    def _adapt(self, rtol: float, atol: float) -> int:
+        if isinstance(self.stabilized, CompiledDynamics):
+            return self.stabilized.advance_adaptive(self.times, self.x, self.dx, rtol, atol)
+        return super()._adapt(rtol, atol)
 
-    def _run_fixed(self) -> None:
-        step = STEPS[self.choice.integrator]
-        projected = self.choice.stabilization == "projection"
-        y, dy = self.y[0], self.dy[0]
-        for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
-            if isinstance(self.stabilized, CompiledDynamics):
-                y, dy = self.stabilized.advance(self.choice.integrator, begin, y, dy, h, count)
-            else:
-                dynamics = held_back(self.stabilized, last)
-                for i in range(count):
-                    t = begin + i * h
-                    y, dy = step(dynamics, t, y, dy, h)
-                    if projected:
-                        y, dy = self._project(t + h, y, dy)
-            if row is not None:
-                self.y[row], self.dy[row] = y, dy
-            self.steps += count
+    def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
+        if isinstance(self.stabilized, CompiledDynamics):
+            return self.stabilized.advance(self.choice.integrator, begin, x, dx, h, count)
+        return super()._advance(begin, x, dx, h, count, last)
 
-    def _project(self, t: float, y: Array, dy: Array) -> tuple[Array, Array]:
-        q, v, _ = self.tree.absolute(y, dy, dy)
+    def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
+        q, v, _ = self.tree.absolute(x, dx, dx)
         try:
             return self.tree.relative(*self.evaluator.project(t, q, v))
         except np.linalg.LinAlgError as error:
@@ -169,11 +139,11 @@ class PinocchioModel:
     def read(self) -> Trajectory:
         slow = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
         note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
-        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
+        q, v, _ = self.tree.absolute(self.x, self.dx, np.zeros_like(self.x))
 
         def at(k: int) -> Array:
-            ddy = self.plain(float(self.times[k]), self.y[k], self.dy[k])
-            return np.asarray(self.tree.absolute(self.y[k : k + 1], self.dy[k : k + 1], ddy[None])[2][0])
+            ddy = self.plain(float(self.times[k]), self.x[k], self.dx[k])
+            return np.asarray(self.tree.absolute(self.x[k : k + 1], self.dx[k : k + 1], ddy[None])[2][0])
 
         trajectory = with_accelerations(self.times, q, v, at, self.steps, self.stabilized.evaluations, note)
         if finite(q, v, trajectory.a) == len(q):
