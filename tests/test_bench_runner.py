@@ -11,8 +11,9 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.clock import ratio
 from gauss_bench.bench.journal import Busy, Journal
 from gauss_bench.bench.measure import measure
-from gauss_bench.bench.measurements.cost import race
+from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.bench.runner import measure_all
+from gauss_bench.bench.survived import race_here
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.suites.schema import Cost
 
@@ -80,7 +81,8 @@ def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_pa
 
 
 def test_costs_are_interleaved_and_complete() -> None:
-    found = race("four_bar", "torque", Cost(linkages={}, engines=("gauss", "lagrange"), integrators=1, step=1e-3, rounds=10))
+    part = Cost(linkages={}, engines=("gauss", "lagrange"), integrators=1, step=1e-3, rounds=10)
+    found = race_cost("four_bar", "torque", part, race=race_here)
     samples = pd.DataFrame(found["samples"])
     assert not found["untimed"]
     counts = samples.groupby(["engine", "integrator", "stabilization", "quantity"]).size()

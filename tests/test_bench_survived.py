@@ -5,12 +5,15 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import pytest
 
-from gauss_bench.bench.survived import list_survivors, watching
+from gauss_bench.bench.clock import Block, lasting
+from gauss_bench.bench.survived import list_survivors, race_survivors, watching
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 from tests.plugin import installed
@@ -37,7 +40,7 @@ def race_of(engines: Sequence[str], path: str) -> dict[str, list[dict[str, str]]
 
 @pytest.mark.slow
 def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
-    tables, lost = list_survivors(race_of, (), ["first", "aborts", "second", "hangs", "third"], limit=8.0)
+    tables, lost = list_survivors(race_of, (), ["first", "aborts", "second", "hangs", "third"], limit=4.0)
     assert tables == {"samples": [{"engine": x} for x in ("first", "second", "third")]}
     assert {x: y.status for x, y in lost.items()} == {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT}
     assert "SIGABRT" in str(lost["aborts"])
@@ -50,9 +53,26 @@ def test_what_a_race_raises_of_itself_is_no_engines_fault() -> None:
     assert raised.value.status is Status.ERROR
 
 
+def entries() -> Iterator[tuple[Entry, Callable[[], Block]]]:
+    """One that can be timed, one that aborts while it is built, and one that aborts after the race."""
+    for name, make, facts in (("first", int, dict), ("early", os.abort, dict), ("late", int, os.abort)):
+        yield Entry(name), partial(made, make, facts)
+
+
+def made(make: Callable[[], object], facts: Callable[[], Any]) -> Block:
+    make()
+    return replace(lasting(None, int), facts=facts)
+
+
+def test_who_aborts_before_a_race_or_after_it_is_told_at_each_of_its_entries() -> None:
+    rows = race_survivors(entries, (), 2, ["first", "early", "late"])
+    assert [(r["engine"], r["round"]) for r in rows if "seconds" in r] == [("first", 0), ("first", 1)]
+    assert [(r["engine"], r["status"]) for r in rows if "status" in r] == [("early", "crashed"), ("late", "crashed")]
+
+
 CODE = """
 import json
-from gauss_bench.bench.measurements.cost import gather_by_linkage, race_cost
+from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.suites.schema import Cost
 part = Cost(linkages={}, engines=("gauss", "aborts"), integrators=1, step=1e-2, rounds=2)
 print(json.dumps(race_cost("four_bar", "torque", part, 0)))

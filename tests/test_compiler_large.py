@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.measurements.growth import exponent, scaling
+from gauss_bench.bench.measurements.growth import exponent, race_growth
+from gauss_bench.bench.survived import race_here
 from gauss_bench.compiler.elimination.rank import acceleration_error
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
@@ -172,7 +173,7 @@ def test_operations_grow_in_proportion_to_the_linkage() -> None:
 
 
 def test_the_comparison_has_a_row_for_every_engine() -> None:
-    rows = scaling(1, 3)["scaling_races"]
+    rows = race_growth(1, 3, race=race_here)["scaling_races"]
     own = [x for x in rows if x["engine"].endswith("-native")]
     assert {x["engine"] for x in own} == {"gauss-native", "lagrange-native"}
     assert all(0 < x["seconds_low"] <= x["seconds"] <= x["seconds_high"] and x["error"] < ROUNDING for x in own)

@@ -23,7 +23,8 @@ from gauss_bench.bench.clock import (
     stepping,
 )
 from gauss_bench.bench.measurements import cold_builds, cost
-from gauss_bench.bench.measurements.cost import race
+from gauss_bench.bench.measurements.cost import race_cost
+from gauss_bench.bench.survived import race_here
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
@@ -67,7 +68,7 @@ def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds: float, 
 def test_every_quantity_of_an_engine_is_what_it_costs(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     costs = Costs(build=5e-3, step=7e-6, native_step=3e-6, acceleration=2e-6)
     replace_engine(monkeypatch, "mujoco", clock, costs)
-    found = race("four_bar", "torque", MUJOCO)
+    found = race_cost("four_bar", "torque", MUJOCO, race=race_here)
     assert not found["untimed"]
     for quantity, seconds in (vars(costs) | {"build": costs.build + costs.native_step}).items():  # a model and its first step
         measured = [x["seconds"] for x in found["samples"] if x["quantity"] == quantity]
@@ -141,7 +142,7 @@ def test_steps_are_timed_over_a_second_of_motion_at_most(clock: Clock, monkeypat
         true(self, times, native)
 
     monkeypatch.setattr(SyntheticModel, "prepare", prepare)
-    race("four_bar", "torque", MUJOCO)
+    race_cost("four_bar", "torque", MUJOCO, race=race_here)
     assert 0.9 <= max(durations) <= 1.0 + 1e-9
 
 

@@ -1,5 +1,6 @@
 """What the kernel suite makes of known costs: every divisor, ratio and bound, with kernels and rivals whose time is given."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +10,16 @@ import pytest
 from gauss_bench.bench.clock import Key, Measured, at_least, at_most, compare, foreseen
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import claim, limits
-from gauss_bench.bench.measurements.batch import batch, batch_row
-from gauss_bench.bench.measurements.cost import BARE, race
-from gauss_bench.bench.measurements.growth import CONTENDERS, right, scaling
+from gauss_bench.bench.measurements.batch import race_batch
+from gauss_bench.bench.measurements.cost import BARE, race_cost
+from gauss_bench.bench.measurements.growth import CONTENDERS, race_growth, right
 from gauss_bench.bench.measurements.limits import limit
 from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
 from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
-from gauss_bench.bench.measurements.turns import LEVELS, over_processes, turn
+from gauss_bench.bench.measurements.turns import LEVELS, race_turns
 from gauss_bench.bench.runner import complete_rows
-from gauss_bench.bench.survived import ROOM, at_work
+from gauss_bench.bench.survived import ROOM, at_work, race_here
 from gauss_bench.compiler.closure import Closure
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.machine import native_code
@@ -32,8 +33,8 @@ from tests.synthetic import Clock, Costs, charge, clocked, replace_engine, rolle
 
 Rows = list[dict[str, Any]]
 SUITE = read_suite("kernel")
-BATCH = SUITE.batch[0].model_copy(update={"states": 64, "rounds": 3})
-TURNS = SUITE.turns[0].model_copy(update={"rounds": 3, "samples": 360})
+BATCH = SUITE.batch[0].model_copy(update={"states": 64, "rounds": 3, "processes": 1})
+TURNS = SUITE.turns[0].model_copy(update={"rounds": 3, "samples": 360, "processes": 1})
 LONG = SUITE.long_runs[0]
 
 
@@ -51,7 +52,7 @@ def test_a_batch_is_compared_by_the_step_of_one_trajectory(clock: Clock, monkeyp
     """The kernel takes 10 ns for a step of a trajectory, MuJoCo 3 us: 300 times as long, however many steps each is given."""
     charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
     replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=3e-6))
-    row = batch_row(load("crank_slider", "paper"), BATCH, [batch("crank_slider", "paper", BATCH)])
+    (row,) = race_batch("crank_slider", "paper", BATCH, race_here)["kernel_batch"]
     assert (row["seconds"], row["rival_seconds"]) == pytest.approx((10e-9, 3e-6))
     assert row["ratio"] == pytest.approx(300.0)
     assert row["met"] is False
@@ -69,7 +70,7 @@ def test_lanes_that_disturb_each_other_are_told(clock: Clock, monkeypatch: pytes
     monkeypatch.setattr(Kernel, "rollout", disturbed)
     charge(monkeypatch, clock, Kernel, "rollout", rolled(10e-9))
     replace_engine(monkeypatch, "mujoco", clock)
-    row = batch_row(load("crank_slider", "paper"), BATCH, [batch("crank_slider", "paper", BATCH)])
+    (row,) = race_batch("crank_slider", "paper", BATCH, race_here)["kernel_batch"]
     assert row["lanes_error"] == pytest.approx(2e-3)
 
 
@@ -91,7 +92,7 @@ def costs() -> dict[str, Rows]:
         part = Cost(
             linkages={}, engines=engines, integrators=1, step=1e-4, rounds=2, batch=both, bare=("pinocchio",), processor=True
         )
-        found: dict[str, Rows] = race("four_bar", "torque", part)
+        found: dict[str, Rows] = race_cost("four_bar", "torque", part, race=race_here)
         found |= limits.count_operations("four_bar", "torque")
     complete_rows(SUITE, found)
     return found
@@ -146,7 +147,7 @@ def test_a_race_of_the_claim_times_each_pair_as_it_should_be(clock: Clock, monke
     monkeypatch.setattr(Kernel, "rollout", charged)
     memory = tmp_path / "memory"
     memory.write_bytes(bytes(ROOM))
-    rows = claim.race("four_bar", "torque", CLAIM, 3, CLAIM.compiled, str(memory))["claim_races"]
+    rows = claim.race_claim("four_bar", "torque", CLAIM, 3, partial(race_here, path=str(memory)))["claim_races"]
     told = {r["what"]: (r["seconds"], r["rival_seconds"], r["ratio"]) for r in rows}
     assert told.keys() == set(claim.COLUMNS)
     assert told["step"] == pytest.approx((2e-6, 3e-6, 1.5))
@@ -216,7 +217,7 @@ def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations
 def test_kinematics_tell_positions_per_second(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     """A position takes 50 ns: twenty million a second."""
     charge(monkeypatch, clock, Closure, "turn", lambda samples: samples * 50e-9)
-    own, plain, _ = turn("four_bar", "driven", TURNS)["kernel_kinematics"]
+    own, plain, _ = race_turns("four_bar", "driven", TURNS, race_here)["kernel_kinematics"]
     assert own["seconds"] == pytest.approx(50e-9)
     assert own["rate"] == pytest.approx(20e6)
     assert own["met"] is True
@@ -236,22 +237,29 @@ def test_kinematics_that_are_wrong_meet_no_target_however_fast(clock: Clock, mon
 
     monkeypatch.setattr(Closure, "turn", wrong)
     charge(monkeypatch, clock, Closure, "turn", lambda samples: samples * 50e-9)
-    own = turn("four_bar", "driven", TURNS)["kernel_kinematics"][0]
+    own = race_turns("four_bar", "driven", TURNS, race_here)["kernel_kinematics"][0]
     assert own["acceleration_error"] == pytest.approx(1e-10, rel=0.01)
     assert own["met"] is False
 
 
 def test_kinematics_of_several_processes_are_their_median_and_meet_the_target_by_it() -> None:
-    start = {"mechanism": "four_bar", "method": "closure, compiled", "status": "ok"} | dict.fromkeys(LEVELS, 1e-15)
-    target = TURNS.targets["four_bar"]
+    target, processes = TURNS.targets["four_bar"], TURNS.model_copy(update={"processes": 3})
     times = [0.9 / target, 1.2 / target, 1.1 / target]
-    row = over_processes([start | {"seconds": x, "met": True} for x in times], TURNS)
+    name = Key("turn", "closure, compiled")._asdict()
+
+    def told(told: list[dict[str, Any]]) -> dict[str, Any]:
+        left = iter(told)
+        facts: dict[str, Any] = name | {"facts": dict.fromkeys(LEVELS, 1e-15)}
+        return race_turns("four_bar", "driven", processes, lambda *_: [name | next(left), facts])["kernel_kinematics"][0]
+
+    row = told([{"round": 0, "seconds": x} for x in times])
     low, high = foreseen(np.array(times))
     assert [row["seconds"], row["seconds_low"], row["seconds_high"]] == pytest.approx([1.1 / target, low, high])
     assert [row["rate"], row["rate_low"], row["rate_high"]] == pytest.approx([target / 1.1, 1 / high, 1 / low])
     assert row["met"] is False
-    crashed = start | {"status": "crashed", "message": "SIGABRT"}
-    assert over_processes([start | {"seconds": 1.0}, crashed], TURNS) == crashed
+    crashed = {"status": "crashed", "message": "SIGABRT"}
+    lost = told([{"round": 0, "seconds": 1.0}, crashed, {"round": 0, "seconds": 1.0}])
+    assert (lost["status"], lost["message"], lost["met"]) == ("crashed", "SIGABRT", False)
 
 
 def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -260,7 +268,7 @@ def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch
     for name in list(CONTENDERS):
         if not name.endswith("-native"):
             monkeypatch.delitem(CONTENDERS, name)
-    rows = scaling(1, 3)["scaling_races"]
+    rows = race_growth(1, 3, race=race_here)["scaling_races"]
     assert len(rows) == 4
     for row in rows:
         assert row["seconds"] == pytest.approx(STEP / 4 if row["quantity"] == "in its own loop" else CALL)

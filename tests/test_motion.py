@@ -12,6 +12,7 @@ import pytest
 from gauss_bench.bench.measurements.geometry import geometry
 from gauss_bench.cli import main
 from gauss_bench.suites.read import read_suite
+from gauss_bench.suites.schema import Geometry
 
 DATA = Path(__file__).parent / "data"
 TABLES = ["crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar"]
@@ -26,7 +27,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
 @pytest.mark.parametrize("linkage", read_suite("quick").geometry[0].linkages)
 def test_three_independent_ways_tell_one_motion(linkage: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.bench.measurements.geometry.POSITIONS", 73)  # every five degrees
-    for row in geometry(linkage, "driven", False)["agreement"]:
+    for row in geometry(linkage, "driven", Geometry(linkages={}))["agreement"]:
         assert row["position"] < 1e-12, row
         assert row["velocity"] < 1e-11, row
         assert row["acceleration"] < 1e-10, row

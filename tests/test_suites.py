@@ -7,7 +7,7 @@ import pytest
 
 from gauss_bench.bench.cases import Case, cases, is_left_out
 from gauss_bench.bench.clock import Measured
-from gauss_bench.bench.measurements.search import Ladders, winner_row
+from gauss_bench.bench.measurements.search import winner_row
 from gauss_bench.bench.search import COARSEST
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import load
@@ -60,8 +60,8 @@ def test_exudyn_may_take_the_steps_that_its_stored_order_asks_for() -> None:
 
 def test_an_engine_of_lower_order_may_take_more_steps() -> None:
     part = read_suite("full").search[1].model_copy(update={"most_steps": 20, "steps_of": {"exudyn": 40}})
-    asked = Requirement("position", 1.0), Ladders([]), Measured({}, {})
-    rows = [winner_row({}, asked[0], engine, [], asked[1], asked[2], part) for engine in ("exudyn", "mujoco")]
+    wanted, measured = Requirement("position", 1.0), Measured({}, {})
+    rows = [winner_row({}, wanted, engine, {}, {}, measured, part) for engine in ("exudyn", "mujoco")]
     assert [r["most_steps"] for r in rows] == [40, 20]
 
 

@@ -19,8 +19,9 @@ Rigorous benchmarking in reasonable time (2013).
 import gc
 import math
 import random
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -56,7 +57,8 @@ class Key(NamedTuple):
 class Block:
     """A piece of work known by its entry.
 
-    `ready()` is not timed, `go()` is, both `again` times; `count` repetitions, or a share of one, are in one `go()`.
+    `ready()` is not timed, `go()` is, both `again` times; `count` repetitions, or a share of one, are in one `go()`. `facts()` is
+    asked after the race for what else a row says of the entry.
     """
 
     entry: Hashable
@@ -64,6 +66,7 @@ class Block:
     go: Callable[[], object]
     count: float
     again: int = 1
+    facts: Callable[[], Row] = dict
 
     def seconds(self) -> float:
         """Of one repetition, over the whole block."""
@@ -94,17 +97,13 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     """
     most, count = max(1, round(MOTION / step)), 1
     while True:
-        block = Block(entry, _starting(model, step * np.arange(2.0) * count, native), model.run, count)
+        block = Block(entry, partial(model.prepare, step * np.arange(2.0) * count, native=native), model.run, count)
         block.ready()
         elapsed = measure_seconds(block.go)
         if elapsed >= BLOCK or count >= most:
             block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
             return block
         count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
-
-
-def _starting(model: Model, times: Array, native: bool) -> Callable[[], None]:
-    return lambda: model.prepare(times, native=native)
 
 
 def interleave(
@@ -141,13 +140,14 @@ class Missing(LookupError):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Seconds per repetition of every entry, (processes, rounds) each, and why others have none.
+    """Seconds per repetition of every entry, (processes, rounds) each, what else they say of themselves, and why others have none.
 
     NaN stands for rounds that an entry sat out, and for all those of a process in which it did not run.
     """
 
     samples: Mapping[Hashable, Array]
     failed: Mapping[Hashable, Missing]
+    facts: Mapping[Hashable, Row] = field(default_factory=dict)
 
     def of(self, key: Hashable) -> Array:
         """The samples of an entry.
@@ -157,7 +157,8 @@ class Measured:
         """
         if key in self.samples:
             return self.samples[key]
-        raise self.failed.get(key) or not_measured(key)
+        words = key if isinstance(key, tuple) else (key,)
+        raise self.failed.get(key) or Missing(Status.SKIP, f"{' '.join(map(str, words))} was not measured")
 
     def time(self, key: Hashable) -> float:
         """The time [s] of an entry.
@@ -174,11 +175,6 @@ class Measured:
             Missing: one of them was not measured.
         """
         return compare(self.of(own), self.of(rival))
-
-
-def not_measured(key: Hashable) -> Missing:
-    words = key if isinstance(key, tuple) else (key,)
-    return Missing(Status.SKIP, f"{' '.join(map(str, words))} was not measured")
 
 
 class Race:
@@ -210,6 +206,30 @@ class Race:
         for block, _, seconds in interleave(self.blocks, rounds, watch=self.watch):
             samples[block.entry].append(seconds)
         return Measured({key: pad([np.array(x)]) for key, x in samples.items()}, self.failed)
+
+
+def key_of(row: Row) -> Key:
+    """The quantity of an engine that a row tells of."""
+    return Key(*(row[x] for x in Key._fields))
+
+
+def gather(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
+    """What the rows of races say, by their entries: seconds of a round of a process, facts, or a status with its reason.
+
+    With `strict` an entry that failed in one process has failed, whatever it took in others.
+    """
+    samples: dict[Hashable, dict[int, list[float]]] = {}
+    failed: dict[Hashable, Missing] = {}
+    facts: dict[Hashable, Row] = {}
+    for r in sorted(rows, key=lambda r: r.get("round") or 0):
+        if r.get("seconds") is not None:
+            samples.setdefault(key(r), {}).setdefault(r["process"], []).append(r["seconds"])
+        elif "facts" in r:
+            facts[key(r)] = r["facts"]
+        else:
+            failed.setdefault(key(r), Missing(Status(r["status"]), r["message"]))
+    kept = {k: x for k, x in samples.items() if not (strict and k in failed)}
+    return Measured(over_processes(kept), failed, facts)
 
 
 def pad(processes: Sequence[Array]) -> Array:

@@ -1,14 +1,15 @@
 """The context that all tasks of a run share: where references are kept, and what their answers depend on."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from gauss_bench.bench.tasks import LIMIT, Tables, Task
+from gauss_bench.bench.tasks import LIMIT, Tables, Task, patient, place_of
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Alteration, is_unaltered
+from gauss_bench.suites.schema import OnLinkages
 
 CASE_LIMIT = 120.0  # [s] the slowest case of the suites takes 10 s on a slow core
 
@@ -39,6 +40,17 @@ class Context:
             self._loaded[linkage, scenario] = load(linkage, scenario or None)
         return self._loaded[linkage, scenario]
 
+    def each(self, parts: Iterable[OnLinkages], table: str, function: Callable[..., Tables]) -> list[Task]:
+        """A task function(linkage, scenario, part) for each linkage of some parts of a suite."""
+        tasks = []
+        for part in parts:
+            asked = part.model_copy(update={"linkages": {}})
+            for place in part.linkages.items():
+                task = self.task(table, function, (*place, asked), *place)
+                races = getattr(part, "processes", 0)  # of those that race, one after the other
+                tasks.append(patient(task, races) if races else task)
+        return tasks
+
     def task(
         self,
         table: str,
@@ -59,7 +71,7 @@ class Context:
         stamp = self.stamp
         if linkage:
             mechanism = self.mechanism(linkage, scenario)
-            start = {"mechanism": mechanism.name, "scenario": mechanism.scenario} | start
+            start = place_of(mechanism) | start
             stamp = f"{stamp}.{mechanism.sha256[:16]}"
         key = "|".join([table, function.__name__, linkage, scenario, *map(str, names.values()), digest])
         limit = self.limit if table == "results" else LIMIT

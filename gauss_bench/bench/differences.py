@@ -8,7 +8,7 @@ from typing import Any
 
 from gauss_bench.bench.gate import Verdict, compare, facts
 from gauss_bench.bench.runner import frame
-from gauss_bench.tables import KEY, TABLES, TableError, read_table
+from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
 
 
 @dataclass(frozen=True)
@@ -79,39 +79,33 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
     Raises:
         TableError: a table is damaged, or of a later format than is known here.
     """
-    compared, apart = 0, []
+    found: list[Clocked | None] = []
     for name, table in TABLES.items():
-        columns = [c for c in table.columns if c.timed]
-        words = [c.name for c in columns if c.name == "met" or c.name.endswith("verdict")]
-        ratios = [c.name for c in columns if c.name.endswith("ratio")]
-        if not table.keys or not (words or ratios):
+        columns = [c.name for c in table.columns if c.timed and c.name.endswith(("met", "verdict", "ratio"))]
+        if not table.keys or not columns:
             continue
-        other = {tuple(map(str, (row[c.name] for c in table.key))): row for row in read_table(name, there)}
+        other = {key_of(table, row): row for row in read_table(name, there)}
         for row in read_table(name, here):
-            key = tuple(map(str, (row[c.name] for c in table.key)))
-            for comparison in _apart(row, other[key], words, ratios) if key in other else ():
-                compared += 1
-                if comparison is not None:
-                    column, own, others, matters, factor = comparison
-                    what = f"{name}: {' '.join(x for x in key if x not in ('', 'nan'))}: {column}"
-                    apart.append(Clocked(what, own, others, matters, factor))
-    return compared, tuple(sorted(apart, key=lambda x: (not x.matters, -abs(math.log(x.factor)), x.what)))
+            key = key_of(table, row)
+            if key in other:
+                what = f"{name}: {' '.join(filter(None, key))}"
+                found += [x for column in columns for x in _apart(what, column, row, other[key])]
+    apart = [x for x in found if x is not None]
+    return len(found), tuple(sorted(apart, key=lambda x: (not x.matters, -abs(math.log(x.factor)), x.what)))
 
 
-def _apart(
-    row: Mapping[str, Any], other: Mapping[str, Any], words: list[str], ratios: list[str]
-) -> Iterator[tuple[str, str, str, bool, float] | None]:
-    """For everything that both rows tell: None, or column, values here and there, whether it matters, and the quotient."""
-    for name in words:
-        if row[name] not in (None, "") and other[name] not in (None, ""):
-            same = row[name] == other[name]
-            yield None if same else (name, _word(row[name]), _word(other[name]), True, 1.0)
-    for name in ratios:
-        ends = [[x[f"{name}{end}"] for end in ("", "_low", "_high")] for x in (row, other)]
-        if all(math.isfinite(x) and x > 0 for three in ends for x in three):
-            (x, low, high), (y, least, most) = ends
-            beyond = low > most or high < least
-            yield (name, _range(x, low, high), _range(y, least, most), (x > 1) != (y > 1), x / y) if beyond else None
+def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Clocked | None]:
+    """The difference of a column that both rows tell, or None where they do not lie apart; nothing where one does not tell it."""
+    what = f"{what}: {column}"
+    if not column.endswith("ratio"):
+        if row[column] not in (None, "") and other[column] not in (None, ""):
+            yield None if row[column] == other[column] else Clocked(what, _word(row[column]), _word(other[column]), True)
+        return
+    ends = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]
+    if all(math.isfinite(x) and x > 0 for three in ends for x in three):
+        (x, low, high), (y, least, most) = ends
+        beyond = low > most or high < least
+        yield Clocked(what, _range(x, low, high), _range(y, least, most), (x > 1) != (y > 1), x / y) if beyond else None
 
 
 def _word(value: bool | str) -> str:

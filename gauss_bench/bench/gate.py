@@ -21,7 +21,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import offer
 from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, csv_text, read_file, row_of, write_text
 
-COLUMNS = [*KEY, "metric", "value", "accepted"]
+FIGURE = [*KEY, "metric"]  # what tells figures apart
+Key = tuple[Any, ...]  # their values
 
 
 @dataclass(frozen=True)
@@ -90,10 +91,16 @@ def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
         key = dict.fromkeys(KEY, "") | {"mechanism": reference["mechanism"], "scenario": reference["scenario"]}
         key |= {"engine": "reference", "step": 0.0, "t_end": reference["t_end"]}
         figures += [key | {"metric": m, "value": f"{reference[m]:.15g}"} for m in TRUTHS if np.isfinite(reference[m])]
-    frame = (
-        pd.DataFrame(figures, columns=[*COLUMNS[:-1], "message"]).astype({"step": float, "t_end": float}).fillna({"message": ""})
-    )
-    return frame.sort_values([*KEY, "metric"], kind="stable", ignore_index=True)
+    return in_order(figures, [*FIGURE, "value", "message"]).fillna({"message": ""})
+
+
+def in_order(figures: list[dict[Any, Any]], columns: list[str]) -> pd.DataFrame:
+    frame = pd.DataFrame(figures, columns=columns).astype({"step": float, "t_end": float})
+    return frame.sort_values(FIGURE, kind="stable", ignore_index=True)
+
+
+def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
+    return {tuple(r[k] for k in FIGURE): r for r in figures.to_dict("records")}
 
 
 def _repeatable(row: Mapping[Any, Any]) -> bool:
@@ -103,52 +110,47 @@ def _repeatable(row: Mapping[Any, Any]) -> bool:
 
 def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
     """A verdict for every figure; one that is missing on either side fails. A case that ends otherwise has that one verdict."""
-    keys = [*KEY, "metric"]
-    here = {tuple(r[k] for k in keys): str(r["value"]) for r in figures.to_dict("records")}
-    there = {tuple(r[k] for k in keys): str(r["value"]) for r in baseline.to_dict("records")}
-    causes = {tuple(r[k] for k in keys): str(r.get("message", "")) for r in figures.to_dict("records")}
+    here, there = by_key(figures), by_key(baseline)
     verdicts = []
     for key in sorted(here.keys() | there.keys(), key=str):
         status = (*key[:-1], "status")
-        ended_otherwise = here.get(status) != there.get(status) and status in here and status in there
-        if ended_otherwise and key != status and (key not in here or key not in there):
+        ends = {str(x[status]["value"]) for x in (here, there) if status in x}
+        if len(ends) > 1 and key != status and not (key in here and key in there):
             continue
+        values = [str(x[key]["value"]) if key in x else None for x in (here, there)]
+        outcome, value, limit, base = judge_figure(key, *values)
         case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
-        verdict = _verdict(case, str(key[-1]), here.get(key), there.get(key), _scatter(key))
-        verdicts.append(replace(verdict, cause=causes.get(key, "") if verdict.outcome == "fail" else ""))
+        cause = str(here[key].get("message", "")) if outcome == "fail" and key in here else ""
+        verdicts.append(Verdict(outcome, case, str(key[-1]), value, limit, base, cause))
     return verdicts
 
 
-def _scatter(key: Sequence[object]) -> float:
-    """Return how many times a figure of this case scatters with the last bits of its start."""
-    return SCATTERING.get(str(key[KEY.index("integrator")]), 1.0)
-
-
-def _verdict(case: str, metric: str, value: str | None, base: str | None, scatter: float = 1.0) -> Verdict:
+def judge_figure(key: Key, value: str | None, base: str | None) -> tuple[str, str, str, str]:
+    """The outcome of a figure, given its baseline; then both and the limit in words: value, limit, baseline."""
+    metric, missing = key[-1], "none"
     if base is None or value is None:
-        outcome, missing = "fail", "none"
-        if metric == "observed_order":  # exists only while the errors stand above their floor: its loss is told, not judged
-            outcome = "better"
-        return Verdict(outcome, case, metric, value or missing, "present on both sides", base or missing)
+        # an order exists only while the errors stand above their floor: its loss is told, not judged
+        outcome = "better" if metric == "observed_order" else "fail"
+        return outcome, value or missing, "present on both sides", base or missing
     if metric in ("status", "valid"):
-        return Verdict("ok" if value == base else "fail", case, metric, value, base, base)
+        return "ok" if value == base else "fail", value, base, base
     x, b = float(value), float(base)
     if metric == "observed_order":
-        low = b - ORDER_MARGIN
-        if x > b + ORDER_FLATTERING:
-            return Verdict("fail", case, metric, f"{x:.2f}", f"at most {b + ORDER_FLATTERING:.2f} without a reason", f"{b:.2f}")
+        low, high = b - ORDER_MARGIN, b + ORDER_FLATTERING
+        if x > high:
+            return "fail", f"{x:.2f}", f"at most {high:.2f} without a reason", f"{b:.2f}"
         outcome = "fail" if x < low else "better" if x > b + ORDER_MARGIN else "ok"
-        return Verdict(outcome, case, metric, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
+        return outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}"
     if metric in TRUTHS:
-        moved = abs(x - b) > TRUTH_MARGIN * (1 + abs(b))
-        return Verdict("fail" if moved else "ok", case, metric, value, f"{b:.12g} +- {TRUTH_MARGIN * (1 + abs(b)):.1g}", base)
-    rule, flattering = RULES[metric], FLATTERING * scatter
-    factor = max(rule.factor, scatter)
+        bar = TRUTH_MARGIN * (1 + abs(b))
+        return "fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base
+    rule, scatter = RULES[metric], SCATTERING.get(str(key[KEY.index("integrator")]), 1.0)
+    factor, flattering = max(rule.factor, scatter), FLATTERING * scatter
     if x < b / flattering and b > flattering * rule.floor:
-        return Verdict("fail", case, metric, f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
+        return "fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}"
     limit = max(factor * b, rule.floor)
     outcome = "fail" if not x <= limit else "better" if x < b / factor and b > rule.floor else "ok"
-    return Verdict(outcome, case, metric, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
+    return outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}"
 
 
 def read_baseline(path: Path) -> pd.DataFrame:
@@ -157,7 +159,7 @@ def read_baseline(path: Path) -> pd.DataFrame:
     Raises:
         TableError: the file is damaged, or of a later format than is known here.
     """
-    return pd.DataFrame(read_file("baseline", path), columns=COLUMNS).astype({"step": float, "t_end": float})
+    return pd.DataFrame(read_file("baseline", path), columns=[*FIGURE, "value", "accepted"]).astype({"step": float, "t_end": float})
 
 
 def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
@@ -168,32 +170,22 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
     they are. Those keep what the baseline says, as do mechanisms and engines that were not measured.
     """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
-    old = read_baseline(path) if path.exists() else pd.DataFrame(columns=COLUMNS)
-    keys = [*KEY, "metric"]
-    before = {tuple(r[k] for k in keys): r for r in old.to_dict("records")}
-    refused: dict[tuple[Any, ...], str] = {}
-    for row in figures[figures["metric"] == "status"].to_dict("records"):
-        case = tuple(row[k] for k in KEY)
-        known = before.get((*case, "status"))
-        was = str(known["value"]) if known else ""
-        if row["value"] in BROKEN or (len(old) and row["value"] not in (*ENDED, "skip", was)):
-            refused[case] = f"{' '.join(str(x) for x in case)}: {row['value']}: {row.get('message', '')}"
-    measured = {(r["mechanism"], r["engine"]) for r in figures.to_dict("records")}
-    cases = [tuple(r[k] for k in KEY) for r in old.to_dict("records")]
-    kept_cases = [c in refused or (c[0], c[2]) not in measured for c in cases]
-    rows, changed = [r for r, kept in zip(old.to_dict("records"), kept_cases, strict=True) if kept], 0
-    for row in figures.to_dict("records"):
-        key = tuple(row[k] for k in keys)
+    before, found = by_key(read_baseline(path)) if path.exists() else {}, by_key(figures)
+    refused: dict[Key, str] = {}
+    for key, row in found.items():
+        known = [*ENDED, "skip", before[key]["value"] if key in before else ""]
+        if key[-1] == "status" and (row["value"] in BROKEN or (before and row["value"] not in known)):
+            refused[key[:-1]] = f"{' '.join(map(str, key[:-1]))}: {row['value']}: {row.get('message', '')}"
+    measured = {(key[0], key[2]) for key in found}
+    rows = [row for key, row in before.items() if key[:-1] in refused or (key[0], key[2]) not in measured]
+    changed = 0
+    for key, row in found.items():
         if key[:-1] in refused:
             continue
-        kept = before.get(key)
-        if kept is not None and _verdict("", str(key[-1]), str(row["value"]), str(kept["value"]), _scatter(key)).outcome == "ok":
-            rows.append(kept)
-        else:
-            rows.append(row | {"accepted": stamp})
-            changed += 1
-    frame = pd.DataFrame(rows, columns=COLUMNS).astype({"step": float, "t_end": float})
-    ordered = frame.sort_values([*KEY, "metric"], kind="stable").to_dict("records")
+        same = key in before and judge_figure(key, str(row["value"]), str(before[key]["value"]))[0] == "ok"
+        rows.append(before[key] if same else row | {"accepted": stamp})
+        changed += not same
+    ordered = in_order(rows, [*FIGURE, "value", "accepted"]).to_dict("records")
     table = TABLES["baseline"]
     typed = [row_of(table, {str(k): x for k, x in row.items()} | {"format": BASELINE_FORMAT}) for row in ordered]
     write_text(path, csv_text(table.columns, typed))

@@ -8,29 +8,60 @@ import math
 import mmap
 import os
 import tempfile
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any
 
-from gauss_bench.bench.tasks import LIMIT, LOST, Tables, Task
+from gauss_bench.bench.clock import Block, Race
+from gauss_bench.bench.tasks import LIMIT, LOST, Rows
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes of a name
-RACES = 3  # of a task at most: who brings two of them down is a bug to be found, not a result
 Watch = Callable[[Hashable], object]
+Entries = Callable[..., Iterable[tuple[Any, Callable[[], Block]]]]  # names, each with an `engine`, and how their blocks are made
 
 
-def patient(task: Task, processes: int = 1) -> Task:
-    """With time for as many races as there may be; `processes` that each has one to win."""
-    return task._replace(limit=processes * RACES * LIMIT)
+def race_here(
+    entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str] | None = None, path: str = ""
+) -> Rows:
+    """Race entries(*arguments): rows of their names with the seconds of a round, with facts, or with why they have none.
+
+    Args:
+        engines: that take part; all, if not given.
+        path: of the memory in which the race tells who is at work: `watching`.
+    """
+    watch = watching(path) if path else id
+    race = Race(watch)
+    for key, make in entries(*arguments):
+        if engines is None or key.engine in engines:
+            race.add(key, make)
+    measured, rows = race.run(rounds), []
+    for block in race.blocks:
+        name = block.entry._asdict()  # type: ignore[attr-defined]
+        rows += [name | {"process": 0, "round": k, "seconds": x} for k, x in enumerate(measured.samples[block.entry][0].tolist())]
+        watch(block.entry)
+        if facts := block.facts():
+            rows.append(name | {"facts": facts})
+    for key, missing in measured.failed.items():
+        rows.append(key._asdict() | {"status": str(missing.status), "message": str(missing)})  # type: ignore[attr-defined]
+    return rows
+
+
+def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:
+    """As `race_here`, in a process of its own: all that an engine was to be timed at tells why it brought the process down."""
+    rows, lost = list_survivors(race_here, (entries, arguments, rounds), engines)
+    for key, _ in entries(*arguments) if lost else ():
+        if key.engine in lost:
+            rows.append(key._asdict() | lost[key.engine].told)
+    return list(rows)
 
 
 def list_survivors(
-    race: Callable[..., Tables],
+    race: Callable[..., Any],
     arguments: tuple[Any, ...],
     engines: Sequence[str],
     limit: float = LIMIT,
     longest: float = math.inf,
-) -> tuple[Tables, dict[str, WorkerFailure]]:
+) -> tuple[Any, dict[str, WorkerFailure]]:
     """race(*arguments, engines, path) in a process of its own, and the engines that brought it down, which are left out of those.
 
     Args:

@@ -11,15 +11,22 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from gauss_bench.bench.journal import Journal
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import TABLES
 from gauss_bench.trajectory import Status
 
 LIMIT = 600.0  # [s] the slowest task of the suites races all engines on one linkage, in a minute
 LOST = (Status.CRASHED, Status.TIMEOUT)
+RACES = 3  # of a task at most: who brings two of them down is a bug to be found, not a result
 PAUSE = 15.0  # [s] between lines of progress
 Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
+
+
+def place_of(mechanism: Mechanism) -> dict[str, Any]:
+    """The linkage and the scenario that a row is about."""
+    return {"mechanism": mechanism.name, "scenario": mechanism.scenario}
 
 
 class Task(NamedTuple):
@@ -58,6 +65,11 @@ class Task(NamedTuple):
         """The stamp of an answer, in which a row may tell that the process of an engine was lost."""
         lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
         return self.stamp_if_lost if lost else self.stamp
+
+
+def patient(task: Task, processes: int = 1) -> Task:
+    """With time for as many races as there may be; `processes` that each has one to win."""
+    return task._replace(limit=processes * RACES * LIMIT)
 
 
 def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> dict[str, Tables]:

@@ -5,14 +5,13 @@ at), and what of one is raced.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from gauss_bench.bench.clock import BLOCK, Block, Race, stepping, time_of
+from gauss_bench.bench.clock import BLOCK, Block, stepping
 from gauss_bench.bench.context import CASE_LIMIT
-from gauss_bench.bench.survived import Watch
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.variants import Variant
@@ -137,26 +136,10 @@ def starting(run: Run, way: Way, model: Any, times: Array) -> Callable[[], None]
     return ready
 
 
-def steps_timed(run: Run, ways: Sequence[Way], steps: Mapping[Way, int], watch: Watch = id) -> dict[Way, float]:
-    """Estimated seconds of whole runs: of a step of each variant at its finest way, times the steps of each of its ways.
-
-    What cannot be timed is left out.
-    """
-    finest = {way._replace(size=0.0): way for way in sorted(ways, key=lambda x: -x.size)}
-    rough = Race(watch)
-    for variant, way in finest.items():
-        rough.add(variant, _adaptive_run if is_adaptive(way) else _equal_steps, run, way, steps[way], {})
-    seconds = {variant: time_of(x) for variant, x in rough.run(ROUGH_ROUNDS).samples.items()}
-    variants = {way: way._replace(size=0.0) for way in ways}
-    return {way: seconds[v] * steps[way] for way, v in variants.items() if v in seconds}
-
-
-def _equal_steps(run: Run, way: Way, steps: int, models: Models) -> Block:
-    return stepping(way, build_model(run, way, models), way.size, native=True)
-
-
-def _adaptive_run(run: Run, way: Way, steps: int, models: Models) -> Block:
-    """A whole run, of which each of its steps is a repetition: the method's steps are not alike."""
+def one_step(run: Run, way: Way, steps: int, models: Models) -> Block:
+    """A step of a way; of one that chooses its steps, which are not alike, a whole run of which each is a repetition."""
+    if not is_adaptive(way):
+        return stepping(way, build_model(run, way, models), way.size, native=True)
     block = whole_run(run, way, steps, 0.0, math.inf, models)
     block.count = max(1, steps)
     return block

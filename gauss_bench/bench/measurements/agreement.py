@@ -14,7 +14,8 @@ from gauss_bench import metrics
 from gauss_bench.bench.clock import Missing, Row, at_most, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
-from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.bench.measurements.geometry import exact_motion
+from gauss_bench.bench.tasks import Tables, Task, place_of
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get
@@ -24,7 +25,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.suites.schema import Suite
+from gauss_bench.suites.schema import Agreement, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -37,22 +38,17 @@ SPEED = 10.0  # [rad/s] of the crank there
 
 def exact(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
-    return [
-        context.task("kernel_agreement", agreement, (*place, part.states, part.target), *place)
-        for part in suite.agreement
-        for place in part.linkages.items()
-    ]
+    return context.each(suite.agreement, "kernel_agreement", agreement)
 
 
-def agreement(linkage: str, scenario: str, states: int, target: float) -> Tables:
+def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
     """One row for each formulation and kind of place: the worst relative difference of a state."""
     mechanism = load(linkage, scenario or None)
     rows = []
-    for place, q, v in places(mechanism, states):
+    for place, q, v in places(mechanism, part.states):
         for formulation in FORMULATIONS:
-            start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "formulation": formulation}
-            start |= {"place": place, "states": len(q)}
-            rows.append(at_most(row(start, differences, mechanism, formulation, q, v), "error", target))
+            start: Row = place_of(mechanism) | {"formulation": formulation, "place": place, "states": len(q)}
+            rows.append(at_most(row(start, differences, mechanism, formulation, q, v), "error", part.target))
     return {"kernel_agreement": rows}
 
 
@@ -64,8 +60,7 @@ def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array
     for name, cranks in _singular(mechanism):
         for offset in OFFSETS[name]:
             angles = np.array([crank + side * offset for crank in cranks for side in ((-1, 1) if offset else (1,))])
-            parts = [motion.state(np.array([x]), np.array([SPEED]), np.zeros(1)) for x in np.sort(angles)]
-            q, v = (np.concatenate([p[k] for p in parts]) for k in range(2))
+            q, v, _ = exact_motion(motion, np.sort(angles), SPEED)
             yield f"{name}, {offset:g} rad off" if offset else name, q, v
 
 

@@ -11,15 +11,17 @@ Operations, divisions and the longest chain of dependent operations are those of
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Key, Race, Row, foreseen, row
+from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather, row
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.measurements.cost import BATCH, NATIVE, entries
-from gauss_bench.bench.survived import list_survivors, patient, watching
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.measurements import cost
+from gauss_bench.bench.measurements.cost import BATCH, NATIVE
+from gauss_bench.bench.survived import race_survivors
+from gauss_bench.bench.tasks import Rows, Tables, Task, patient, place_of
 from gauss_bench.compiler.elimination.program import costs, known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.linkage.load import load
@@ -29,15 +31,14 @@ from gauss_bench.trajectory import Status
 FORMULATIONS = ("gauss", "lagrange")
 STEP, PROJECTED, LANES = "step", "projected", "batch"
 COLUMNS = {STEP: "", PROJECTED: "projected_", LANES: "batch_"}  # what is raced -> how its columns begin
+QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: (BATCH, "none")}
 
 
-def pairs(part: Claim) -> dict[str, tuple[Key, Key]]:
+def pairs(part: Claim) -> dict[str, list[Key]]:
     """The two that race: with few unknowns, with many."""
-    few, many = part.compiled
     return {
-        STEP: (Key(NATIVE, few), Key(NATIVE, many)),
-        PROJECTED: (Key(NATIVE, few, stabilization="projection"), Key(NATIVE, many, stabilization="projection")),
-        LANES: (Key(BATCH, few), Key(BATCH, many)),
+        what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
+        for what, (quantity, stabilization) in QUANTITIES.items()
     }
 
 
@@ -51,7 +52,7 @@ def count(linkage: str, scenario: str) -> Tables:
     """Unknowns and operations of both formulations, as far as they can be compiled."""
     mechanism = load(linkage, scenario or None)
     rows = mechanism.n - mechanism.dof
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "n": mechanism.n, "rows": rows}
+    start: Row = place_of(mechanism) | {"n": mechanism.n, "rows": rows}
     start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + rows}
     for formulation in FORMULATIONS:
         try:
@@ -73,27 +74,18 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     return list(map(patient, tasks))
 
 
-def race_claim(linkage: str, scenario: str, part: Claim, number: int) -> Tables:
-    """The rows of one race, in a process of its own."""
-    tables, lost = list_survivors(race, (linkage, scenario, part, number), part.compiled)
-    for r in tables["claim_races"]:
-        for key in pairs(part)[r["what"]]:
-            if key.engine in lost:
-                r |= lost[key.engine].told
-    return tables
-
-
-def race(linkage: str, scenario: str, part: Claim, number: int, engines: Sequence[str], path: str) -> Tables:
-    """Race both ways: how many times longer many unknowns take."""
-    mechanism, entered = load(linkage, scenario or None), Race(watching(path))
-    wanted = {key for pair in pairs(part).values() for key in pair}
-    asked = Cost(linkages={}, engines=tuple(engines), integrators=1, step=part.step, rounds=part.rounds, batch=part.compiled)
-    for key, make in entries(mechanism, asked):
-        if key in wanted:
-            entered.add(key, make)
-    measured = entered.run(part.rounds)
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "process": number}
+def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
+    """The rows of one race, in a process of its own: how many times longer many unknowns take."""
+    start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
+    measured = gather(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
     return {"claim_races": [row(start | {"what": what}, measured.compared, *pair) for what, pair in pairs(part).items()]}
+
+
+def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Callable[[], Block]]]:
+    """Those of the race of costs that are asked for here."""
+    wanted = [key for pair in pairs(part).values() for key in pair]
+    asked = Cost(linkages={}, engines=part.compiled, integrators=1, step=part.step, rounds=part.rounds, batch=part.compiled)
+    return ((key, make) for key, make in cost.entries(linkage, scenario, asked) if key in wanted)
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -106,18 +98,19 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 def claim_row(start: Row, races: Rows) -> Row:
     """A linkage with the median over its processes of each ratio, its spread, and what follows; `races` are its own."""
-    told: Row = dict(start) | {"status": str(Status.SKIP), "message": "no step was timed"}
+    told: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
+    if failed := next((r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")), None):
+        told = {x: failed[x] for x in told}
+    told = start | told | {"processes": 0}
     for what, begins in COLUMNS.items():
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
-        if ended:
-            low, high = foreseen(np.array(ended)) if len(ended) > 1 else (math.nan, math.nan)
-            told |= {f"{begins}ratio": statistics.median(ended), f"{begins}ratio_low": low, f"{begins}ratio_high": high}
-            told |= {f"{begins}verdict": verdict(low, high)}
+        if not ended:
+            continue
+        low, high = foreseen(np.array(ended)) if len(ended) > 1 else (math.nan, math.nan)
+        told |= {f"{begins}ratio": statistics.median(ended), f"{begins}ratio_low": low, f"{begins}ratio_high": high}
+        told |= {f"{begins}verdict": verdict(low, high)}
         if what == STEP:
-            failed = next((r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")), None)
-            reason: Mapping[str, object] = failed or {"status": told["status"], "message": told["message"]}
-            told |= {"status": str(Status.OK), "message": ""} if ended else {x: reason[x] for x in ("status", "message")}
-            told |= {"processes": len(ended)}
+            told |= {"status": str(Status.OK), "message": "", "processes": len(ended)}
     return told
 
 

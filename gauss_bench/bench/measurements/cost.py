@@ -6,8 +6,7 @@ costs ("bare call", "empty call") and steps of many trajectories at once ("batch
 latency and rate. Every other table of times on these linkages is worked out from the same samples: a quantity has one value.
 """
 
-import math
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from itertools import product
 from typing import Any
@@ -15,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.cases import variants
-from gauss_bench.bench.clock import Block, Key, Measured, Missing, Race, lasting, over_processes, ratio, stepping, time_of
+from gauss_bench.bench.clock import Block, Key, Measured, gather, key_of, lasting, ratio, stepping, time_of
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.measurements.processor import processor
-from gauss_bench.bench.survived import Watch, list_survivors, patient, watching
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.measurements.processor import PROCESSOR, processor
+from gauss_bench.bench.survived import race_survivors
+from gauss_bench.bench.tasks import Rows, Tables, Task, patient, place_of
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.linkage.load import load
@@ -55,124 +54,76 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     return tasks
 
 
-def race_cost(linkage: str, scenario: str, part: Cost, number: int) -> Tables:
-    """Run `race`; an engine that crashes or hangs in it is left out, with the reason at everything it was to be timed at."""
-    tables, lost = list_survivors(_race_of, (linkage, scenario, part, number), part.engines)
-    mechanism = load(linkage, scenario or None)
-    start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    for engine, failure in lost.items():
-        tables["untimed"] += [start | key._asdict() | failure.told for key, _ in entries(mechanism, part) if key.engine == engine]
-    return tables
+def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
+    """Seconds per repetition of every entry in every round, and what could not be timed.
+
+    An engine that crashes or hangs is left out, with the reason at everything it was to be timed at.
+    """
+    start = place_of(load(linkage, scenario or None))
+    rows = race(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
+    samples = [start | r | {"step": part.step, "process": number} for r in rows if "seconds" in r]
+    return {"samples": samples, "untimed": [start | r for r in rows if "status" in r]}
 
 
-def _race_of(linkage: str, scenario: str, part: Cost, number: int, engines: Sequence[str], path: str) -> Tables:
-    return race(linkage, scenario, part.model_copy(update={"engines": tuple(engines)}), number, watching(path))
-
-
-def race(linkage: str, scenario: str, part: Cost, number: int = 0, watch: Watch = id) -> Tables:
-    """Seconds per repetition of every entry in every round, and what could not be timed. Call it in a process of its own."""
-    mechanism = load(linkage, scenario or None)
-    start = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
-    entered = Race(watch)
-    for key, make in entries(mechanism, part):
-        entered.add(key, make)
-    for key, make in processor() if part.processor else ():
-        entered.add(key, make)
-    measured = entered.run(part.rounds)
-    samples = [
-        start | key._asdict() | {"step": part.step, "process": number, "round": k, "seconds": float(x)}
-        for key, values in measured.samples.items()
-        if isinstance(key, Key)
-        for k, x in enumerate(values[0])
-        if math.isfinite(x)
-    ]
-    lost = [
-        start | key._asdict() | {"status": str(missing.status), "message": str(missing)}
-        for key, missing in measured.failed.items()
-        if isinstance(key, Key)
-    ]
-    return {"samples": samples, "untimed": lost}
-
-
-def entries(mechanism: Mechanism, part: Cost) -> Iterator[tuple[Key, Make]]:
+def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make]]:
     """The entries of a race, each with how its block is made."""
+    mechanism = load(linkage, scenario or None)
     for name in part.engines:
-        engine, told = get(name), offer(name)
-        for number, (settings, integrator, stabilization) in enumerate(variants(told, part.integrators, name in part.plain)):
-            if integrator in told.adaptive:
-                continue
-            choice = Choice(settings, integrator, stabilization, part.step)
-            model = cache(partial(_model, engine, mechanism, choice))
-            words = (name, settings, integrator, stabilization)
-            if (integrator, stabilization) == (told.integrators[0], "none"):
-                yield Key(BUILD, *words), partial(_building, engine, mechanism, choice)
-                yield Key(ACCELERATION, *words), partial(_accelerating, model, mechanism)
-                if name in part.bare:
-                    for which, quantity in enumerate((BARE, EMPTY)):
-                        yield Key(quantity, *words), partial(_bare, model, which)
-            if told.python_loop:
-                yield Key(STEP, *words), partial(_stepping, model, part.step, False)
-            if told.native_loop:
-                yield Key(NATIVE, *words), partial(_stepping, model, part.step, True)
-            if name in part.batch and number == 0:
-                yield Key(BATCH, *words), partial(_batch, model, mechanism)
+        told = offer(name)
+        for chosen in variants(told, part.integrators, name in part.plain):
+            choice = Choice(*chosen, part.step)
+            if choice.integrator not in told.adaptive:
+                for quantity, make in quantities(get(name), mechanism, choice, part):
+                    yield Key(quantity, name, *chosen), make
+    if part.processor:
+        yield from processor()
 
 
-def _model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
+def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
+    """What is timed of an engine at one choice, and how: models and accelerations are of the settings, not of the integrator."""
+    told, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
+    start = mechanism.q0, mechanism.v0
+
+    def batch() -> Block:
+        """All from the start: here only formulations are compared."""
+        q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
+        return lasting(None, model().batch(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
+
+    if (choice.integrator, choice.stabilization) == (told.integrators[0], "none"):
+        yield BUILD, lambda: lasting(None, lambda: first_step(engine, mechanism, choice))
+        yield ACCELERATION, lambda: lasting(None, partial(model().acceleration, 0.0, *start))
+        if engine.name in part.bare:
+            yield BARE, lambda: lasting(None, model().bare_calls()[0])
+            yield EMPTY, lambda: lasting(None, model().bare_calls()[1])
+        if engine.name in part.batch and choice.settings == next(iter(told.settings)):
+            yield BATCH, batch
+    if told.python_loop:
+        yield STEP, lambda: stepping(None, model(), part.step, native=False)
+    if told.native_loop:
+        yield NATIVE, lambda: stepping(None, model(), part.step, native=True)
+
+
+def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
     if reason := engine.skip(mechanism, choice):
         raise RunFailure(Status.SKIP, reason)
     return engine.build(mechanism, choice)
 
 
-def _building(engine: Engine, mechanism: Mechanism, choice: Choice) -> Block:
-    return lasting(None, lambda: first_step(engine, mechanism, choice))
-
-
 def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
     """Take one step, so that everything generated or compiled at first need is there."""
-    model = _model(engine, mechanism, choice)
+    model = build_model(engine, mechanism, choice)
     model.prepare(np.array([0.0, choice.step]))
     model.run()
 
 
-def _accelerating(model: Callable[[], Any], mechanism: Mechanism) -> Block:
-    asked = model().acceleration
-    return lasting(None, lambda: asked(0.0, mechanism.q0, mechanism.v0))
-
-
-def _bare(model: Callable[[], Any], which: int) -> Block:
-    return lasting(None, model().bare_calls()[which])
-
-
-def _stepping(model: Callable[[], Any], step: float, native: bool) -> Block:
-    return stepping(None, model(), step, native)
-
-
-def _batch(model: Callable[[], Any], mechanism: Mechanism) -> Block:
-    """All from the start: here only formulations are compared."""
-    q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in (mechanism.q0, mechanism.v0))
-    return lasting(None, model().batch(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
-
-
 def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
     """Gather the races' results by mechanism and scenario."""
-    samples: dict[tuple[str, str], dict[Key, dict[int, list[float]]]] = {}
-    failed: dict[tuple[str, str], dict[Hashable, Missing]] = {}
-    for row in sorted(tables.get("samples", []), key=lambda r: r["round"]):
-        samples.setdefault(_place(row), {}).setdefault(_key(row), {}).setdefault(row["process"], []).append(row["seconds"])
-    for row in tables.get("untimed", []):
-        if "quantity" in row:
-            failed.setdefault(_place(row), {})[_key(row)] = Missing(Status(row["status"]), row["message"])
-    places = dict.fromkeys(_place(row) for name in ("samples", "untimed") for row in tables.get(name, []))
-    return {x: Measured(over_processes(samples.get(x, {})), failed.get(x, {})) for x in places}
-
-
-def _place(row: dict[str, Any]) -> tuple[str, str]:
-    return row["mechanism"], row["scenario"]
-
-
-def _key(row: dict[str, Any]) -> Key:
-    return Key(*(row[field] for field in Key._fields))
+    places: dict[tuple[str, str], Rows] = {}
+    for r in [*tables.get("samples", []), *tables.get("untimed", [])]:
+        told = places.setdefault((r["mechanism"], r["scenario"]), [])
+        if "quantity" in r:  # else it is of a race that was lost as a whole
+            told.append(r)
+    return {place: gather(rows) for place, rows in places.items()}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -186,24 +137,23 @@ def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
     """Give each row the times of its variant, and their ratios to the baseline's; steps cost the same whatever their length."""
     columns = cache(partial(_columns, races))
     for row in rows:
-        row |= columns(*(row[k] for k in ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization")))
+        row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""})[1:])
 
 
 def _columns(
-    races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, engine: str, settings: str, *rest: str
+    races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, variant: tuple[str, str, str, str]
 ) -> dict[str, float]:
-    """The cost columns of a variant."""
+    """The cost columns of a variant (engine, settings, integrator, stabilization)."""
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
-        keys = [k for k in samples if isinstance(k, Key) and k[:3] == (quantity, engine, settings)]
-        own = keys if quantity in (BUILD, COLD, ACCELERATION) else [k for k in keys if k[3:] == rest]
+        known = 4 if quantity in (STEP, NATIVE) else 2  # of the variant: models and accelerations are of engine and settings
+        own = [x for k, x in samples.items() if isinstance(k, Key) and k[: 1 + known] == (quantity, *variant[:known])]
         if not own:
             continue
-        seconds = samples[own[0]]
-        columns[f"{quantity.replace(' ', '_')}_time"] = time_of(seconds)
+        columns[f"{quantity.replace(' ', '_')}_time"] = time_of(own[0])
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))
         if baseline is not None and quantity not in (BUILD, COLD):
             names = (f"{quantity}_{k}" for k in ("ratio", "ratio_low", "ratio_high"))
-            columns |= dict(zip(names, ratio(seconds, baseline), strict=True))
+            columns |= dict(zip(names, ratio(own[0], baseline), strict=True))
     return columns

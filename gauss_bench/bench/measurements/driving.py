@@ -19,28 +19,24 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling
-from gauss_bench.suites.schema import Method, Suite
+from gauss_bench.suites.schema import Driving, Method, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
 
 def exact(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
-    return [
-        context.task("driving", driving, (*place, part.step, part.ways), *place)
-        for part in suite.driving
-        for place in part.linkages.items()
-    ]
+    return context.each(suite.driving, "driving", driving)
 
 
-def driving(linkage: str, scenario: str, step: float, ways: tuple[Method, ...]) -> Tables:
+def driving(linkage: str, scenario: str, part: Driving) -> Tables:
     """One row for each way to run a driven turn; a way that fails is a row with a reason."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
     reference = build_reference(mechanism, mechanism.duration)
     true = Trajectory(reference.t, reference.q, reference.v, reference.a, 0)
     forces = metrics.reactions(evaluator, true)
-    return {"driving": [_row(linkage, mechanism, evaluator, reference, forces, way, step) for way in ways]}
+    return {"driving": [_row(linkage, mechanism, evaluator, reference, forces, way, part.step) for way in part.ways]}
 
 
 def _row(

@@ -4,6 +4,7 @@ They share the linkage file and nothing else, so their agreement vouches for the
 starts from.
 """
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.suites.schema import Suite
+from gauss_bench.suites.schema import Geometry, Suite
 from gauss_bench.terms import Array
 
 POSITIONS = 361
@@ -32,30 +33,33 @@ Levels = tuple[Array, Array, Array]
 
 def exact(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
-    return [
-        context.task("agreement", geometry, (*place, place[0] in part.searched), *place)
-        for part in suite.geometry
-        for place in part.linkages.items()
-    ]
+    return context.each(suite.geometry, "agreement", geometry)
 
 
-def geometry(linkage: str, scenario: str, searched: bool) -> Tables:
+def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
     """Agreement over one driven turn, the singular positions and, where asked for, searches for the assembly."""
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
     loop, basic = (solve(mechanism, inputs_of(mechanism), times) for solve in (loop_motion, basic_motion))
     assert mechanism.driver is not None
-    exact = MinimalCoordinate(mechanism)
-    parts = [exact.state(*(np.atleast_1d(x).astype(float) for x in mechanism.driver.law(t))) for t in times]
+    laws = np.array([mechanism.driver.law(t) for t in times]).T
     ways: dict[str, Levels] = {
         "link units": (loop.q, loop.v, loop.a),
         "point coordinates": (basic.q, basic.v, basic.a),
-        "constraints": tuple(np.concatenate([p[k] for p in parts]) for k in range(3)),  # type: ignore[dict-item]
+        "constraints": exact_motion(MinimalCoordinate(mechanism), *laws),
     }
-    names = list(ways)
-    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-    agreement = [{"mechanism": mechanism.name, "first": a, "second": b, **differences(ways[a], ways[b])} for a, b in pairs]
-    return {"agreement": agreement, "singular": singular(linkage), "basins": basin_rows(mechanism) if searched else []}
+    start = {"mechanism": mechanism.name}
+    agreement = [start | {"first": a, "second": b} | differences(ways[a], ways[b]) for a, b in combinations(ways, 2)]
+    basin = basin_rows(mechanism) if linkage in part.searched else []
+    return {"agreement": agreement, "singular": singular(linkage), "basins": basin}
+
+
+def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, accelerations: Any = 0.0) -> Levels:
+    """q, v, a (k, n) at angles (k,) of the crank, each closed from the one before."""
+    asked = np.broadcast(angles, speeds, accelerations)
+    parts = [motion.state(*(np.array([float(x)]) for x in state)) for state in asked]
+    q, v, a = (np.concatenate(level) for level in zip(*parts, strict=True))
+    return q, v, a
 
 
 def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:

@@ -12,19 +12,19 @@ the times of all processes, and its spread is where that of a second race falls,
 import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, foreseen, interleave, lasting, spread
+from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather, lasting, row, spread
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.survived import Watch, list_survivors, patient, watching
-from gauss_bench.bench.tasks import Rows, Tables
-from gauss_bench.bench.tasks import Task as Request
+from gauss_bench.bench.survived import race_survivors
+from gauss_bench.bench.tasks import Rows, Tables, Task, patient
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import Kernel, compile_kernel
+from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines.exudyn import library_calls as exudyn
 from gauss_bench.engines.mujoco import library_calls as mujoco
 from gauss_bench.engines.pinocchio import library_calls as pinocchio
@@ -39,15 +39,13 @@ from gauss_bench.trajectory import RunFailure, Status
 MOMENT = "0.5"  # [s] of the closed form
 STEP = 1e-6  # [s] of own kernels: so short that they stay near the state
 LOOPED = 1000  # of them in one call: what calling costs no longer counts
+LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
 TOO_LONG = {  # the largest size that is built, and what takes long beyond it
     "pinocchio": (64, "building and checking the model takes more than a minute"),
 }
 
-Row = dict[str, Any]
-Asked = Callable[[Mechanism, Array, Array], LibraryCall]
 
-
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Request]:
+def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each process and size; those of a size lie apart in time."""
     tasks = [
         context.task("scaling_races", race_growth, (size, part.rounds, number), size=size, process=number)
@@ -80,40 +78,6 @@ class Right:
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
-@dataclass(frozen=True, eq=False)
-class Contender:
-    """Something to be timed, each of its quantities as a block, and what it cost to build."""
-
-    blocks: dict[str, Block]
-    error: float
-    generate_seconds: float
-    compile_seconds: float
-
-
-def race_growth(size: int, rounds: int, number: int = 0) -> Tables:
-    """The rows of one race; an engine that crashes or hangs in it is a row with that reason."""
-    tables, lost = list_survivors(_race_of, (size, rounds, number), tuple(CONTENDERS))
-    mechanism = load(f"n_four_bar_{size}")
-    tables["scaling_races"] += [_start(engine, size, number, mechanism) | failure.told for engine, failure in lost.items()]
-    return tables
-
-
-def _race_of(size: int, rounds: int, number: int, engines: Sequence[str], path: str) -> Tables:
-    return scaling(size, rounds, number, engines, watching(path))
-
-
-def scaling(size: int, rounds: int, number: int = 0, engines: Sequence[str] = (), watch: Watch = id) -> Tables:
-    """Rows of some engines, or of all, at a size; what cannot be had leaves a row with a status and the reason."""
-    rows, blocks = enter(right(size), size, number, engines or tuple(CONTENDERS), watch)
-    samples: dict[Any, list[float]] = {block.entry: [] for block in blocks}
-    for block, _, seconds in interleave(blocks, rounds, watch=watch):
-        samples[block.entry].append(seconds)
-    places = {(r["quantity"], r["engine"]): k for k, r in enumerate(rows)}
-    for key, x in samples.items():
-        rows[places[key.quantity, key.engine]] |= spread("seconds", np.array(x))
-    return {"scaling_races": rows}
-
-
 def right(size: int) -> Right:
     """The N-four-bar of a size."""
     mechanism = load(f"n_four_bar_{size}")
@@ -122,89 +86,83 @@ def right(size: int) -> Right:
     return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
 
-def _start(engine: str, size: int, number: int, mechanism: Mechanism) -> Row:
-    start: Row = {"engine": engine, "quantity": "", "size": size, "process": number, "n": mechanism.n}
-    return start | {"status": "ok", "message": ""}
+def race_growth(size: int, rounds: int, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
+    """The rows of one race; what cannot be had, crashes or hangs leaves rows with a status and the reason."""
+    measured = gather(race(entries, (size,), rounds, [*CONTENDERS]))
+    start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
+
+    def found(key: Key) -> Row:
+        return spread("seconds", measured.of(key)) | measured.facts.get(key, {})
+
+    keys = [Key(quantity, engine) for engine, (quantities, _) in CONTENDERS.items() for quantity in quantities]
+    return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, found, k) for k in keys]}
 
 
-def enter(wanted: Right, size: int, number: int, engines: Sequence[str], watch: Watch) -> tuple[Rows, list[Block]]:
-    """A row for each of some engines and way to ask it, and the blocks to be timed."""
-    rows: list[Row] = []
-    blocks: list[Block] = []
-    for engine in engines:
-        start, build = _start(engine, size, number, wanted.mechanism), CONTENDERS[engine]
-        watch(Key("", engine))
+def entries(size: int) -> Iterator[tuple[Key, Callable[[], Block]]]:
+    """Every way to ask every engine."""
+    wanted = right(size)
+    for engine, (quantities, make) in CONTENDERS.items():
         most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
-        try:
-            if size > most:
-                raise RunFailure(Status.SKIP, reason)
-            contender = build(wanted)
-        except (RunFailure, KernelError, ImportError) as failure:
-            rows.append(start | {"status": str(getattr(failure, "status", "skip")), "message": str(failure)})
-            continue
-        costs = {
-            "generate_seconds": contender.generate_seconds,
-            "compile_seconds": contender.compile_seconds,
-            "error": contender.error,
-        }
-        for quantity, block in contender.blocks.items():
-            block.entry = Key(quantity, engine)
-            blocks.append(block)
-            rows.append(start | {"quantity": quantity} | costs)
-    return rows, blocks
+        blocks = cache(partial(make, wanted) if size <= most else partial(refuse, reason))
+        for k, quantity in enumerate(quantities):
+            yield Key(quantity, engine), partial(pick, blocks, k)
 
 
-def _compile(formulation: str) -> Callable[[Right], Contender]:
-    def build(wanted: Right) -> Contender:
+def refuse(reason: str) -> list[Block]:
+    raise RunFailure(Status.SKIP, reason)
+
+
+def pick(blocks: Callable[[], list[Block]], k: int) -> Block:
+    return blocks()[k]
+
+
+def make_kernel(formulation: str, wanted: Right) -> list[Block]:
+    """A kernel in its own loop, and called from Python."""
+    try:
         kernel = compile_kernel(wanted.mechanism, formulation, cache=False)
-        blocks = _own(kernel, wanted)
-        error = wanted.error(kernel.acceleration(wanted.q, wanted.v))
-        return Contender(blocks, error, kernel.generate_seconds, kernel.compile_seconds)
-
-    return build
-
-
-def _own(kernel: Kernel, wanted: Right) -> dict[str, Block]:
+    except KernelError as error:
+        raise RunFailure(Status.SKIP, str(error)) from error
+    facts = {"generate_seconds": kernel.generate_seconds, "compile_seconds": kernel.compile_seconds}
+    facts |= {"error": wanted.error(kernel.acceleration(wanted.q, wanted.v))}
     steps = lasting(None, lambda: kernel.rollout(wanted.q, wanted.v, STEP, LOOPED), 4 * LOOPED)
-    return {"in its own loop": steps, "called from Python": lasting(None, lambda: kernel.acceleration(wanted.q, wanted.v))}
+    single = lasting(None, lambda: kernel.acceleration(wanted.q, wanted.v))
+    return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
-def _library(asked: Asked, quantity: str = "called from Python") -> Callable[[Right], Contender]:
-
-    def build(wanted: Right) -> Contender:
-        start = time.perf_counter()
-        prepared = asked(wanted.mechanism, wanted.q, wanted.v)
-        seconds = time.perf_counter() - start
-        block = lasting(None, prepared.call) if prepared.count == 1 else Block(None, prepared.ready, prepared.call, prepared.count)
-        return Contender({quantity: block}, wanted.error(prepared.acceleration), seconds, 0.0)
-
-    return build
+def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted: Right) -> list[Block]:
+    """A library's own call."""
+    start = time.perf_counter()
+    prepared = asked(wanted.mechanism, wanted.q, wanted.v)
+    facts = {"generate_seconds": time.perf_counter() - start, "compile_seconds": 0.0, "error": wanted.error(prepared.acceleration)}
+    block = lasting(None, prepared.call) if prepared.count == 1 else Block(None, prepared.ready, prepared.call, prepared.count)
+    return [replace(block, facts=lambda: facts)]
 
 
-CONTENDERS: dict[str, Callable[[Right], Contender]] = {
-    **{f"{formulation}-native": _compile(formulation) for formulation in ("gauss", "lagrange")},
-    **{f"pinocchio, {way}": _library(asked) for way, asked in pinocchio.CALLS.items()},
-    **{f"mujoco, {way}": _library(asked) for way, asked in mujoco.CALLS.items()},
-    **{f"exudyn, {way}": _library(asked, "one implicit step") for way, asked in exudyn.CALLS.items()},
+CONTENDERS: dict[str, tuple[tuple[str, ...], Callable[[Right], list[Block]]]] = {
+    f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel, formulation)) for formulation in ("gauss", "lagrange")
 }
+for library, calls, quantity in (
+    ("pinocchio", pinocchio.CALLS, CALLED),
+    ("mujoco", mujoco.CALLS, CALLED),
+    ("exudyn", exudyn.CALLS, IMPLICIT),
+):
+    CONTENDERS |= {f"{library}, {way}": ((quantity,), partial(make_library, asked)) for way, asked in calls.items()}
 
 
 def over_races(races: Rows) -> Rows:
     """A row for each engine, way to ask and size: its time over the processes that timed it, or why none did."""
     ended = [r for r in races if r["status"] == Status.OK]
-    timed_engines = {(r["engine"], r["size"]) for r in ended}
     told = []
-    for rows in _group(ended, "engine", "quantity", "size").values():
-        found = spread("seconds", np.array([[r["seconds"]] for r in rows]))
+    for rows in group(ended, "engine", "quantity", "size").values():
+        found = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
         first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
         built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
         times = {"seconds": found["seconds"], "low": found["seconds_low"], "high": found["seconds_high"]}
-        if len(rows) == 1:
-            times |= {end: rows[0][f"seconds_{end}"] for end in ("low", "high")}
         told.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
-    lost = [r for r in races if r["status"] != Status.OK and (r["engine"], r["size"]) not in timed_engines]
-    for rows in _group(lost, "engine", "size").values():
-        told.append({k: x for k, x in rows[0].items() if k != "process"} | {"processes": 0})
+    timed_engines = {(r["engine"], r["size"]) for r in ended}
+    for where, rows in group([r for r in races if r["status"] != Status.OK], "engine", "size").items():
+        if where not in timed_engines:
+            told.append({k: x for k, x in rows[0].items() if k != "process"} | {"quantity": "", "processes": 0})
     return told
 
 
@@ -215,19 +173,21 @@ def exponents(races: Rows, large: int) -> Rows:
     """
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     told = []
-    for (engine, quantity), rows in _group(ended, "engine", "quantity").items():
-        by_size = {size: [r["seconds"] for r in some] for (size,), some in _group(rows, "size").items()}
-        if len(by_size) > 1:
-            found = exponent(list(by_size), [statistics.median(x) for x in by_size.values()])
-            by_process = _group(rows, "process").values()
-            single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in by_process if len(x) == len(by_size)]
-            low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
-            names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
-            told.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
+    for (engine, quantity), rows in group(ended, "engine", "quantity").items():
+        by_size = {size: statistics.median(r["seconds"] for r in some) for (size,), some in group(rows, "size").items()}
+        if len(by_size) == 1:
+            continue
+        whole = [x for x in group(rows, "process").values() if len(x) == len(by_size)]
+        single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
+        low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
+        names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
+        found = exponent([*by_size], [*by_size.values()])
+        told.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
     return told
 
 
-def _group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
+def group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
+    """Rows by their values in some columns."""
     groups: dict[tuple[Any, ...], Rows] = {}
     for r in rows:
         groups.setdefault(tuple(r[x] for x in columns), []).append(r)

@@ -11,7 +11,7 @@ from gauss_bench import metrics
 from gauss_bench.bench.clock import Missing, Row, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
-from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.bench.tasks import Tables, Task, place_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS as ENGINES
@@ -28,11 +28,7 @@ WINDOWS = 10  # in which the largest error of the energy is taken
 
 def exact(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
-    return [
-        context.task("kernel_long", long_run, (*place, part.model_copy(update={"linkages": {}})), *place)
-        for part in suite.long_runs
-        for place in part.linkages.items()
-    ]
+    return context.each(suite.long_runs, "kernel_long", long_run)
 
 
 def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
@@ -43,7 +39,7 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
     for formulation in FORMULATIONS:
         coarse: Row = {}
         for step in (part.step, part.step / 2):
-            start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario, "formulation": formulation, "step": step}
+            start: Row = place_of(mechanism) | {"formulation": formulation, "step": step}
             energies: list[float] = []
             told = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration, energies)
             rows.append(judge_row(told, coarse, part))

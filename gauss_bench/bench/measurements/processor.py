@@ -22,7 +22,8 @@ CYCLES = LATENCY["fma"]
 CHAINS = 16  # two in flight for each of two pipes and four cycles
 LINKS = 16  # of the chain in one turn of the loop
 TURNS = 2_000
-LATENCY_KEY, RATE_KEY = Key("latency", "processor", "", "", ""), Key("rate", "processor", "", "", "")
+PROCESSOR = "processor"
+LATENCY_KEY, RATE_KEY = Key("latency", PROCESSOR, "", "", ""), Key("rate", PROCESSOR, "", "", "")
 FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.bench.measurements import geometry
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
@@ -51,13 +52,11 @@ def turning(mechanism: Mechanism, samples: int) -> Callable[[], Turn]:
     return lambda: linkage.step_fast_with_kinematics(iterations=samples)
 
 
-def errors(mechanism: Mechanism, turn: Turn) -> tuple[float, float, float]:
+def differences(mechanism: Mechanism, turn: Turn) -> dict[str, float]:
     """Largest differences of PIN's positions, velocities and accelerations from pure geometry, relative to each's largest value."""
-    motion, point, one = MinimalCoordinate(mechanism), mechanism.point(1, PIN), np.ones(1)
+    point = mechanism.point(1, PIN)
     away = turn[0][:, 2] - mechanism.ground_points["A"]
     theta = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
-    parts = [motion.state(x, one, 0 * one) for x in theta[:, None]]
-    q, v, a = (np.concatenate([part[k] for part in parts]) for k in range(3))
-    exact = position(q, point), velocity(q, v, point), acceleration(q, v, a, point)
-    off = [float(np.abs(x[:, -1] - y).max() / np.abs(y).max()) for x, y in zip(turn, exact, strict=True)]
-    return off[0], off[1], off[2]
+    q, v, a = geometry.exact_motion(MinimalCoordinate(mechanism), theta)
+    x, y, z = (level[:, -1] for level in turn)
+    return geometry.differences((x, y, z), (position(q, point), velocity(q, v, point), acceleration(q, v, a, point)))

@@ -11,33 +11,21 @@ apart in time, so that what disturbs the machine for a minute is in few of them;
 import hashlib
 import json
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import (
-    Measured,
-    Missing,
-    Race,
-    Row,
-    at_least,
-    over_processes,
-    quartiles,
-    ratio,
-    row,
-    spread,
-    time_of,
-)
+from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather, quartiles, ratio, row, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
-from gauss_bench.bench.survived import list_survivors, patient, watching
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.survived import Entries, list_survivors, race_here
+from gauss_bench.bench.tasks import Rows, Tables, Task, patient, place_of
 from gauss_bench.bench.ways import (
     BEATS,
+    ROUGH_ROUNDS,
     Models,
     Run,
     Way,
@@ -46,8 +34,8 @@ from gauss_bench.bench.ways import (
     has_samples,
     is_adaptive,
     loop_of,
+    one_step,
     space,
-    steps_timed,
     whole_run,
 )
 from gauss_bench.engines import OWN, all_names, get
@@ -62,6 +50,8 @@ from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Reference, Status
 
 STATUSES = dict.fromkeys((Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP)  # of tables; others by their own names
+Ladders = dict[Way, list[Trial]]  # trials of every variant, a way of size 0, in the order in which they were searched
+Asked = list[tuple[Way, int, float]]  # ways with their steps, and how many seconds they may take
 
 
 def requirements(part: Search) -> list[Requirement]:
@@ -81,14 +71,12 @@ def over(linkage: str, scenario: str, part: Search) -> Run:
 def exact(suite: Suite, context: Context) -> list[Task]:
     """One ladder for each linkage, engine and variant."""
     tasks = []
-    for part in suite.search:
+    for part, place in _races(suite):
         asked = part.model_copy(update={"linkages": {}, "engines": ()})
-        for linkage, scenario in part.linkages.items():
-            for engine in search_linkage(part):
-                for variant in space(engine):
-                    chosen = {"settings": variant.name, "integrator": variant.integrator, "stabilization": variant.stabilization}
-                    arguments = (linkage, scenario, engine.name, variant, asked, context.store)
-                    tasks.append(context.task("search_ladder", ladder, arguments, linkage, scenario, engine=engine.name, **chosen))
+        for engine in search_linkage(part):
+            for variant in space(engine):
+                arguments = (*place, engine.name, variant, asked, context.store)
+                tasks.append(context.task("search_ladder", ladder, arguments, *place, **names_of(engine.name, variant)))
     return tasks
 
 
@@ -118,8 +106,8 @@ def _has_times(races: Rows) -> bool:
 
 def _here(tables: Tables, table: str, place: tuple[str, str]) -> Rows:
     """The rows of a table that are of a linkage."""
-    mechanism = load(place[0], place[1] or None)
-    return [r for r in tables.get(table, []) if (r["mechanism"], r["scenario"]) == (mechanism.name, mechanism.scenario)]
+    there = place_of(load(place[0], place[1] or None))
+    return [r for r in tables.get(table, []) if {k: r[k] for k in there} == there]
 
 
 def _task(
@@ -140,28 +128,23 @@ def complete(suite: Suite, tables: Tables) -> None:
             tables.setdefault(table, []).extend(rows)
     engines = {x.name: x for part in suite.search for x in search_linkage(part) if x.usable}
     if engines:
-        tables["search_space"] = [r for x in engines.values() for r in space_rows(x)]
-        tables["search_knobs"] = [r for x in engines for r in knob_rows(x)]
+        tables["search_space"] = [space_row(x, variant) for x in engines.values() for variant in space(x)]
+        tables["search_knobs"] = [
+            {"engine": x, "knob": k.name, "meaning": k.meaning, "source": k.source}
+            for x in engines
+            for k in getattr(get(x), "knobs", {}).values()  # an engine without a file of variants has none but its settings
+        ]
 
 
-def space_rows(engine: Offer) -> Rows:
-    return [
-        {
-            "engine": engine.name,
-            "settings": x.name,
-            "integrator": x.integrator,
-            "stabilization": x.stabilization,
-            "size": "tolerance" if x.integrator in engine.adaptive else "step",
-            "options": json.dumps(dict(x.options), sort_keys=True),
-        }
-        for x in space(engine)
-    ]
+def names_of(engine: str, variant: Variant) -> dict[str, str]:
+    """The columns that name a variant."""
+    names = {"engine": engine, "settings": variant.name}
+    return names | {"integrator": variant.integrator, "stabilization": variant.stabilization}
 
 
-def knob_rows(engine: str) -> Rows:
-    """The knobs that an engine tells of; one without a file of variants has none but its settings."""
-    knobs = getattr(get(engine), "knobs", {})
-    return [{"engine": engine, "knob": k.name, "meaning": k.meaning, "source": k.source} for k in knobs.values()]
+def space_row(engine: Offer, variant: Variant) -> Row:
+    size = "tolerance" if variant.integrator in engine.adaptive else "step"
+    return names_of(engine.name, variant) | {"size": size, "options": json.dumps(dict(variant.options), sort_keys=True)}
 
 
 # Ladders: what passes, without a clock
@@ -175,10 +158,10 @@ def reference_of(linkage: str, scenario: str, until: float, store: str) -> Refer
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
     """A row for every evaluation of a variant; the last one tells why there are no more."""
     run = over(linkage, scenario, part)
-    start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario, "engine": engine, "settings": variant.name}
-    start |= {"integrator": variant.integrator, "stabilization": variant.stabilization, "until": run.until}
+    names = names_of(engine, variant)
+    way = Way(**names, size=0.0)
+    start: Row = place_of(run.mechanism) | names | {"until": run.until}
     adaptive = variant.integrator in offer(engine).adaptive
-    way = Way(engine, variant.name, variant.integrator, variant.stabilization, run.until)
     truth = reference_of(linkage, scenario, run.until, store)
     beats = next((x for x in BEATS if has_samples(truth, run.until, x)), None)
     if beats is None:
@@ -192,15 +175,35 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
         return evaluate_run(run, judge, truth, way._replace(size=size), adaptive, beats)
 
     trials, ended = explore(evaluate, scale, requirements(part), part.budget, most)
-    rows = [start | trial_row(trial, adaptive) for trial in trials]
+    rows = []
+    for trial in trials:
+        errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
+        told = {"steps": trial.steps, "status": str(trial.status), "message": trial.message}
+        rows.append(start | place(way._replace(size=trial.size)) | told | errors)
     rows[-1]["ended"] = ended
     return {"search_ladder": rows}
 
 
-def trial_row(trial: Trial, adaptive: bool) -> Row:
-    errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
-    size = {"step": None, "tolerance": trial.size} if adaptive else {"step": trial.size, "tolerance": None}
-    return size | {"steps": trial.steps, "status": str(trial.status), "message": trial.message} | errors
+def read_ladders(rows: Sequence[Row]) -> Ladders:
+    """Read the ladders of a linkage."""
+    ladders: Ladders = {}
+    for r in rows:
+        variant = Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
+        ladders.setdefault(variant, []).append(trial_of(r))
+    return ladders
+
+
+def passing_ways(ladders: Ladders, part: Search) -> dict[tuple[Requirement, str], dict[Way, Trial]]:
+    """For every requirement and engine what is exact enough: each variant at the largest size that is, in their order."""
+    found: dict[tuple[Requirement, str], dict[Way, Trial]] = {
+        (w, e.name): {} for w in requirements(part) for e in search_linkage(part)
+    }
+    for (wanted, engine), ways in found.items():
+        for variant, trials in ladders.items():
+            trial = coarsest(trials, wanted)
+            if trial and variant.engine == engine:
+                ways[variant._replace(size=trial.size)] = trial
+    return found
 
 
 # The race: what is cheapest
@@ -208,68 +211,76 @@ def trial_row(trial: Trial, adaptive: bool) -> Row:
 
 def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     """Times of everything worth a race, after another process has estimated costs; `rows` are the ladders of the linkage."""
-    run, ladders = over(linkage, scenario, part), Ladders(rows)
-    passing = [some for ways in passing_ways(ladders, part).values() for some in by_loop(ways)]
-    ways = list(dict.fromkeys(way for some in passing for way in some))
-    estimates, lost = _survivors(estimate, run, ladders, ways, part)
-    costs = {Way(*r["way"]): float(r["seconds"]) for r in estimates}
-    chosen = dict.fromkeys(way for some in passing for way in finalists({w: costs[w] for w in some if w in costs}))
-    told, more = _survivors(race, run, ladders, list(chosen), part, lost, costs, part.lead, part.rounds)
+    run, passing = over(linkage, scenario, part), passing_ways(read_ladders(rows), part)
+    steps = {way: trial.steps for ways in passing.values() for way, trial in ways.items()}
+    finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
+    rough, lost = race_apart(rough_entries, run, part, [(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
+    seconds = {variant: time_of(x) for variant, x in gather(rough, entry_of).samples.items()}
+    costs = {way: seconds[way._replace(size=0.0)] * steps[way] for way in steps if way._replace(size=0.0) in seconds}
+    chosen: dict[Way, None] = {}
+    for ways in passing.values():
+        for some in by_loop(ways):
+            chosen |= dict.fromkeys(finalists({way: costs[way] for way in some if way in costs}))
+    told, more = race_apart(race_entries, run, part, [(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
     return {"search_races": race_rows(run, 0, told, lost | more)}
 
 
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
     """Times in one more process, of what may still win by those of the first."""
-    run, ladders = over(linkage, scenario, part), Ladders(rows)
-    measured = gather_measured(first)
-    near = [way for ways in passing_ways(ladders, part).values() for some in by_loop(ways) for way in near_ways(some, measured)]
-    costs = {way: time_of(x) for way, x in measured.samples.items()}
-    told, lost = _survivors(race, run, ladders, list(dict.fromkeys(near)), part, list_lost(first), costs, part.lead, part.rounds)
+    run, measured = over(linkage, scenario, part), gather_measured(first)
+    near: dict[Way, int] = {}
+    for ways in passing_ways(read_ladders(rows), part).values():
+        near |= {way: ways[way].steps for some in by_loop(ways) for way in near_ways(some, measured)}
+    asked = [(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
+    told, lost = race_apart(race_entries, run, part, asked, part.rounds, list_lost(first), part.lead)
     return {"search_races": race_rows(run, number, told, lost)}
 
 
-def _survivors(
-    function: Callable[..., Tables],
-    run: Run,
-    ladders: "Ladders",
-    ways: Sequence[Way],
-    part: Search,
-    lost: Mapping[str, Any] = MappingProxyType({}),
-    costs: Mapping[Any, float] = MappingProxyType({}),
-    *numbers: float,
+def race_apart(
+    entries: Entries, run: Run, part: Search, asked: Asked, rounds: int, lost: Collection[str] = (), *more: float
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Run a function of several ways in a new process: its results, and the engines that crash or hang in it."""
-    asked = [[*way, ladders.steps[way], costs.get(way, 0.0)] for way in ways if way.engine not in lost]
-    arguments = (run.linkage, run.mechanism.scenario, run.until, asked, *numbers)
-    tables, more = list_survivors(function, arguments, [x.name for x in search_linkage(part) if x.name not in lost])
-    return tables["ways"], more
+    """Race ways in a new process, without engines that were lost before: its rows, and the engines that crash or hang in it."""
+    names = [x.name for x in search_linkage(part) if x.name not in lost]
+    left = [x for x in asked if x[0].engine not in lost]
+    arguments = (run.linkage, run.mechanism.scenario, run.until, left, *more)
+    told, gone = list_survivors(race_here, (entries, arguments, rounds), names)
+    return told, gone
 
 
-def passing_ways(ladders: "Ladders", part: Search) -> dict[tuple[Requirement, str], list[Way]]:
-    """For every requirement and engine what is exact enough."""
-    return {(w, e.name): ladders.passing(e.name, w) for w in requirements(part) for e in search_linkage(part)}
+def rough_entries(linkage: str, scenario: str, until: float, asked: Asked) -> Iterator[tuple[Way, Callable[[], Block]]]:
+    """A step of every variant, by the way of it that is asked for."""
+    run = Run(linkage, load(linkage, scenario or None), until)
+    for way, steps, _ in asked:
+        yield way._replace(size=0.0), partial(one_step, run, way, steps, {})
 
 
-def by_loop(ways: Sequence[Way]) -> list[list[Way]]:
+def race_entries(linkage: str, scenario: str, until: float, asked: Asked, lead: float) -> Iterator[tuple[Way, Callable[[], Block]]]:
+    """Whole runs of ways, or their first parts; ways of one variant may share a model."""
+    run, models = Run(linkage, load(linkage, scenario or None), until), Models()
+    for way, steps, cost in asked:
+        yield way, partial(whole_run, run, way, steps, cost, lead, models)
+
+
+def by_loop(ways: Iterable[Way]) -> list[list[Way]]:
     """Return the ways of an engine apart by who runs the loop: the cheapest of each is raced."""
-    return [[way for way in ways if loop_of(way) == loop] for loop in dict.fromkeys(map(loop_of, ways))]
+    loops: dict[str, list[Way]] = {}
+    for way in ways:
+        loops.setdefault(loop_of(way), []).append(way)
+    return [*loops.values()]
 
 
-def near_ways(ways: Sequence[Way], measured: Measured) -> list[Way]:
+def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
     """Those of them that may be the fastest, by the first process."""
     return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
 
 
 def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
     """Rows of one process of a race, and the engines that were lost in it."""
-    start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario, "process": number}
+    start: Row = place_of(run.mechanism) | {"process": number}
     rows = []
     for r in told:
-        here = start | place(Way(*r["way"]))
-        if "seconds" in r:
-            rows += [here | {"status": str(Status.OK), "message": "", "round": k, "seconds": x} for k, x in enumerate(r["seconds"])]
-        else:
-            rows.append(here | {"status": r["status"], "message": r["message"]})
+        answer = {k: r[k] for k in ("round", "seconds", "status", "message") if k in r}
+        rows.append(start | place(entry_of(r)) | {"status": str(Status.OK), "message": ""} | answer)
     return rows + [start | {"engine": e} | failure.told for e, failure in lost.items()]
 
 
@@ -280,20 +291,19 @@ def race_found(linkage: str, scenario: str, part: Search, ladder_rows: Rows, rac
     """
     if not _has_times(races):
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
-    run, ladders, measured, lost = over(linkage, scenario, part), Ladders(ladder_rows), gather_measured(races), list_lost(races)
-    passing = passing_ways(ladders, part)
-    start: Row = {"mechanism": run.mechanism.name, "scenario": run.mechanism.scenario}
-    winners: Rows = []
-    for w in requirements(part):
-        engines = [e for x, e in passing if x == w]
-        lines = [winner_row(start, w, e, passing[w, e], ladders, measured, part) for e in engines if e not in lost]
+    run, ladders = over(linkage, scenario, part), read_ladders(ladder_rows)
+    measured, lost = gather_measured(races), list_lost(races)
+    start: Row = place_of(run.mechanism)
+    passing, winners = passing_ways(ladders, part), []
+    for wanted in requirements(part):
+        engines = {engine: ways for (w, engine), ways in passing.items() if w == wanted}
+        asked = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit}
+        lines = [winner_row(asked, wanted, e, ways, ladders, measured, part) for e, ways in engines.items() if e not in lost]
         for line in (x for x in lines if x["status"] == Status.OK):
             way = way_of(line)
             line["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
-        winners += with_ratios(lines, measured, part)
-        place_of = start | {"required": w.kind, "accuracy": w.limit, "unit": w.unit}
-        winners += [place_of | {"engine": e} | told for e, told in lost.items() if e in engines]
-    entered = dict.fromkeys(way for key in (measured.samples, measured.failed) for way in key if isinstance(way, Way))
+        winners += with_ratios(lines, measured, part) + [asked | {"engine": e} | told for e, told in lost.items() if e in engines]
+    entered = dict.fromkeys(way for way in (*measured.samples, *measured.failed) if isinstance(way, Way))
     times = [row(start | place(way), _time_over_processes, measured, way) for way in entered if way.engine not in lost]
     return {"search_winners": winners, "search_times": times}
 
@@ -315,80 +325,23 @@ def list_lost(races: Rows) -> dict[str, Row]:
     return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in races if r.get("engine") and r.get("integrator") is None}
 
 
-def estimate(linkage: str, scenario: str, until: float, rows: Sequence[Sequence[Any]], engines: Sequence[str], path: str) -> Tables:
-    """Estimated seconds of ways, each with its steps."""
-    steps = {Way(*r[:5]): int(r[5]) for r in rows if r[0] in engines}
-    costs = steps_timed(Run(linkage, load(linkage, scenario or None), until), list(steps), steps, watching(path))
-    return {"ways": [{"way": list(way), "seconds": x} for way, x in costs.items()]}
-
-
-def race(
-    linkage: str,
-    scenario: str,
-    until: float,
-    rows: Sequence[Sequence[Any]],
-    lead: float,
-    rounds: int,
-    engines: Sequence[str],
-    path: str,
-) -> Tables:
-    """Seconds (rounds,) of ways, each with its steps and estimated cost, or why there are none."""
-    run, entered = Run(linkage, load(linkage, scenario or None), until), Race(watching(path))
-    models: Models = {}
-    for r in (r for r in rows if r[0] in engines):
-        way = Way(*r[:5])
-        entered.add(way, whole_run, run, way, int(r[5]), r[6], lead, models)
-    measured = entered.run(rounds)
-    told: Rows = [
-        {"way": list(way), "seconds": x[0][np.isfinite(x[0])].tolist()}
-        for way, x in measured.samples.items()
-        if isinstance(way, Way)
-    ]
-    failed = [(way, x) for way, x in measured.failed.items() if isinstance(way, Way)]
-    return {"ways": told + [{"way": list(way), "status": str(x.status), "message": str(x)} for way, x in failed]}
-
-
 def gather_measured(races: Rows) -> Measured:
     """Gather what the processes of a race measured."""
-    samples: dict[Way, dict[int, list[float]]] = {}
-    failed: dict[Hashable, Missing] = {}
-    for r in sorted((r for r in races if r.get("integrator") is not None), key=lambda r: r.get("round") or 0):
-        if r["status"] == Status.OK:
-            samples.setdefault(way_of(r), {}).setdefault(r["process"], []).append(r["seconds"])
-        else:
-            failed.setdefault(way_of(r), Missing(Status(r["status"]), r["message"]))
-    return Measured(over_processes(samples), failed)
+    return gather((r for r in races if r.get("integrator") is not None), way_of)
 
 
-class Ladders:
-    """The ladders of a linkage, by engine and variant in the order in which they were searched.
+def entry_of(r: Mapping[str, Any]) -> Way:
+    """The way that a row of `race_here` is about."""
+    return Way(*(r[x] for x in Way._fields))
 
-    Attributes:
-        steps: that a way took.
-    """
 
-    def __init__(self, rows: Sequence[Row]):
-        self.trials: dict[Way, list[Trial]] = {}
-        self.ended: dict[Way, str] = {}
-        self.steps: dict[Way, int] = {}
-        for r in rows:
-            variant = Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
-            trial = trial_of(r)
-            self.trials.setdefault(variant, []).append(trial)
-            self.ended[variant] = str(r.get("ended") or r["message"])
-            self.steps[variant._replace(size=trial.size)] = trial.steps
-
-    def of(self, engine: str) -> dict[Way, list[Trial]]:
-        return {way: trials for way, trials in self.trials.items() if way.engine == engine}
-
-    def passing(self, engine: str, wanted: Requirement) -> list[Way]:
-        """The variants of an engine that meet a requirement, each at the largest size that does, in their order."""
-        pairs = ((way, coarsest(trials, wanted)) for way, trials in self.of(engine).items())
-        return [way._replace(size=trial.size) for way, trial in pairs if trial is not None]
+def way_of(r: Mapping[str, Any]) -> Way:
+    """The way that a row of a table is about."""
+    return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], r["step"] or r["tolerance"])
 
 
 def place(way: Way) -> Row:
-    """A way as columns."""
+    """A way as columns of a table."""
     columns = way._asdict()
     size = columns.pop("size")
     return columns | ({"step": None, "tolerance": size} if is_adaptive(way) else {"step": size, "tolerance": None})
@@ -398,36 +351,34 @@ def winner_row(
     start: Row,
     wanted: Requirement,
     engine: str,
-    passing: Sequence[Way],
+    passing: Mapping[Way, Trial],
     ladders: Ladders,
     measured: Measured,
     part: Search,
 ) -> Row:
     """An engine's winner for a requirement, of the ways that are `passing`; without one, how near it came and why no further."""
-    searched_trials = ladders.of(engine)
-    told = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit, "engine": engine}
-    told |= {"variants": len(searched_trials), "evaluations": sum(map(len, searched_trials.values())), "passing": len(passing)}
+    searched = {way: trials for way, trials in ladders.items() if way.engine == engine}
+    told = start | {"engine": engine, "variants": len(searched), "evaluations": sum(map(len, searched.values()))}
+    told |= {"passing": len(passing), "raced": sum(way in measured.samples for way in passing)}
     told |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
-    told["raced"] = sum(way in measured.samples for way in passing)
     near = near_ways(passing, measured)
     if not near:
-        return told | not_won(wanted, searched_trials, [measured.failed[x] for x in passing if x in measured.failed])
+        return told | not_won(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
     winner, tied = won({way: measured.samples[way] for way in near})
-    error = coarsest(searched_trials[winner._replace(size=0.0)], wanted)
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
-    told |= place(winner) | {"steps": ladders.steps[winner], "error": error.errors[wanted.kind] if error else None}
+    told |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
     told |= {
         "options": json.dumps(dict(options), sort_keys=True),
         "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
     }
-    return told | {"status": str(Status.OK), "message": "", "ties": tied} | spread("seconds", measured.of(winner))
+    return told | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
 
 
-def not_won(wanted: Requirement, trials: Mapping[Way, list[Trial]], failed: Sequence[Missing]) -> Row:
+def not_won(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
     """Return the columns of an engine without a winner: the answer, and how near it came."""
     found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
-    told = {"status": str(status), "message": found.words}
+    told: Row = {"status": str(status), "message": found.words}
     every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
     if not every:
         return told
@@ -447,14 +398,11 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     fastest = [way for x in level for way in ours[x]["ties"]]
     told = []
     for r in rows:
-        ratios: dict[str, Any] = {}
-        if own is not None and r["status"] == Status.OK:
-            ratios = ratio_of(r, own, fastest, measured)
+        holds = r["status"] == Status.OK
+        ratios = ratio_of(r, own, fastest, measured) if own is not None and holds else {}
         aimed = r["status"] == Status.OK and r["required"] == "position" and r["accuracy"] in part.aimed
-        told.append(
-            at_least({k: x for k, x in r.items() if k != "ties"} | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None)
-            | {"own": r["status"] == Status.OK and way_of(r) == own, "ours": r["engine"] in part.own}
-        )
+        plain = {k: x for k, x in r.items() if k != "ties"} | {"own": holds and way_of(r) == own, "ours": r["engine"] in part.own}
+        told.append(at_least(plain | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
     return told
 
 
@@ -465,7 +413,3 @@ def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Ro
     spreads = [ratio(measured.of(x), measured.of(y)) for x in r["ties"] for y in fastest]
     value = ratio(measured.of(way_of(r)), measured.of(own))[0]
     return {"ratio": value, "ratio_low": min(x[1] for x in spreads), "ratio_high": max(x[2] for x in spreads)}
-
-
-def way_of(r: Row) -> Way:
-    return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], r["step"] or r["tolerance"])
