@@ -31,6 +31,7 @@ from gauss_bench.bench.ways import Run, Way, choice_of, judge_trial, request_of,
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
@@ -186,8 +187,7 @@ class Recommender:
                 known = f"the true motion is known to {truth.bars[kind]:.1e} {UNITS[kind]} only"
                 raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {truth.told}")
         self.truth = truth
-        turning = truth.reference.v.reshape(len(truth.reference.t), len(self.run.mechanism.links), -1)[..., -1]
-        self.longest = TURNED / max(float(np.abs(turning).max()), 1e-9)
+        self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
         share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
         self.first = self.run.until / (truth.steps * (share / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]

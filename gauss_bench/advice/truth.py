@@ -17,6 +17,7 @@ import numpy as np
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.metrics import drift, joint_force_errors, relative_acceleration_error, state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.absolute import AbsoluteCoordinates
@@ -184,19 +185,19 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     bars = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
-    between_samples = _between_bars(reference, len(run.mechanism.links))
+    between_samples = _between_bars(reference)
     gaps = float(drift(judge, fine).position.max())  # of open joints
     bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
     return Truth(reference, halving | bars, halving, steps, False, how)
 
 
-def _between_bars(known: Reference, links: int) -> dict[str, float]:
+def _between_bars(known: Reference) -> dict[str, float]:
     """Kind -> error bar of polynomials between the samples."""
     half = replace(known, **{x: getattr(known, x)[::2] for x in ("t", "q", "v", "a")})
     if len(half.t) < 2:
         return {"position": math.inf, "angle": math.inf}
-    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]).reshape(-1, links, known.q.shape[1] // links) / SIXTH
-    return {"position": float(missed[..., :-1].max(initial=0.0)), "angle": float(missed[..., -1].max(initial=0.0))}
+    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / SIXTH
+    return {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
 
 
 def _certify(run: Run, truth: Truth) -> Truth:

@@ -27,6 +27,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import PLANE, angles, bodies, places
 from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.certificate import ARRAYS, as_reference, certificate_path, read_certificate
 from gauss_bench.reference.verification import verify
@@ -202,8 +203,7 @@ def measures() -> str | None:
     """Metrics of motions whose errors are known, because they were put in."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), exact(reference)
-    x = mechanism.n // len(mechanism.links)  # places of the second link
-    y = x + 1
+    x, y = PLANE.size, PLANE.size + 1  # places of the second link
 
     def errors(told: Trajectory) -> metrics.Errors:
         return metrics.state_errors(mechanism, told, reference)
@@ -236,15 +236,15 @@ def forces() -> str | None:
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = load(*which), truth(which)
         evaluator, sound = Evaluator(mechanism), exact(reference)
-        by_joint, shape = metrics.joint_forces(evaluator, sound), (len(reference.t), len(mechanism.links), -1)
+        by_joint = metrics.joint_forces(evaluator, sound)
         own = reference.a * evaluator.mass - evaluator.applied.generalised(reference.q, reference.v)
-        lacking, places = own.reshape(shape).copy(), reference.q.reshape(shape)[..., :2]
+        lacking = bodies(own).copy()
         for joint in mechanism.joints:
-            between, given = joint.held[0][0], by_joint[joint.name]
-            force, at = np.stack([given["fx"], given["fy"]], axis=1), position(reference.q, between.point)
-            for body, sign in ((between.origin.link, -1.0), (between.point.link, 1.0)):
+            (first, second), given = joint.ends, by_joint[joint.name]
+            force, at = np.stack([given["fx"], given["fy"]], axis=1), position(reference.q, second)
+            for body, sign in ((first.link, -1.0), (second.link, 1.0)):
                 if body >= 0:
-                    arm = at - places[:, body]
+                    arm = at - places(reference.q)[:, body]
                     moment = given["moment"] + arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
                     lacking[:, body] -= sign * np.column_stack([force, moment])
         if not np.abs(lacking).max() <= 1e-8 * max(1.0, float(np.abs(own).max())):
@@ -256,8 +256,8 @@ def judge_case() -> str | None:
     """The judge on a sound motion, and on motions that are not to be used."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), exact(reference)
-    turned = sound.q.reshape(len(sound.t), len(mechanism.links), -1).copy()
-    turned[..., -1] += 0.2
+    turned = sound.q.copy()
+    angles(turned)[...] += 0.2
 
     def verdict(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
         return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))
@@ -265,8 +265,8 @@ def judge_case() -> str | None:
     if not verdict(sound).valid:
         return f"the judge objects to the truth: {verdict(sound).sentence}"
     spoilt = {
-        judging.Subject.LOOPS: verdict(shifted(sound, "q", 3, 0.05 * mechanism.size)),
-        judging.Subject.MOTION: verdict(replace(sound, q=turned.reshape(sound.q.shape))),
+        judging.Subject.LOOPS: verdict(shifted(sound, "q", PLANE.size, 0.05 * mechanism.size)),
+        judging.Subject.MOTION: verdict(replace(sound, q=turned)),
         judging.Subject.ENERGY: verdict(replace(sound, v=1.1 * sound.v)),
         judging.Subject.MODEL: verdict(sound, 0.05),
         judging.Subject.COMPLETENESS: judging.completeness(replace(sound, t=sound.t + 1e-6), sound.t, mechanism.n),

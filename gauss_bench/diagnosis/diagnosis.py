@@ -258,7 +258,7 @@ class Case:
 
     def _turns(self) -> Answer | None:
         """Angles that an engine has brought back into one turn."""
-        turns = samples.whole_turns(self.off, len(self.own.mechanism.links))
+        turns = samples.whole_turns(self.off)
         if not turns.any():
             return None
         k = int(turns.any(axis=1).argmax())

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.diagnosis.motion import OwnMotion
-from gauss_bench.mechanism.model import GROUND, Angle
+from gauss_bench.mechanism.model import GROUND
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
@@ -54,16 +55,14 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
     """The best of all pins, where the gap of its joint is nearly all there is."""
     mechanism, gaps = own.mechanism, own.gaps(x)
     squares, at = float((gaps**2).sum()), 0
-    angles = x.q.reshape(len(x), len(mechanism.links), -1)[..., -1]
     found: list[Misplaced] = []
     for joint in mechanism.joints:
         gap, at = gaps[:, at : at + len(joint.held)], at + len(joint.held)
-        if not (squares and isinstance(joint.motion, Angle)):
+        if joint.slides or not squares:
             continue
-        ends = joint.held[0][0]  # the way between the two points of the pin, along the world's first axis
-        for point, sign in ((ends.origin, 1.0), (ends.point, -1.0)):
+        for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):
             if point.link != GROUND:
-                d, left = _turning(gap, angles[:, point.link])
+                d, left = _turning(gap, angle_at(x.q, point.link))
                 share = 1.0 - (left + squares - float((gap**2).sum())) / squares
                 found.append(Misplaced(joint.name, mechanism.link_name(point.link), sign * d, share))
     best = max(found, key=lambda x: x.share, default=None)

@@ -20,9 +20,9 @@ import numpy as np
 
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
-from gauss_bench.mechanism.coordinates import gradient
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import GROUND, Angle, Force, PointForce, Torque
+from gauss_bench.mechanism.model import Angle, Force, PointForce, Torque
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -224,8 +224,9 @@ def of_all_forces(own: OwnMotion, x: States) -> Iterator[Explanation]:
         return alone.applied.generalised(x.q, x.v, x.t)
 
     angular = [f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.lowered())]
-    turning = sum(gradient(Angle(GROUND, link), mechanism.q0) for link in range(len(mechanism.links)))  # 1 at angles, else 0
-    sums = {"all angular forces": pushed(*angular), "all moments on links": turning * parts.Q}
+    moments = np.zeros_like(parts.Q)
+    angles(moments)[...] = angles(parts.Q)
+    sums = {"all angular forces": pushed(*angular), "all moments on links": moments}
     sums |= {"all forces but gravity": pushed(*mechanism.forces), "all forces and gravity": parts.Q}
     sums |= {f"all of the force {f.name}": pushed(f) for f in mechanism.forces}
     for what, Q in sums.items():

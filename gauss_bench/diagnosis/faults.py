@@ -18,7 +18,8 @@ from gauss_bench.diagnosis.planted import TABLES
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
-from gauss_bench.mechanism.model import Angle, Mechanism
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
 from gauss_bench.trajectory import Trajectory
@@ -135,7 +136,7 @@ class Faulty(Interpreted):
 def last_pin(mechanism: Mechanism) -> list[int]:
     """Rows of the last joint of the file that leaves an angle free."""
     ends = np.cumsum([len(joint.held) for joint in mechanism.joints])
-    at = max(k for k, joint in enumerate(mechanism.joints) if isinstance(joint.motion, Angle))
+    at = max(k for k, joint in enumerate(mechanism.joints) if not joint.slides)
     return list(range(ends[at] - len(mechanism.joints[at].held), ends[at]))
 
 
@@ -232,10 +233,10 @@ def standing_still(trajectory: Trajectory, *_: object) -> Trajectory:
     return replace(trajectory, q=0 * trajectory.q + trajectory.q[0], v=0 * trajectory.v, a=0 * trajectory.a)
 
 
-def within_a_turn(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    by_link = trajectory.q.reshape(len(trajectory.t), len(mechanism.links), -1).copy()
-    by_link[..., -1] = (by_link[..., -1] + np.pi) % (2 * np.pi) - np.pi
-    return replace(trajectory, q=by_link.reshape(trajectory.q.shape))
+def within_a_turn(trajectory: Trajectory, *_: object) -> Trajectory:
+    q = trajectory.q.copy()
+    angles(q)[...] = (angles(q) + np.pi) % (2 * np.pi) - np.pi
+    return replace(trajectory, q=q)
 
 
 def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
@@ -244,7 +245,7 @@ def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
 
 def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
     """The first two links change places."""
-    order = np.arange(mechanism.n).reshape(len(mechanism.links), -1)
+    order = bodies(np.arange(mechanism.n))
     order[[0, 1]] = order[[1, 0]]
     return replace(trajectory, **{level: getattr(trajectory, level)[:, order.ravel()] for level in "qva"})
 

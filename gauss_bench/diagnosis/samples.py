@@ -10,6 +10,7 @@ import numpy as np
 
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -86,11 +87,10 @@ def stands_still(truth: States, told: States) -> bool:
     return moved[0] <= STILL * moved[1]
 
 
-def whole_turns(off: Array, links: int) -> Array:
+def whole_turns(off: Array) -> Array:
     """Count the turns (k, links) by which angles are off, of errors (k, n); none where that is not all of them."""
-    left = off.reshape(len(off), links, -1).copy()
-    turns = np.round(left[..., -1] / (2 * np.pi))
-    left[..., -1] -= 2 * np.pi * turns
+    left, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
+    angles(left)[...] -= 2 * np.pi * turns
     return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
@@ -133,12 +133,12 @@ def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tupl
     """Per way of listing a state: words, what was told and the truth (columns, ...), and the columns' names."""
 
     def links(x: Array) -> Array:
-        return x.reshape(len(x), len(mechanism.links), -1).transpose(1, 0, 2)
+        return bodies(x).transpose(1, 0, 2)
 
     names = [link.name for link in mechanism.links]
     for words, one, other in (("links", told.q, truth.q), ("velocities of links", told.v, truth.v)):
         yield words, links(one), links(other), names
-        yield f"angles in {words}", links(one)[..., -1], links(other)[..., -1], names
+        yield f"angles in {words}", angles(one).T, angles(other).T, names
     for shallow in (False, True):
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
