@@ -309,9 +309,8 @@ def test_a_bar_is_as_long_as_its_way_goes() -> None:
     family = FAMILIES["size"]
     assert [part(family, x) for x in (None, 1.0, 64.0)] == [0.0, pytest.approx(1 / 7), 1.0]
     one = Reach(WAY, "size", 8.0, 16.0, Verdict.FAILED, "too large", 1e-9, 5)
-    widths = [
-        float(x.attrib["width"]) for x in ET.fromstring(chart([one], alone=True)).iter(f"{SVG}rect") if x.get("width") != "100%"
-    ]
+    bars = [x for x in ET.fromstring(chart([one], alone=True)).iter(f"{SVG}rect") if x.get("width") != "100%"]
+    widths = [float(x.attrib["width"]) for x in bars]
     assert widths == pytest.approx([BAR, BAR * 5 / 7, BAR * 4 / 7], abs=0.1)
     assert [number(x) for x in (1e6, 1e-4, 0.01, 300.0)] == ["1e6", "1e-4", "0.01", "300"]
 

@@ -30,7 +30,6 @@ STILL = {
     "api/driven.py": 8,
     "api/history.py": 2,
     "api/simulate.py": 1,
-    "atlas/families.py": 4,
     "bench/agreement.py": 1,
     "bench/poses.py": 3,
     "compiler/closure.py": 2,

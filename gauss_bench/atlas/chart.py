@@ -20,17 +20,8 @@ PASS, DEGRADED, FAILED = ENGINES["lagrange"], ENGINES["gauss_pinv"], "#e9c3bd"
 WIDTH, NAMES, BAR, ROW, HEAD, FOOT, TOP = 372, 182, 126, 19, 58, 24, 78  # [px]
 ABREAST = 4  # panels of a single picture
 LEGEND = (("passes", PASS), ("degraded", DEGRADED), ("fails", FAILED), ("not known, or cannot", GRID))
-SIZES = {
-    "ink": INK,
-    "muted": MUTED,
-    "paper": PAPER,
-    "names": NAMES,
-    "bar": BAR,
-    "each": ROW,
-    "head": HEAD,
-    "top": TOP,
-    "width": WIDTH,
-}
+SIZES = {"names": NAMES, "bar": BAR, "each": ROW, "head": HEAD, "top": TOP, "width": WIDTH}
+COLOURS = {"ink": INK, "muted": MUTED, "paper": PAPER}
 TEMPLATES = Environment(loader=PackageLoader("gauss_bench.atlas", "."), autoescape=True)
 
 
@@ -74,7 +65,9 @@ def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
     if alone:
         wide, tall = WIDTH, height - FOOT + 6
     given = {"wide": wide, "tall": tall, "height": height, "abreast": abreast, "panels": drawn, "alone": alone}
-    return TEMPLATES.get_template("chart.svg.j2").render(**SIZES, **given, number=number, legend=LEGEND, title=TITLE) + "\n"
+    return (
+        TEMPLATES.get_template("chart.svg.j2").render(**COLOURS, **SIZES, **given, number=number, legend=LEGEND, title=TITLE) + "\n"
+    )
 
 
 def page(reaches: Sequence[Reach]) -> str:

@@ -1,7 +1,7 @@
 """The axes of the atlas: for each a family of linkages that becomes harder with one number, everything else as it was.
 
-`axes.toml` has their names and values; here is what linkage a value makes. Most are the four-bar of `mechanisms/`, started at a given
-crank speed without motor and brake, under gravity.
+`axes.toml` has their names and values; here is what linkage a value makes. Most are the four-bar of `mechanisms/`, started at a
+given crank speed without motor and brake, under gravity.
 
     singular     crank-rocker whose smallest transmission angle [deg] shrinks: it passes its dead centres ever closer
     redundancy   parallelogram on more cranks than it needs, hanging: redundant constraint rows
@@ -48,8 +48,8 @@ class Axis:
         values: from easy to hard.
         document: the linkage file of a value, whose scenario is SCENARIO.
         step: integration step [s] of a value.
-        truth: q, v, a (3, k, n) of a value at times (k,) to a relative tolerance, where a simpler equation has the same motion; else
-            None, and the suite's own DOP853 says it.
+        truth: q, v, a (3, k, n) of a value at times (k,) to a relative tolerance, where a simpler equation has the same motion;
+            else None, and the suite's own DOP853 says it.
     """
 
     name: str
