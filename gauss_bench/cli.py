@@ -480,14 +480,14 @@ def atlas(options: argparse.Namespace) -> int:
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})
     if options.out is not None:
-        refuse_foreign({options.out / name: table.TITLE for name in ("atlas.svg", "index.html")})
+        refuse_foreign({options.out / name: chart.TITLE for name in ("atlas.svg", "index.html")})
     chosen, along = survey.ways(options.engines), survey.axes(options.axes)
     reaches = survey.survey(chosen, along, check_budget(options.budget, survey.BUDGET), options.jobs, tell)
     rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
     for folder in filter(None, (options.out, options.into)):
         tell(f"{write_table('atlas', rows, folder)[0]}")
     if options.out is not None:
-        for name, content in {"atlas.svg": chart.chart(reaches), "index.html": table.page(reaches)}.items():
+        for name, content in {"atlas.svg": chart.chart(reaches), "index.html": chart.page(reaches)}.items():
             write_text(options.out / name, content)
             tell(f"{options.out / name}")
     if options.json:

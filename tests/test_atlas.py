@@ -16,10 +16,10 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from gauss_bench.atlas import survey as surveying
-from gauss_bench.atlas.chart import BAR, FAILED, alone, chart, number, part
-from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family, ladder, pendulum
+from gauss_bench.atlas.chart import BAR, FAILED, chart, number, page, part
+from gauss_bench.atlas.families import FAMILIES, SCENARIO, Axis, ladder, pendulum
 from gauss_bench.atlas.survey import Course, Reach, Way, axes, compare, reach, sentence, survey, ways
-from gauss_bench.atlas.table import page, row, rows_of
+from gauss_bench.atlas.table import row, rows_of
 from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decide
 from gauss_bench.cli import main
 from gauss_bench.engines.interpreted import Interpreted
@@ -49,7 +49,7 @@ def test_rungs_are_round_numbers_from_easy_to_hard() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda x: x.name)
-def test_every_family_assembles_at_both_ends(family: Family) -> None:
+def test_every_family_assembles_at_both_ends(family: Axis) -> None:
     for value in (family.values[0], family.values[-1]):
         mechanism = load_document(family.document(value), SCENARIO)
         assert mechanism.dof == 1
@@ -187,19 +187,19 @@ def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.Monk
     found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
     assert (found.passes_to, found.ends_at, found.last, found.reason) == (1.0, 1.0, Verdict.OPEN, "no time")
     assert row(found)["breaks_at"] is None
-    assert FAILED not in alone(family, [found])
-    assert "≥ 1" in alone(family, [found])
+    assert FAILED not in chart([found], alone=True)
+    assert "≥ 1" in chart([found], alone=True)
 
 
 def test_a_linkage_of_a_family_is_made_once_with_its_own_truth_where_it_has_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def perform(request: surveying.Request, *_: object) -> Run:
+    def run_apart(request: surveying.Request, *_: object) -> Run:
         asked.append(request.choice.tolerance)
         return Run(Status.CRASHED, "why", None, None, request.wanted)
 
     asked: list[float | None] = []
-    monkeypatch.setattr(surveying, "perform", perform)
+    monkeypatch.setattr(surveying, "run_apart", run_apart)
     course, worker = Course(tmp_path), Worker()
     mechanism, reference = course.at(FAMILIES["size"], 1.0, worker)
     assert isinstance(reference, Reference)
@@ -214,12 +214,12 @@ def test_a_linkage_of_a_family_is_made_once_with_its_own_truth_where_it_has_one(
 def test_a_reference_is_the_run_at_the_tighter_tolerance_and_its_bar_what_the_other_differs_by(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def perform(request: surveying.Request, mechanism: Mechanism, *_: object) -> Run:
+    def run_apart(request: surveying.Request, mechanism: Mechanism, *_: object) -> Run:
         t = request.wanted.times
         states = np.full((3, len(t), mechanism.n), 1e6 * request.choice.tolerance)
         return Run(Status.OK, "", Trajectory(t, *states, 10), None, request.wanted)
 
-    monkeypatch.setattr(surveying, "perform", perform)
+    monkeypatch.setattr(surveying, "run_apart", run_apart)
     reference = Course(tmp_path).at(replace(FAMILIES["size"], truth=None), 1.0, Worker())[1]
     assert isinstance(reference, Reference)
     assert reference.q.max() == pytest.approx(1e-6)
@@ -247,7 +247,7 @@ def test_an_engine_that_cannot_hold_what_is_harder_keeps_what_it_did(monkeypatch
 def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, told = list[float](), list[str]()
 
-    def looked_at(way: Way, family: Family, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
+    def looked_at(way: Way, family: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
         if left > 0:
             begun.append(value)
             os.kill(os.getpid(), signal.SIGINT)
@@ -289,7 +289,7 @@ def width(text: str, size: float) -> float:
 
 def test_names_in_the_chart_neither_meet_nor_leave_it() -> None:
     found = some()
-    panels = [alone(FAMILIES[axis], [x for x in found if x.axis == axis]) for axis in ("mass", "singular")]
+    panels = [chart([x for x in found if x.axis == axis], alone=True) for axis in ("mass", "singular")]
     for svg in (chart(found), *panels):
         root = ET.fromstring(svg)
         _, _, wide, tall = (float(x) for x in root.attrib["viewBox"].split())
@@ -309,7 +309,8 @@ def test_a_bar_is_as_long_as_its_way_goes() -> None:
     family = FAMILIES["size"]
     assert [part(family, x) for x in (None, 1.0, 64.0)] == [0.0, pytest.approx(1 / 7), 1.0]
     one = Reach(WAY, "size", 8.0, 16.0, Verdict.FAILED, "too large", 1e-9, 5)
-    widths = [float(x.attrib["width"]) for x in ET.fromstring(alone(family, [one])).iter(f"{SVG}rect") if x.get("width") != "100%"]
+    bars = [x for x in ET.fromstring(chart([one], alone=True)).iter(f"{SVG}rect") if x.get("width") != "100%"]
+    widths = [float(x.attrib["width"]) for x in bars]
     assert widths == pytest.approx([BAR, BAR * 5 / 7, BAR * 4 / 7], abs=0.1)
     assert [number(x) for x in (1e6, 1e-4, 0.01, 300.0)] == ["1e6", "1e-4", "0.01", "300"]
 

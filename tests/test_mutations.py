@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from gauss_bench.diagnosis.planted import TABLES
+
 ROOT = Path(__file__).parents[1]
 MUTATIONS = tomllib.loads((ROOT / "tests" / "mutations.toml").read_text(encoding="utf-8"))["mutation"]
 KEYS = {"fault", "file", "text", "mutant", "test"}
@@ -144,6 +146,11 @@ def test_a_mutation_names_a_place_that_is_there(mutation: dict[str, str]) -> Non
     assert path.read_text(encoding="utf-8").count(mutation["text"]) == 1, "let the mutation follow the code"
     file, _, name = mutation["test"].partition("::")
     assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("fault", [x for x in TABLES["fault"] if "file" in x], ids=lambda x: x["sentence"])
+def test_a_fault_of_the_self_test_names_a_place_that_is_there(fault: dict[str, str]) -> None:
+    assert (ROOT / fault["file"]).read_text(encoding="utf-8").count(fault["text"]) == 1, "let planted.toml follow the code"
 
 
 @pytest.mark.long

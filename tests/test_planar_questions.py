@@ -27,22 +27,11 @@ MAY_ASK = (
     "papers/",
 )
 STILL = {
-    "advice/recommending.py": 1,
-    "advice/truth.py": 3,
     "api/driven.py": 8,
     "api/history.py": 2,
     "api/simulate.py": 1,
-    "atlas/families.py": 4,
     "bench/agreement.py": 1,
     "bench/poses.py": 3,
-    "diagnosis/checks.py": 11,
-    "diagnosis/diagnosis.py": 4,
-    "diagnosis/dimensions.py": 2,
-    "diagnosis/explanations.py": 3,
-    "diagnosis/faults.py": 3,
-    "diagnosis/planted.py": 1,
-    "diagnosis/samples.py": 2,
-    "diagnosis/split.py": 1,
     "kinematics/basic_coordinates.py": 1,
     "kinematics/branches.py": 8,
     "kinematics/centres.py": 4,
@@ -54,9 +43,6 @@ STILL = {
     "report/site/engine.py": 1,
     "report/site/motion.py": 7,
     "report/site/playback.py": 3,
-    "sweep/batch.py": 1,
-    "sweep/family.py": 2,
-    "sweep/figures.py": 4,
 }
 
 

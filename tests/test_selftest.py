@@ -8,7 +8,7 @@ import gauss_bench
 from gauss_bench.bench import clock, gate
 from gauss_bench.cli import main
 from gauss_bench.diagnosis import checks, planted, selftest
-from gauss_bench.diagnosis.planted import PLANTED, SIZES, Planted, patch, smallest
+from gauss_bench.diagnosis.planted import PLANTED, SIZES, Planted, plant, smallest
 
 
 def test_clocks_and_gate_are_guarded(capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,23 +55,25 @@ def test_a_suite_that_is_not_sound_fails_though_all_is_seen(
 
 
 def test_what_is_planted_is_put_back() -> None:
-    before = clock.measure_seconds, clock.Block.seconds, gate.RULES["position_error"]
+    before = clock.measure_seconds.__code__, clock.Block.seconds.__code__, gate.RULES["position_error"]
     for one in PLANTED:
         if one.kind in ("clocks", "gate"):
             one.check()
-    assert before == (clock.measure_seconds, clock.Block.seconds, gate.RULES["position_error"])
-    with patch(gate, "FLATTERING", lambda x: 2 * x):
+    assert before == (clock.measure_seconds.__code__, clock.Block.seconds.__code__, gate.RULES["position_error"])
+    with plant("gauss_bench/bench/gate.py", "FLATTERING = 10.0", "FLATTERING = 20.0"):
         assert gate.FLATTERING == 20.0
     assert gate.FLATTERING == 10.0
+    with pytest.raises(ValueError, match="does not say"), plant("gauss_bench/bench/gate.py", "no such text", ""):
+        pass
 
 
 def test_the_smallest_fault_that_is_seen_is_where_seeing_begins() -> None:
     def check(size: float) -> str | None:
         return "seen" if size >= 3e-8 else None
 
-    assert smallest(check, 1e-17, 1e-2) == pytest.approx(3e-8, rel=0.06)
+    assert smallest(check) == pytest.approx(3e-8, rel=0.06)
     with pytest.raises(ValueError, match="not seen"):
-        smallest(lambda size: None, 1e-17, 1e-2)
+        smallest(lambda size: None)
 
 
 @pytest.mark.parametrize("kind", selftest.KINDS)

@@ -31,6 +31,7 @@ from gauss_bench.bench.ways import Run, Way, choice_of, judge_trial, request_of,
 from gauss_bench.engines.variants import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
@@ -186,7 +187,7 @@ class Recommender:
                 known = f"the true motion is known to {truth.bars[kind]:.1e} {UNITS[kind]} only"
                 raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {truth.told}")
         self.truth = truth
-        self.longest = TURNED / max(float(np.abs(truth.reference.v[:, 2::3]).max()), 1e-9)
+        self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
         share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
         self.first = self.run.until / (truth.steps * (share / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
@@ -204,17 +205,9 @@ class Recommender:
     def _truth(self) -> Truth:
         """Find the truth that runs are judged by, in the worker of the engine that is compiled for it anyway."""
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
-        own, left = self.engines.get(TRUE), lambda: self.budget.left(TRUTH)
-        if own is None or own.refused is not None:
-            return truth(self.run, wanted, left, self._stack.enter_context(Worker()), self.told)
-        own.busy = True
-
-        def at_rest() -> None:
-            with self._state:
-                own.busy = False
-                self._state.notify_all()
-
-        return truth(self.run, wanted, left, own.worker, self.told, at_rest)
+        own = self.engines.get(TRUE)
+        worker = own.worker if own is not None and own.refused is None else self._stack.enter_context(Worker())
+        return truth(self.run, wanted, lambda: self.budget.left(TRUTH), worker, self.told)
 
     def _lane(self) -> None:
         try:

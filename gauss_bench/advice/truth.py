@@ -1,15 +1,14 @@
 """The truth about any motion, in seconds: equal steps, halved until that changes little of what is asked for.
 
-The steps are those of order eight of the suite's own formulation, compiled where that can be. Half the step is the truth, and what
-halving changed is its error bar, which at order eight is some two hundred times too large. That the equations are the linkage's is
-shown by its own accelerations in numpy at every sample, and where a certificate tells the motion, by that: the bar then holds what
-the two differ by. Between samples, which lie as densely as the coarser steps, positions and speeds are polynomials of degree five
-through both ends' positions, speeds and accelerations; what that leaves out is part of the bar too.
+The steps are those of order eight of the suite's own formulation, in numpy at first, and compiled where more are needed. Half the
+step is the truth, and what halving changed is its error bar, which at order eight is some two hundred times too large. That the
+equations are the linkage's is shown by its own accelerations in numpy at every sample, and where a certificate tells the motion, by
+that: the bar then holds what the two differ by. Between samples, which lie as densely as the coarser steps, positions and speeds
+are polynomials of degree five through both ends' positions, speeds and accelerations; what that leaves out is part of the bar too.
 """
 
 import math
-import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
@@ -18,7 +17,8 @@ import numpy as np
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.metrics import Drift, drift, joint_force_errors, relative_acceleration_error, state_errors
+from gauss_bench.mechanism.spaces import angles, places
+from gauss_bench.metrics import drift, joint_force_errors, relative_acceleration_error, state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.store import find_certified
@@ -29,10 +29,10 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 METHOD = "dop853_fixed"
-COARSEST = {"gauss-native": 1600, "gauss": 100}  # steps of the coarser run at first
-COMPILED = 0.5  # of the budget: where a kernel that compiles again on its way takes longer, numpy serves
+PLAIN, NATIVE = 100, 1600  # steps of the coarser run at first, in numpy and compiled
+LOOK = 0.2  # of the budget, for a first look in numpy
+COMPILED = 0.6  # of the budget: where a kernel that compiles again on its way takes longer, numpy serves
 MOST = 400_000  # steps of a run
-POLL = 0.1  # [s] between looks at the clock
 SAMPLES = 3200  # of the truth at most
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
 SIXTH = 16.0  # what a polynomial through every second sample is off by, over what one through all is: 64, of which a quarter counts
@@ -78,153 +78,84 @@ def between(known: Reference, times: Array) -> tuple[Array, Array]:
     s = ((times - known.t[k]) / h)[:, None]
     p, u, b = known.q[k], h * known.v[k], h * h * known.a[k]
     P, U, B = known.q[k + 1] - p - u - b / 2, h * known.v[k + 1] - u - b, h * h * known.a[k + 1] - b
-    c3, c4, c5 = 10 * P - 4 * U + B / 2, -15 * P + 7 * U - B, 6 * P - 3 * U + B / 2
+    c3, c4, c5 = 10.0 * P - 4.0 * U + B / 2, -15.0 * P + 7.0 * U - B, 6.0 * P - 3.0 * U + B / 2
     q = p + s * (u + s * (b / 2 + s * (c3 + s * (c4 + s * c5))))
-    return q, (u + s * (b + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
+    return q, (u + s * (b + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
 
 
-def truth(
-    run: Run,
-    wanted: Mapping[str, float],
-    left: Callable[[], float],
-    worker: Worker,
-    told: Callable[[str], object],
-    at_rest: Callable[[], object] = lambda: None,
-) -> Truth:
+def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """A truth whose bars are within `wanted` (kind -> m, rad or N), or as near to that as the seconds and rounding allow.
 
-    A kernel takes seconds to compile, and more where it changes its partition; meanwhile numpy takes steps too, in a worker of its
-    own. Its first two runs, where they serve, are the truth; else the compiled ones are, and finer ones in numpy where those fail
-    or take longer than COMPILED of the budget: which of them it is does not depend on who is faster, unless time ends.
+    Two runs in numpy come first: where they serve, nothing need be compiled. Else the compiled formulation takes ever smaller
+    steps, for COMPILED of the budget at most, and where it fails numpy goes on.
 
     Args:
         left: how many seconds it may still take.
         worker: of the compiled formulation, whose model it keeps.
-        at_rest: called once nothing of this runs in `worker`, which may be after the answer.
 
     Raises:
         NoTruth: no run came to an end, its accelerations are not the linkage's, or it is not where its certificate says.
     """
     budget = left()
+    reasons: dict[str, str] = {}
+    known: list[Truth] = []
 
-    def serves(lane: "_Followed | None") -> bool:
-        return lane is not None and lane.best is not None and all(lane.best.bars.get(k, 0.0) <= x for k, x in wanted.items())
-
-    with Worker() as aside:
-        compiled = None
-        if find_spec("llvmlite") and not run.mechanism.has_friction:
-            compiled = _Followed(run, wanted, left, worker, told, "gauss-native", at_rest)
-        else:
-            at_rest()
-        plain = _Followed(run, wanted, left, aside, told, "gauss")
-        while not plain.looked.wait(POLL) and left() > 0:
-            pass
-        if compiled is not None and not serves(plain):
-            while not compiled.ended.wait(POLL) and left() > (1 - COMPILED) * budget:
-                pass
-        while not (serves(plain) or serves(compiled)) and left() > 0:
-            waiting = [x for x in (compiled, plain) if x is not None and not x.ended.is_set()]
-            if not waiting:
-                break
-            waiting[0].ended.wait(POLL)
-        chosen = plain if plain.quick or not serves(compiled) else compiled
-        plain.stop(aside)
-    if compiled is not None:
-        compiled.enough = True
-    known = [x.best for x in (chosen, compiled, plain) if x is not None and x.best is not None]
-    if not known:
-        reasons = dict.fromkeys(x.reason for x in (compiled, plain) if x is not None and x.reason)
-        raise NoTruth(f"the motion cannot be followed: {'; '.join(reasons) or f'not within {budget:.3g} s'}")
-    best = known[0] if serves(chosen) else min(known, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
-    return _certify(run, Evaluator(run.mechanism), best)
-
-
-class _Followed(threading.Thread):
-    """A motion, followed by one engine in ever smaller steps until that serves, time ends, or it is told that this is enough.
-
-    Attributes:
-        best: the truth so far; looked: whether there is a first one, or none to come; ended: whether there is no more to come.
-        quick: whether the first one serves.
-        reason: why there is none.
-    """
-
-    def __init__(
-        self,
-        run: Run,
-        wanted: Mapping[str, float],
-        left: Callable[[], float],
-        worker: Worker,
-        told: Callable[[str], object],
-        engine: str,
-        at_rest: Callable[[], object] = lambda: None,
-    ):
-        super().__init__(daemon=True)
-        self.best: Truth | None = None
-        self.looked, self.ended = threading.Event(), threading.Event()
-        self.quick, self.enough, self.reason = False, False, ""
-        self._run, self._wanted, self._left, self._worker = run, wanted, left, worker
-        self._told, self._engine, self._at_rest = told, engine, at_rest
-        self.start()
-
-    def stop(self, worker: Worker) -> None:
-        """End it and the process that works for it, whatever that is at."""
-        self.enough = True
-        while not self.ended.is_set():
-            if (process := worker.process) is not None:
-                process.kill()
-            self.ended.wait(0.05)
-
-    def run(self) -> None:
-        """Take steps."""
+    def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
+        """Tell whether `first` steps or more serve; `share` of the budget is left to others."""
         try:
-            with np.errstate(all="ignore"):
-                self._follow()
-        except NoTruth as reason:
-            self.reason = str(reason)
-        except BaseException as error:  # a thread's own: who waits for it is told
-            self.reason = f"{type(error).__name__}: {error}"
-        finally:
-            if self.reason and not self.enough:
-                self._told(f"truth: {self._engine}: {self.reason}")
-            self.ended.set()
-            self.looked.set()
-            self._at_rest()
+            for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
+                bars = ", ".join(f"{found.bars[k]:.1e} {UNITS[k]}" for k in wanted if k in found.bars)
+                told(f"truth: {2 * found.steps} steps by {engine}, known to {bars}")
+                known.append(found)
+                if all(found.bars.get(k, 0.0) <= x for k, x in wanted.items()):
+                    return True
+        except NoTruth as failure:
+            reasons[engine] = str(failure)
+            told(f"truth: {engine}: {failure}")
+        return False
 
-    def _follow(self) -> None:
-        judge, steps = Evaluator(self._run.mechanism), COARSEST[self._engine]
-        fine: Trajectory | None = None
-        while steps <= MOST:
-            coarse = fine if fine is not None else self._take(steps)
-            finer = None if coarse is None else self._take(2 * steps)
-            if self.enough or self._left() <= 0:
-                break
-            if coarse is not None and finer is not None and self._is_enough(judge, coarse, finer, steps):
-                break
-            fine, steps = finer, 2 * steps
+    with np.errstate(all="ignore"), Worker() as aside:
+        served = try_steps("gauss", aside, 1 - LOOK, PLAIN, PLAIN)
+        if not served and find_spec("llvmlite") and not run.mechanism.has_friction:
+            served = try_steps("gauss-native", worker, 1 - COMPILED, NATIVE)
+        served = served or try_steps("gauss", aside, 0.0, 2 * PLAIN)
+        if not known:
+            why = "; ".join(dict.fromkeys(reasons.values())) or f"not within {budget:.3g} s"
+            raise NoTruth(f"the motion cannot be followed: {why}")
+        best = known[-1] if served else min(known, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
+        return _certify(run, best)
 
-    def _is_enough(self, judge: Evaluator, coarse: Trajectory, finer: Trajectory, steps: int) -> bool:
-        """Take the finer run where it is better; True where finer ones are not needed, or rounding makes them no better."""
-        truth = _compare(self._run, judge, coarse, finer, steps, self._engine)
-        known = ", ".join(f"{truth.bars[k]:.1e} {UNITS[k]}" for k in self._wanted if k in truth.bars)
-        self._told(f"truth: {2 * steps} steps by {self._engine}, known to {known}")
-        if self.best is not None and all(truth.bars[k] >= self.best.bars[k] for k in ("position", "angle")):
-            return True  # rounding
-        self.best = truth
-        served = all(truth.bars.get(k, 0.0) <= x for k, x in self._wanted.items())
-        self.quick = served and steps == COARSEST[self._engine]
-        self.looked.set()
-        return served
 
-    def _take(self, steps: int) -> Trajectory | None:
-        """The trajectory of so many steps; None where time ends before them, or they fail: `reason` says how."""
-        left = self._left()
-        if self.enough or left <= 0:
-            return None
-        ran = _run(self._run, self._engine, steps, left, self._worker)
-        if isinstance(ran, str):
-            self.reason = ran
-            return None
-        return ran
+def follow(
+    run: Run, engine: str, worker: Worker, left: Callable[[], float], steps: int = PLAIN, most: float = math.inf
+) -> Iterator[Truth]:
+    """Yield the motion by ever smaller steps of one engine, until time ends or rounding makes it no better.
+
+    Args:
+        steps: of the coarser run at first; most: of it at last.
+
+    Raises:
+        NoTruth: a run failed after the last that did not, or none has the linkage's accelerations.
+    """
+    judge, failed = Evaluator(run.mechanism), ""
+    best: Truth | None = None
+    fine: Trajectory | str = ""
+    while steps <= min(most, MOST) and left() > 0:
+        coarse = fine if isinstance(fine, Trajectory) else _run(run, engine, steps, left(), worker)
+        if left() <= 0:
+            break
+        fine, failed = _run(run, engine, 2 * steps, left(), worker), ""
+        if isinstance(coarse, str) or isinstance(fine, str):
+            failed = fine if isinstance(fine, str) else str(coarse)
+        elif left() > 0:
+            found = _compare(run, judge, coarse, fine, steps, engine)
+            if best is not None and all(found.bars[k] >= best.bars[k] for k in ("position", "angle")):
+                return  # rounding
+            best = found
+            yield found
+        steps *= 2
+    if failed:
+        raise NoTruth(failed)
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
@@ -250,31 +181,26 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     how = f"step-halved ({2 * steps} steps of order eight by {engine}, and {steps})"
     t, q, v, _ = kept
     reference = Reference(t, q, v, true, none, none, none, none, none, none, how)
-    errors, gaps = state_errors(run.mechanism, coarse, reference), _gaps(judge, fine)
+    errors = state_errors(run.mechanism, coarse, reference)
     bars = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
-    bars = {kind: x + _between_bar(reference, kind) + gaps for kind, x in bars.items()}
+    between_samples = _between_bars(reference)
+    gaps = float(drift(judge, fine).position.max())  # of open joints
+    bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
     return Truth(reference, halving | bars, halving, steps, False, how)
 
 
-def _gaps(judge: Evaluator, fine: Trajectory) -> float:
-    """The gaps of open joints [m, rad]."""
-    opened: Drift = drift(judge, fine)
-    return float(opened.position.max())
-
-
-def _between_bar(known: Reference, kind: str) -> float:
-    """The error bar of polynomials between the samples."""
+def _between_bars(known: Reference) -> dict[str, float]:
+    """Kind -> error bar of polynomials between the samples."""
     half = replace(known, **{x: getattr(known, x)[::2] for x in ("t", "q", "v", "a")})
     if len(half.t) < 2:
-        return math.inf
-    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2])
-    columns = np.arange(known.q.shape[1]) % 3 == 2
-    return float(missed[:, columns if kind == "angle" else ~columns].max(initial=0.0)) / SIXTH
+        return {"position": math.inf, "angle": math.inf}
+    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / SIXTH
+    return {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
 
 
-def _certify(run: Run, judge: Evaluator, truth: Truth) -> Truth:
+def _certify(run: Run, truth: Truth) -> Truth:
     """The same truth with what a certificate says of it.
 
     Raises:

@@ -11,7 +11,7 @@ from gauss_bench.api.results import OneRun, name_files
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.diagnosis import Numbers, Verdict, diagnose_runs
+from gauss_bench.diagnosis.diagnosis import Numbers, Verdict, diagnose_runs, nothing_to_see
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
@@ -111,10 +111,7 @@ def diagnose(
     countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
     if not offered.usable:
-        none = Verdict(
-            Cause.UNKNOWN, f"there is no run to look at: {offered.reason}", {}, None, (), ((offered.status, offered.reason),)
-        )
-        return describe(mechanism, engine, choice, end, none, "")
+        return describe(mechanism, engine, choice, end, nothing_to_see([(offered.status, offered.reason)]), "")
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")

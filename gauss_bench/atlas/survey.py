@@ -8,6 +8,7 @@ failed, and says so. The verdicts do not depend on time, but where a run reaches
 import tempfile
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,17 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
-from gauss_bench.atlas.families import FAMILIES, SCENARIO, Family
+from gauss_bench.atlas.families import FAMILIES, SCENARIO, Axis
 from gauss_bench.atlas.verdict import RunVerdict, Verdict, decide
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.toml import toml
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import Request, outcome_of, perform_there
-from gauss_bench.runs.offers import ChoiceError, Offer, offers
-from gauss_bench.runs.one_run import Run, receive, sampling, sampling_at
-from gauss_bench.runs.worker import Worker, WorkerFailure
+from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.offers import ChoiceError, offers
+from gauss_bench.runs.one_run import sampling, sampling_at
+from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
@@ -88,21 +89,16 @@ def ways(wanted: Sequence[str] | None = None) -> list[Way]:
     """
     usable = []
     for offer in offers(list(wanted or names())):
-        if not offer.usable:
-            if wanted:
-                raise ChoiceError(f"{offer.name} cannot be used: {offer.reason}")
-            continue
-        usable += _ways_of(offer)
+        if wanted and not offer.usable:
+            raise ChoiceError(f"{offer.name} cannot be used: {offer.reason}")
+        if offer.usable:
+            labels = [x for x in LABELS if x in offer.settings] or list(offer.settings)[:1]
+            stabilizations = [x for x in STABILIZED if x in offer.stabilizations] or list(offer.stabilizations)[:1]
+            usable += [Way(offer.name, x, offer.integrators[0], y) for x in labels for y in stabilizations]
     return usable
 
 
-def _ways_of(offer: Offer) -> list[Way]:
-    labels = [x for x in LABELS if x in offer.settings] or list(offer.settings)[:1]
-    stabilizations = [x for x in STABILIZED if x in offer.stabilizations] or list(offer.stabilizations)[:1]
-    return [Way(offer.name, x, offer.integrators[0], y) for x in labels for y in stabilizations]
-
-
-def axes(wanted: Sequence[str] | None = None) -> list[Family]:
+def axes(wanted: Sequence[str] | None = None) -> list[Axis]:
     """The families of these names, or all.
 
     Raises:
@@ -115,49 +111,41 @@ def axes(wanted: Sequence[str] | None = None) -> list[Family]:
 
 
 class Course:
-    """The linkages of the families as files, each with its reference, made when first asked for."""
+    """The linkages of the axes as files, each with its reference, made when first asked for."""
 
     def __init__(self, folder: Path):
         self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
         self.known: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
-        self.locks: dict[tuple[str, float], threading.Lock] = {}
-        self.making = threading.Lock()
+        self.locks: defaultdict[tuple[str, float], threading.Lock] = defaultdict(threading.Lock)
 
-    def at(self, family: Family, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+    def at(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
         """The linkage of a value, and its reference, or why there is none."""
-        key = (family.name, value)
-        with self.making:
-            lock = self.locks.setdefault(key, threading.Lock())
-        with lock:
+        key = (axis.name, value)
+        with self.locks[key]:
             if key not in self.known:
-                self.known[key] = self._make(family, value, worker)
+                self.known[key] = self._make(axis, value, worker)
             return self.known[key]
 
-    def _make(self, family: Family, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        document = family.document(value)
-        document["name"] = f"{family.name}_{family.values.index(value)}"
+    def _make(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+        document = axis.document(value)
+        document["name"] = f"{axis.name}_{axis.values.index(value)}"
         path = self.folder / f"{document['name']}.toml"
         path.write_text(toml(document, ()), encoding="utf-8")
-        mechanism, step = load(path, SCENARIO), family.step(value)
+        mechanism, step = load(path, SCENARIO), axis.step(value)
         times = compare(step, mechanism.duration)
-        if family.truth is not None:
-            return mechanism, _reference(times, *(family.truth(value, times, x) for x in (EXACT, NEARLY)))
         motions = []
         for tolerance in (EXACT, NEARLY):
+            if axis.truth is not None:
+                motions.append(axis.truth(value, times, tolerance))
+                continue
             choice = Choice("default", "dop853", "none", step, tolerance)
             request = Request(str(path), SCENARIO, self.engine, choice, sampling_at(step, times))
-            run = perform(request, mechanism, LIMIT, worker)
+            run = run_apart(request, mechanism, LIMIT, worker)
             if run.trajectory is None:
                 return mechanism, f"no reference: {run.message}"
-            motions.append((run.trajectory.q, run.trajectory.v, run.trajectory.a))
-        return mechanism, _reference(times, *motions)
-
-
-def _reference(times: Array, true: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> Reference:
-    q, v, a = true
-    bar_q, bar_v, bar_a = (np.abs(x - y).max(axis=1) for x, y in zip(true, other, strict=True))
-    none = np.zeros(len(times))
-    return Reference(times, q, v, a, bar_q, bar_v, bar_a, none, none, none, "DOP853 at two tolerances")
+            motions.append(np.array([run.trajectory.q, run.trajectory.v, run.trajectory.a]))
+        bars, none = np.abs(motions[0] - motions[1]).max(axis=2), np.zeros(len(times))
+        return mechanism, Reference(times, *motions[0], *bars, none, none, none, "DOP853 at two tolerances")
 
 
 def compare(step: float, until: float) -> Array:
@@ -167,73 +155,61 @@ def compare(step: float, until: float) -> Array:
     return np.arange(whole // each + 1) * (each * step)
 
 
-def perform(request: Request, mechanism: Mechanism, limit: float, worker: Worker) -> Run:
-    """A run in the worker, whatever engine it is of."""
-    try:
-        answer = worker.call(perform_there, (request, mechanism), limit, request.largest(mechanism.n))
-    except WorkerFailure as failure:
-        return Run(failure.status, str(failure), None, None, request.wanted)
-    return receive(outcome_of(answer), request.wanted, mechanism.n)
-
-
-def reach(way: Way, family: Family, course: Course, worker: Worker, left: Callable[[], float]) -> Reach:
+def reach(way: Way, axis: Axis, course: Course, worker: Worker, left: Callable[[], float]) -> Reach:
     """The reach of one way along one axis, as far as it can be told in the seconds that are left."""
     runs: dict[int, RunVerdict] = {}
 
     def at(i: int) -> RunVerdict:
         if i not in runs:
-            runs[i] = look_at(way, family, family.values[i], course, worker, left())
+            runs[i] = look_at(way, axis, axis.values[i], course, worker, left())
         return runs[i]
 
-    def count(worst: tuple[Verdict, ...]) -> int:
+    def count(*no_worse: Verdict) -> int:
         """Count the values, from the easiest on, that come out no worse."""
-        last = len(family.values) - 1
-        if at(0).verdict not in worst:
+        last = len(axis.values) - 1
+        if at(0).verdict not in no_worse:
             return 0
-        if at(last).verdict in worst:
+        if at(last).verdict in no_worse:
             return last + 1
         good, bad = 0, last
         while bad - good > 1:
             middle = (good + bad) // 2
-            good, bad = (middle, bad) if at(middle).verdict in worst else (good, middle)
+            good, bad = (middle, bad) if at(middle).verdict in no_worse else (good, middle)
         return bad
 
-    passing = count((Verdict.PASS,))
-    ending = max(passing, count((Verdict.PASS, Verdict.DEGRADED)))
+    passing = count(Verdict.PASS)
+    ending = max(passing, count(Verdict.PASS, Verdict.DEGRADED))
     unknown = next((x for _, x in sorted(runs.items()) if x.verdict is Verdict.OPEN), None)
     if unknown is not None:  # nothing but what was run is told
-        ran = [(i, x.verdict) for i, x in runs.items()]
-        passing = max((i + 1 for i, x in ran if x is Verdict.PASS), default=0)
-        ending = max((i + 1 for i, x in ran if x in (Verdict.PASS, Verdict.DEGRADED)), default=0)
+        passing = max((i + 1 for i, x in runs.items() if x.verdict is Verdict.PASS), default=0)
+        ending = max((i + 1 for i, x in runs.items() if x.verdict in (Verdict.PASS, Verdict.DEGRADED)), default=0)
     beyond = unknown or runs.get(passing)
-    last = Verdict.OPEN if unknown is not None else runs[max(runs)].verdict
     return Reach(
         way,
-        family.name,
-        family.values[passing - 1] if passing else None,
-        family.values[ending - 1] if ending else None,
-        last,
+        axis.name,
+        axis.values[passing - 1] if passing else None,
+        axis.values[ending - 1] if ending else None,
+        Verdict.OPEN if unknown is not None else runs[max(runs)].verdict,
         beyond.reason if beyond else "",
         runs[passing - 1].error if passing else float("nan"),
         len(runs),
     )
 
 
-def look_at(way: Way, family: Family, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
+def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
     """One run of one way at one value, where seconds are left."""
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
-    mechanism, reference = course.at(family, value, worker)
+    mechanism, reference = course.at(axis, value, worker)
     if isinstance(reference, str):
         return RunVerdict(Verdict.OPEN, reason=reference)
-    choice = Choice(way.settings, way.integrator, way.stabilization, family.step(value))
+    choice = Choice(way.settings, way.integrator, way.stabilization, axis.step(value))
     request = Request(mechanism.source, SCENARIO, way.engine, choice, sampling(choice.step, mechanism.duration, reference.t))
-    run = perform(request, mechanism, LIMIT, worker)
-    return decide(mechanism, run, reference)
+    return decide(mechanism, run_apart(request, mechanism, LIMIT, worker), reference)
 
 
 def survey(
-    chosen: Sequence[Way], along: Sequence[Family], budget: float = BUDGET, jobs: int = 2, told: Told = lambda sentence: None
+    chosen: Sequence[Way], along: Sequence[Axis], budget: float = BUDGET, jobs: int = 2, told: Told = lambda sentence: None
 ) -> list[Reach]:
     """Every way along every axis, in the order of both; told how far things are."""
     until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
@@ -250,7 +226,7 @@ def survey(
             for worker in opened:
                 worker.stop()
 
-        def one(pair: tuple[Family, Way]) -> Reach:
+        def one(pair: tuple[Axis, Way]) -> Reach:
             nonlocal done
             if not hasattr(workers, "own"):
                 workers.own = Worker()
@@ -262,7 +238,7 @@ def survey(
                     told(f"{done}/{len(pairs)} {pair[1].name}, {pair[0].title}: {sentence(reached)}")
             return reached
 
-        pairs = [(family, way) for family in along for way in chosen]
+        pairs = [(axis, way) for axis in along for way in chosen]
         told(f"{len(chosen)} ways along {len(along)} axes")
         try:
             with ThreadPoolExecutor(jobs) as pool:
@@ -278,12 +254,12 @@ def survey(
 
 def sentence(reached: Reach) -> str:
     """Describe the reach of one way, in words."""
-    family = FAMILIES[reached.axis]
-    unit = f" {family.unit}" if family.unit else ""
+    axis = FAMILIES[reached.axis]
+    unit = f" {axis.unit}" if axis.unit else ""
     if reached.passes_to is None:
         return f"{reached.last}: {reached.reason}"
-    if reached.passes_to == family.values[-1]:
+    if reached.passes_to == axis.values[-1]:
         return f"passes all, to {reached.passes_to:g}{unit}"
     ends = f", degraded to {reached.ends_at:g}{unit}" if reached.ends_at != reached.passes_to else ""
-    then = "cannot: " if reached.last is Verdict.CANNOT else "open: " if reached.last is Verdict.OPEN else ""
+    then = f"{reached.last}: " if reached.last in (Verdict.CANNOT, Verdict.OPEN) else ""
     return f"passes to {reached.passes_to:g}{unit}{ends}; then {then}{reached.reason}"

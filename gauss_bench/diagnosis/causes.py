@@ -23,7 +23,6 @@ class Cause(StrEnum):
     LENGTH = "length"
     GRAVITY = "gravity"
     FORCE = "force"
-    SEVERAL = "several parameters"
     ACCELERATIONS = "accelerations"  # wrong in a way that no parameter explains
     SECOND_RATE = "second time derivative of a driver"
     VELOCITY_TERMS = "velocity terms of the constraints"
@@ -52,14 +51,6 @@ class Cause(StrEnum):
         return OWN_PARTS.get(self, Part.MODEL)
 
 
-OWN_PARTS = {
-    Cause.SOFTNESS: Part.SOFTNESS,
-    Cause.INTEGRATOR: Part.INTEGRATOR,
-    Cause.DRIFT: Part.DRIFT,
-    Cause.ROUND_OFF: Part.ROUND_OFF,
-    Cause.SHIFT: Part.SAMPLING,
-    Cause.STRETCH: Part.SAMPLING,
-    Cause.STATIONARY: Part.SAMPLING,
-    Cause.WRAPPED: Part.SAMPLING,
-    Cause.VELOCITIES: Part.SAMPLING,
-}
+SAMPLING = (Cause.SHIFT, Cause.STRETCH, Cause.STATIONARY, Cause.WRAPPED, Cause.VELOCITIES)
+OWN_PARTS = {Cause.SOFTNESS: Part.SOFTNESS, Cause.INTEGRATOR: Part.INTEGRATOR, Cause.DRIFT: Part.DRIFT}
+OWN_PARTS |= {Cause.ROUND_OFF: Part.ROUND_OFF} | dict.fromkeys(SAMPLING, Part.SAMPLING)

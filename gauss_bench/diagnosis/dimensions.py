@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.diagnosis.motion import OwnMotion
-from gauss_bench.mechanism.model import GROUND, Prismatic
+from gauss_bench.mechanism.model import GROUND
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
@@ -28,17 +29,13 @@ class Misplaced:
     """A pin of a link.
 
     Attributes:
-        joint, link: names; off: [m] in the frame of the link; share: of the squares of the gap that it explains.
+        joint, link: names; off: (2,) [m] in the frame of the link; share: of the squares of the gap that it explains.
     """
 
     joint: str
     link: str
-    off: tuple[float, float]
+    off: Array
     share: float
-
-    @property
-    def size(self) -> float:
-        return float(np.hypot(*self.off))
 
     @property
     def sentence(self) -> str:
@@ -51,34 +48,32 @@ def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
     one, other = (_explain(own, x) for x in (coarse, fine))
     if one is None or other is None or (one.joint, one.link) != (other.joint, other.link):
         return None
-    apart = np.hypot(*(np.array(one.off) - np.array(other.off)))
-    return other if apart <= SAME * other.size else None
+    return other if np.hypot(*(one.off - other.off)) <= SAME * np.hypot(*other.off) else None
 
 
 def _explain(own: OwnMotion, x: States) -> Misplaced | None:
     """The best of all pins, where the gap of its joint is nearly all there is."""
     mechanism, gaps = own.mechanism, own.gaps(x)
-    squares = float((gaps**2).sum())
-    best: Misplaced | None = None
-    for k, joint in enumerate(mechanism.joints):
-        if isinstance(joint, Prismatic) or not squares:
+    squares, at = float((gaps**2).sum()), 0
+    found: list[Misplaced] = []
+    for joint in mechanism.joints:
+        gap, at = gaps[:, at : at + len(joint.held)], at + len(joint.held)
+        if joint.slides or not squares:
             continue
-        gap = gaps[:, 2 * k : 2 * k + 2]
-        for point, sign in ((joint.a, 1.0), (joint.b, -1.0)):
-            if point.link == GROUND:
-                continue
-            d, left = _turning(gap, x.q[:, 3 * point.link + 2])
-            share = 1.0 - (left + squares - float((gap**2).sum())) / squares
-            if share >= FITS and (best is None or share > best.share):
-                best = Misplaced(joint.name, mechanism.link_name(point.link), (sign * float(d[0]), sign * float(d[1])), share)
-    return best
+        for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):
+            if point.link != GROUND:
+                d, left = _turning(gap, angle_at(x.q, point.link))
+                share = 1.0 - (left + squares - float((gap**2).sum())) / squares
+                found.append(Misplaced(joint.name, mechanism.link_name(point.link), sign * d, share))
+    best = max(found, key=lambda x: x.share, default=None)
+    return best if best is not None and best.share >= FITS else None
 
 
 def _turning(gap: Array, theta: Array) -> tuple[Array, float]:
     """d (2,) of gap (k, 2) = +-R(theta) d + c, and the squares that are left; no d where it is no more than c."""
     cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
     A = np.concatenate([np.stack([cosine, -sine, one, none], axis=1), np.stack([sine, cosine, none, one], axis=1)])
-    b = np.concatenate([gap[:, 0], gap[:, 1]])
+    b = gap.T.ravel()
     if np.ptp(theta) < TURNS:
         return np.zeros(2), float(b @ b)
     solution = np.linalg.lstsq(A, b, rcond=None)[0]

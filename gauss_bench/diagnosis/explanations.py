@@ -11,16 +11,18 @@ What is left out or exchanged is so once or not at all: there c must be near 1. 
 amount is refined on the accelerations themselves.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Angle, Force, Link, Mechanism, PointForce, Torque
+from gauss_bench.mechanism.model import Angle, Force, PointForce, Torque
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -30,9 +32,14 @@ REFINEMENTS = 8
 SCREENED = 0.5  # of the squares: what a straight line leaves where it is worth while to follow the curve
 NUMBERS = ("value", "k", "c", "rest")  # of forces
 ONCE = 0.15  # what is left out once has an amount of 1, within what an integrator's error spoils
+EXACTLY = 0.015  # by which an amount may differ from that of what is left out, or has the wrong sign
 GIVEN = 9.81  # [m/s^2] gravity where the linkage has none
-
-Effect = Callable[[float], Array]
+SCALED = (
+    ("all inertias", Cause.INERTIA, ["inertia"]),
+    ("all masses", Cause.MASS, ["mass"]),
+    ("all masses and inertias", Cause.MASS, ["mass", "inertia"]),
+)
+COORDINATES = ("x", "y", "theta")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,20 +49,22 @@ class Explanation:
     Attributes:
         cause: of the error.
         what: in words, such as "inertia of crank".
-        effect: amount -> (k, n), what it changes of the accelerations.
+        effect: (k, n) what it changes of the accelerations by an amount of 1; or amount -> (k, n), where that is not proportional.
+        said: what is to be said of it, with {is}, {are} or {amount} where the amount belongs.
         once: whether it is so or not, with no amount between.
-        linear: whether the effect is proportional to the amount.
-        sentence: amount -> what is to be said of it.
         exact: whether it is believed only where it leaves nothing but noise: one of so many numbers fits anything a little.
     """
 
     cause: Cause
     what: str
-    effect: Effect
-    sentence: Callable[[float], str]
+    effect: Array | Callable[[float], Array]
+    said: str
     once: bool = False
-    linear: bool = True
     exact: bool = False
+
+    def changed(self, amount: float) -> Array:
+        """What an amount of it changes."""
+        return self.effect(amount) if callable(self.effect) else amount * self.effect
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,19 @@ class Explained:
     residual: float = np.nan
 
 
+def tell(said: str, amount: float) -> str:
+    """A sentence with its amount: a number, or a relative change in words."""
+    off = f"{abs(100 * amount):.3g} % too {'large' if amount > 0 else 'small'}"
+    words = {"amount": f"{amount:.2g}"}
+    for be, have in (("is", "has"), ("are", "have")):
+        words[be] = f"{be} {off}"
+        if abs(amount + 1) < EXACTLY:
+            words[be] = f"{be} left out"
+        elif abs(amount + 2) < EXACTLY:
+            words[be] = f"{have} the wrong sign"
+    return said.format(**words)
+
+
 def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
     """All explanations of differences y (k, n) from accelerations a, the best first; none of what has no effect.
 
@@ -84,14 +106,12 @@ def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None 
     root = np.sqrt(mass)
     target = (y * root).ravel()
     whole = float(np.linalg.norm(y * root if a is None else a * root)) or 1.0
-    explanations: list[Explained] = []
+    found: dict[str, Explained] = {}
     for one in some:
         fit = _fit(one, target, root, whole)
-        if fit is None or (one.exact and not fit.residual <= noise):
-            continue
-        if all(fit.sentence != x.sentence for x in explanations):
-            explanations.append(fit)
-    return sorted(explanations, key=lambda x: -np.inf if x.residual <= noise else -x.share)
+        if fit is not None and (fit.residual <= noise or not one.exact):
+            found.setdefault(fit.sentence, fit)
+    return sorted(found.values(), key=lambda x: -np.inf if x.residual <= noise else -x.share)
 
 
 def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
@@ -101,9 +121,9 @@ def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
 
 def _fit(one: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
     def effect(amount: float) -> Array:
-        return np.asarray((one.effect(amount) * root).ravel())
+        return np.asarray((one.changed(amount) * root).ravel())
 
-    unit = 1.0 if one.linear else SMALL
+    unit = SMALL if callable(one.effect) else 1.0
     column = effect(unit) / unit
     size, whole = float(column @ column), float(target @ target)
     if not (np.isfinite(size) and size > 0 and whole > 0):
@@ -112,17 +132,16 @@ def _fit(one: Explanation, target: Array, root: Array, size_of_all: float) -> Ex
     left = target - column * amount
     if one.exact and float(left @ left) > SCREENED * whole:
         return None
-    if not one.linear:
+    if callable(one.effect):
         amount, left = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(left @ left) / whole
     if not np.isfinite(share) or (one.once and abs(amount - 1.0) > ONCE):
         return None
-    planted = 1.0 if one.once else amount
-    residual = float(np.linalg.norm(target - effect(planted))) / size_of_all
-    return Explained(one.cause, one.what, amount, share, one.sentence(amount), residual)
+    residual = float(np.linalg.norm(target - effect(1.0 if one.once else amount))) / size_of_all
+    return Explained(one.cause, one.what, amount, share, tell(one.said, amount), residual)
 
 
-def _refine(effect: Effect, target: Array, amount: float) -> tuple[float, Array]:
+def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
     """The amount of least squares and what is left, by Gauss and Newton's steps; a parameter stays positive."""
     left = target - effect(amount)
     for _ in range(REFINEMENTS):
@@ -140,59 +159,59 @@ def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
 
-    def modelled(altered: Mechanism) -> Array:
-        there = Evaluator(altered)
+    def altered(**changes: Any) -> Array:
+        there = Evaluator(replace(mechanism, **changes))
         return replace(parts, mass=there.mass, Q=there.applied.generalised(x.q, x.v, x.t)).accelerations() - base
 
-    def of_link(k: int, key: str) -> Effect:
-        return lambda c: modelled(with_link(mechanism, k, key, 1 + c))
+    def scaled(names: Sequence[str], keys: Sequence[str]) -> Callable[[float], Array]:
+        def effect(c: float) -> Array:
+            links = [
+                replace(x, **{key: getattr(x, key) * (1 + c) for key in keys}) if x.name in names else x for x in mechanism.links
+            ]
+            return altered(links=tuple(links))
 
-    for k, link in enumerate(mechanism.links):
+        return effect
+
+    def with_force(at: int, **changes: Any) -> Array:
+        return altered(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
+
+    names = [link.name for link in mechanism.links]
+    for name in names:
         for key, cause in (("inertia", Cause.INERTIA), ("mass", Cause.MASS)):
-            what = f"{key} of {link.name}"
-            yield Explanation(cause, what, of_link(k, key), partial_words(f"the {what}"), linear=False)
-    for keys, cause, what in OF_ALL_LINKS:
-
-        def of_links(c: float, keys: tuple[str, ...] = keys) -> Array:
-            links = tuple(replace(link, **{key: getattr(link, key) * (1 + c) for key in keys}) for link in mechanism.links)
-            return modelled(replace(mechanism, links=links))
-
-        yield Explanation(cause, what, of_links, plural_words(what), linear=False)
+            yield Explanation(cause, f"{key} of {name}", scaled([name], [key]), f"the {key} of {name} {{is}}")
+    for what, cause, keys in SCALED:
+        yield Explanation(cause, what, scaled(names, keys), f"{what} {{are}}")
     yield from of_all_forces(own, x)
-    for i, j in combinations(range(len(mechanism.links)), 2):
-        names = f"{mechanism.links[i].name} and {mechanism.links[j].name}"
-        swapped = modelled(exchange(mechanism, i, j))
-        yield once(Cause.ORDER, f"masses of {names}", swapped, f"{names} have each other's mass and inertia")
-    yield from of_gravity(mechanism, modelled)
+    for i, j in combinations(range(len(names)), 2):
+        links, both = list(mechanism.links), f"{names[i]} and {names[j]}"
+        one, other = links[i], links[j]
+        links[i] = replace(one, mass=other.mass, inertia=other.inertia)
+        links[j] = replace(other, mass=one.mass, inertia=one.inertia)
+        swapped = altered(links=tuple(links))
+        yield Explanation(Cause.ORDER, f"masses of {both}", swapped, f"{both} have each other's mass and inertia", once=True)
+    g = np.asarray(mechanism.gravity, dtype=float)
+    if g.any():
+        yield Explanation(Cause.GRAVITY, "gravity", altered(gravity=2 * g), "gravity {is}")
+    across = (
+        [(np.array([-g[1], g[0]]), "across itself")] if g.any() else [(GIVEN * np.eye(2)[k], f"along {'xy'[k]}") for k in (0, 1)]
+    )
+    for vector, name in across:
+        said = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
+        yield Explanation(Cause.GRAVITY, f"gravity {name}", altered(gravity=g + vector), said)
     for at, force in enumerate(mechanism.forces):
         for key in NUMBERS:
-            value = np.asarray(getattr(force, key, 0.0), dtype=float)
-            if value.any():
-                scaled = modelled(with_force(mechanism, at, replace(force, **{key: 2 * getattr(force, key)})))
-                what = f"{key} of force {force.name}"
-                yield Explanation(Cause.FORCE, what, proportional(scaled), partial_words(f"{key} of the force {force.name}"))
+            value = getattr(force, key, 0.0)
+            if np.any(value):
+                doubled, what = with_force(at, **{key: 2 * value}), f"{key} of force {force.name}"
+                yield Explanation(Cause.FORCE, what, doubled, f"{key} of the force {force.name} {{is}}")
         if isinstance(force, Torque):
-            for k, link in enumerate(mechanism.links):
-                if k != force.link:
-                    elsewhere = modelled(with_force(mechanism, at, replace(force, link=k)))
-                    said = f"the torque {force.name} acts on {link.name} instead of {mechanism.link_name(force.link)}"
-                    yield once(Cause.ORDER, f"link of torque {force.name}", elsewhere, said)
+            for k in {*range(len(names))} - {force.link}:
+                said = f"the torque {force.name} acts on {names[k]} instead of {mechanism.link_name(force.link)}"
+                yield Explanation(Cause.ORDER, f"link of torque {force.name}", with_force(at, link=k), said, once=True)
         if isinstance(force, PointForce):
-            turned = modelled(with_force(mechanism, at, replace(force, value=np.array([-force.value[1], force.value[0]]))))
-            yield Explanation(
-                Cause.FORCE,
-                f"direction of force {force.name}",
-                proportional(turned),
-                partial_direction(force.name),
-            )
-
-
-COORDINATES = ("x", "y", "theta")
-OF_ALL_LINKS = (
-    (("inertia",), Cause.INERTIA, "all inertias"),
-    (("mass",), Cause.MASS, "all masses"),
-    (("mass", "inertia"), Cause.MASS, "all masses and inertias"),
-)
+            turned = with_force(at, value=np.array([-force.value[1], force.value[0]]))
+            said = f"the force {force.name} has another direction"
+            yield Explanation(Cause.FORCE, f"direction of force {force.name}", turned, said)
 
 
 def of_all_forces(own: OwnMotion, x: States) -> Iterator[Explanation]:
@@ -200,40 +219,39 @@ def of_all_forces(own: OwnMotion, x: States) -> Iterator[Explanation]:
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
 
-    def pushed(forces: tuple[Force, ...]) -> Array:
+    def pushed(*forces: Force) -> Array:
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
-    angular = tuple(f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.lowered()))
-    moments = np.where(np.arange(mechanism.n) % 3 == 2, parts.Q, 0.0)
-    sums = [("all angular forces", pushed(angular)), ("all moments on links", moments)]
-    sums += [("all forces but gravity", pushed(mechanism.forces)), ("all forces and gravity", parts.Q)]
-    sums += [(f"all of the force {f.name}", pushed((f,))) for f in mechanism.forces]
-    for what, Q in sums:
+    angular = [f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.lowered())]
+    moments = np.zeros_like(parts.Q)
+    angles(moments)[...] = angles(parts.Q)
+    sums = {"all angular forces": pushed(*angular), "all moments on links": moments}
+    sums |= {"all forces but gravity": pushed(*mechanism.forces), "all forces and gravity": parts.Q}
+    sums |= {f"all of the force {f.name}": pushed(f) for f in mechanism.forces}
+    for what, Q in sums.items():
         effect = replace(parts, Q=parts.Q + Q).accelerations() - base
-        yield Explanation(Cause.FORCE, what, proportional(effect), plural_words(what), exact=True)
+        yield Explanation(Cause.FORCE, what, effect, f"{what} {{are}}", exact=True)
 
 
 def of_numbers_of_constraints(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Entries, rows and velocity terms of the constraints of another size."""
     mechanism, parts = own.mechanism, own.parts(x)
-    base, rows = parts.accelerations(), own.evaluator.constraints
+    base = parts.accelerations()
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
     names += [x.name for x in mechanism.couplings for _ in x.held]
     names += [driver.name for driver in mechanism.drivers] + [edge.name for edge in mechanism.knife_edges]
-    second = np.zeros_like(parts.gamma)
-    for row, law in enumerate(rows.laws, rows.joint_rows):
-        second[:, row] = np.asarray(law(x.t)[2])
-    bias = parts.gamma - second
+    columns = [f"{coordinate} of {link.name}" for link in mechanism.links for coordinate in COORDINATES]
+    bias = parts.gamma - own.second_rates(x)
     several = [("the velocity terms of the constraints (J' v)", slice(None))]
     several += [(f"the velocity terms (J' v) of {name}", slice(k, k + 1)) for k, name in enumerate(names)]
     for what, some in several:
         more = parts.gamma.copy()
         more[:, some] += bias[:, some]
         effect = replace(parts, gamma=more).accelerations() - base
-        yield Explanation(Cause.VELOCITY_TERMS, what, proportional(effect), plural_words(what), exact=True)
+        yield Explanation(Cause.VELOCITY_TERMS, what, effect, f"{what} {{are}}", exact=True)
 
-    def scaled(row: int, column: int | slice) -> Effect:
+    def scaled(row: int, column: Any) -> Callable[[float], Array]:
         def effect(c: float) -> Array:
             J = parts.J.copy()
             J[:, row, column] *= 1 + c
@@ -242,39 +260,11 @@ def of_numbers_of_constraints(own: OwnMotion, x: States) -> Iterator[Explanation
         return effect
 
     for row, name in enumerate(names):
-        what = f"Jacobian's row of {name}"
-        yield Explanation(Cause.JACOBIAN, what, scaled(row, slice(None)), partial_words(f"the {what}"), linear=False, exact=True)
-        for column in np.flatnonzero(parts.J[:, row].any(axis=0)):
-            what = f"Jacobian's entry ({name}; {COORDINATES[column % 3]} of {mechanism.links[column // 3].name})"
-            yield Explanation(
-                Cause.JACOBIAN, what, scaled(row, int(column)), partial_words(f"the {what}"), linear=False, exact=True
-            )
-
-
-def of_gravity(mechanism: Mechanism, modelled: Callable[[Mechanism], Array]) -> Iterator[Explanation]:
-    """Gravity of another size or sign; where there is none, some along x or y."""
-    g = np.asarray(mechanism.gravity, dtype=float)
-    if g.any():
-        doubled = modelled(replace(mechanism, gravity=2 * g))
-
-        def words(c: float) -> str:
-            if abs(c + 2) < ONCE:
-                return f"gravity has the wrong sign: it acts along ({0 - g[0]:g}, {0 - g[1]:g}) m/s^2, not ({g[0]:g}, {g[1]:g})"
-            return "gravity is left out" if abs(c + 1) < ONCE / 10 else f"gravity is {percent(c)}"
-
-        yield Explanation(Cause.GRAVITY, "gravity", proportional(doubled), words)
-    across = [(np.array([-g[1], g[0]]), "across itself")] if g.any() else [(GIVEN * axis, name) for axis, name in AXES]
-    for vector, name in across:
-        added = modelled(replace(mechanism, gravity=g + vector))
-        yield Explanation(
-            Cause.GRAVITY,
-            f"gravity {name}",
-            proportional(added),
-            words_of("gravity has a part {:.3g} m/s^2 " + name + " that it should not have", float(np.hypot(*vector))),
-        )
-
-
-AXES = ((np.array([1.0, 0.0]), "along x"), (np.array([0.0, 1.0]), "along y"))
+        places: list[tuple[Any, str]] = [(slice(None), f"row of {name}")]
+        places += [(k, f"entry ({name}; {columns[k]})") for k in np.flatnonzero(parts.J[:, row].any(axis=0))]
+        for column, what in places:
+            said = f"the Jacobian's {what} {{is}}"
+            yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", scaled(row, column), said, exact=True)
 
 
 def of_constraints(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
@@ -285,111 +275,44 @@ def of_constraints(own: OwnMotion, x: States, before: States, start: States) -> 
     def changed(J: Array = parts.J, gamma: Array = parts.gamma) -> Array:
         return replace(parts, J=J, gamma=gamma).accelerations() - base
 
+    def with_gamma(some: Any, value: Array | float) -> Array:
+        gamma = parts.gamma.copy()
+        gamma[:, some] = value
+        return changed(gamma=gamma)
+
     held: dict[str, list[int]] = {}
-    for k, joint in enumerate(mechanism.joints):
-        held.setdefault(joint.joint, []).extend([2 * k, 2 * k + 1])
+    at = 0
+    for joint in mechanism.joints:
+        held.setdefault(joint.joint, []).extend(range(at, at := at + len(joint.held)))
     closing = sorted(row for joint in spanning_tree(mechanism).closures for row in held[joint.joint])
     dropped = {f"the joint {name} is": some for name, some in held.items()} | {"the loops' closing joints are": closing}
-    dropped |= {"all constraints are": list(range(rows.m))}
-    for name, some in dropped.items():
-        free = parts.without(some).accelerations() - base
-        said = f"{name} left out: nothing holds what it should"
-        yield once(Cause.IGNORED, name.removesuffix(" is").removesuffix(" are"), free, said)
-    bare = parts.gamma.copy()
-    second = np.zeros_like(bare)
-    for row, law in enumerate(rows.laws, rows.joint_rows):
-        second[:, row] = np.asarray(law(x.t)[2])
-        one = parts.gamma.copy()
-        one[:, row] -= second[:, row]
-        name = mechanism.drivers[row - rows.joint_rows].name
-        said = f"the second time derivative of what {name} prescribes is left out"
-        yield once(Cause.SECOND_RATE, f"second derivative of {name}", changed(gamma=one), said)
-    bare[:, : rows.holonomic] = second[:, : rows.holonomic]
-    said = "the velocity terms of the constraints (J' v) are left out"
-    yield once(Cause.VELOCITY_TERMS, "velocity terms of all constraints", changed(gamma=bare), said)
-    for name, some in held.items():
-        one = parts.gamma.copy()
-        one[:, some] = 0.0
-        said = f"the velocity terms (J' v) of the joint {name} are left out"
-        yield once(Cause.VELOCITY_TERMS, f"velocity terms of joint {name}", changed(gamma=one), said)
+    for name, some in (dropped | {"all constraints are": list(range(rows.m))}).items():
+        what, free = name.removesuffix(" is").removesuffix(" are"), parts.without(some).accelerations() - base
+        yield Explanation(Cause.IGNORED, what, free, f"{name} left out: nothing holds what it should", once=True)
+    second = own.second_rates(x)
+    for row, driver in enumerate(mechanism.drivers, rows.joint_rows):
+        effect = with_gamma(row, parts.gamma[:, row] - second[:, row])
+        said = f"the second time derivative of what {driver.name} prescribes is left out"
+        yield Explanation(Cause.SECOND_RATE, f"second derivative of {driver.name}", effect, said, once=True)
+    position = slice(0, rows.holonomic)
+    terms = {"all constraints": ("the constraints (J' v)", with_gamma(position, second[:, position]))}
+    terms |= {f"joint {name}": (f"the joint {name} (J' v)", with_gamma(some, 0.0)) for name, some in held.items()}
+    for what, (whose, effect) in terms.items():
+        said = f"the velocity terms of {whose} are left out"
+        yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, said, once=True)
     old, first = own.parts(before), own.parts(start)
     J0, gamma0 = np.broadcast_to(first.J, parts.J.shape), np.broadcast_to(first.gamma, parts.gamma.shape)
     for what, effect in (("Jacobian", changed(J=J0)), ("Jacobian and bias", changed(J0, gamma0))):
-        yield once(Cause.STALE, f"{what} of the start", effect, f"the constraints' {what.lower()} stays that of the start")
+        said = f"the constraints' {what.lower()} stays that of the start"
+        yield Explanation(Cause.STALE, f"{what} of the start", effect, said, once=True)
     for what, effect in (("Jacobian", changed(J=old.J)), ("Jacobian and bias", changed(old.J, old.gamma))):
-        yield Explanation(
-            Cause.STALE,
-            f"{what} of earlier steps",
-            proportional(effect),
-            words_of("the constraints' " + what.lower() + " is {:.2g} steps old"),
-        )
+        said = f"the constraints' {what.lower()} is {{amount}} steps old"
+        yield Explanation(Cause.STALE, f"{what} of earlier steps", effect, said)
 
 
-def of_all(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """All accelerations too large or too small."""
-    yield Explanation(
-        Cause.ACCELERATIONS, "all accelerations", proportional(own.accelerations(x)), partial_words("every acceleration")
-    )
-
-
-def proportional(effect: Array) -> Effect:
-    return lambda c: c * effect
-
-
-def once(cause: Cause, what: str, effect: Array, sentence: str) -> Explanation:
-    """An explanation that is so or not, without a size."""
-    return Explanation(cause, what, proportional(effect), lambda c: sentence, once=True)
-
-
-def partial_direction(name: str) -> Callable[[float], str]:
-    said = f"the force {name} has another direction"
-    return lambda c: said
-
-
-def words_of(text: str, unit: float = 1.0) -> Callable[[float], str]:
-    """A sentence with the amount, in some unit, where the text has a place for it."""
-    return lambda c: text.format(c * unit)
-
-
-def percent(c: float) -> str:
-    """A relative change in words."""
-    return f"{abs(100 * c):.3g} % too {'large' if c > 0 else 'small'}"
-
-
-def partial_words(what: str) -> Callable[[float], str]:
-    def words(c: float) -> str:
-        if abs(c + 1) < ONCE / 10:
-            return f"{what} is left out"
-        return f"{what} has the wrong sign" if abs(c + 2) < ONCE / 10 else f"{what} is {percent(c)}"
-
-    return words
-
-
-def plural_words(what: str) -> Callable[[float], str]:
-    def words(c: float) -> str:
-        if abs(c + 1) < ONCE / 10:
-            return f"{what} are left out"
-        return f"{what} have the wrong sign" if abs(c + 2) < ONCE / 10 else f"{what} are {percent(c)}"
-
-    return words
-
-
-def with_link(mechanism: Mechanism, at: int, key: str, factor: float) -> Mechanism:
-    links = [replace(x, **{key: getattr(x, key) * factor}) if k == at else x for k, x in enumerate(mechanism.links)]
-    return replace(mechanism, links=tuple(links))
-
-
-def exchange(mechanism: Mechanism, i: int, j: int) -> Mechanism:
-    """Two links with each other's mass and inertia."""
-    links = list(mechanism.links)
-    links[i], links[j] = with_masses_of(links[i], links[j]), with_masses_of(links[j], links[i])
-    return replace(mechanism, links=tuple(links))
-
-
-def with_masses_of(link: Link, other: Link) -> Link:
-    return replace(link, mass=other.mass, inertia=other.inertia)
-
-
-def with_force(mechanism: Mechanism, at: int, force: object) -> Mechanism:
-    forces = [force if k == at else x for k, x in enumerate(mechanism.forces)]
-    return replace(mechanism, forces=tuple(forces))  # type: ignore[arg-type]
+def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
+    """All of them, at states x, one step after states `before`."""
+    yield from of_parameters(own, x)
+    yield from of_constraints(own, x, before, start)
+    yield Explanation(Cause.ACCELERATIONS, "all accelerations", own.accelerations(x), "every acceleration {is}")
+    yield from of_numbers_of_constraints(own, x)

@@ -1,21 +1,25 @@
 """Engines with a known fault: what the diagnosis must name, and what the suite's own test of itself plants.
 
-Each is one of the suite's formulations with its integrators, sound but for one thing, which is data here: how the fault spoils the
-linkage that is modelled, the terms at a state, the accelerations, a state after a step, or the samples that are read. A fault that
-was seen in an engine names it.
+Each is one of the suite's formulations with its integrators, sound but for one thing: how the fault spoils the linkage that is
+modelled, the terms at a state, the accelerations, a state after a step, or the samples that are read. `planted.toml` lists them; a
+fault that was seen in an engine names it.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.diagnosis.causes import Cause
+from gauss_bench.diagnosis.checks import FOUR_BAR, alter
+from gauss_bench.diagnosis.planted import TABLES
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
-from gauss_bench.mechanism.model import Mechanism, Revolute
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
 from gauss_bench.trajectory import Trajectory
@@ -55,7 +59,7 @@ class Fault:
     stepped: Callable[[State, "FaultyModel", float], State] = same
     times: Callable[[Array, float], Array] = same
     read: Callable[[Trajectory, Mechanism], Trajectory] = same
-    where: tuple[str, str] = ("four_bar", "torque")
+    where: tuple[str, str] = FOUR_BAR
 
 
 class FaultyModel(InterpretedModel):
@@ -70,11 +74,12 @@ class FaultyModel(InterpretedModel):
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):
         super().__init__(FORMULATION, fault.linkage(mechanism), choice)
-        self.fault, self.true = fault, mechanism
-        rows = self.evaluator.constraints(0.0, self.mechanism.q0, self.mechanism.v0)
-        self.first = (rows.J, rows.gamma)
-        self.recent = [self.first, self.first]
-        self.running = False
+        self.fault, self.true, self.running = fault, mechanism, False
+        self.first = self.rows(0.0, self.mechanism.q0, self.mechanism.v0)
+
+    def rows(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        found = self.evaluator.constraints(t, q, v)
+        return found.J, found.gamma
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self._solve(t, self.fault.terms(self.evaluator.terms(t, q, v), self, t, q, v)).a
@@ -87,9 +92,7 @@ class FaultyModel(InterpretedModel):
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.asked = times
-        self.reset = False
-        self.recent = [self.first, self.first]
+        self.asked, self.reset, self.recent = times, False, [self.first, self.first]
         super().prepare(self.fault.times(times, self.choice.step), native)
 
     def run(self) -> None:
@@ -98,18 +101,16 @@ class FaultyModel(InterpretedModel):
         self.running = False
 
     def _run_fixed(self) -> None:
-        step, before = STEPS[self.choice.integrator], 0.0
+        step = STEPS[self.choice.integrator]
         q, v = self.mechanism.q0, self.mechanism.v0
         for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
             for i in range(count if self.times[k + 1] > self.times[k] else 0):
                 t = float(self.times[k]) + i * h
-                rows = self.evaluator.constraints(t, q, v)
-                self.recent = [self.recent[1], (rows.J, rows.gamma)]
+                self.recent = [self.recent[1], self.rows(t, q, v)]
                 q, v = step(self.stabilized, t, q, v, h)
                 if self.choice.stabilization == "projection":
                     q, v = self.evaluator.project(t + h, q, v)
-                before = t + h
-                q, v = self.fault.stepped((q, v), self, before)
+                q, v = self.fault.stepped((q, v), self, t + h)
                 self.steps += 1
             self.x[k + 1], self.dx[k + 1] = q, v
 
@@ -119,7 +120,7 @@ class FaultyModel(InterpretedModel):
 
 
 class Faulty(Interpreted):
-    """An engine with one planted fault."""
+    """An engine with one fault."""
 
     def __init__(self, fault: Fault):
         super().__init__(FORMULATION)
@@ -129,80 +130,53 @@ class Faulty(Interpreted):
         return FaultyModel(self.fault, mechanism, choice)
 
 
-# what is wrong with the linkage that is modelled
-
-
-def scale(name: str, **factors: float) -> Callable[[Mechanism], Mechanism]:
-    """A link's mass or inertia times a factor."""
-
-    def altered(mechanism: Mechanism) -> Mechanism:
-        links = [
-            replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == name else x
-            for x in mechanism.links
-        ]
-        return replace(mechanism, links=tuple(links))
-
-    return altered
-
-
-def force_scaled(name: str, key: str, factor: float) -> Callable[[Mechanism], Mechanism]:
-    """A number of a force times a factor."""
-
-    def altered(mechanism: Mechanism) -> Mechanism:
-        forces = [replace(x, **{key: getattr(x, key) * factor}) if x.name == name else x for x in mechanism.forces]
-        return replace(mechanism, forces=tuple(forces))
-
-    return altered
-
-
-def gravity_turned(mechanism: Mechanism) -> Mechanism:
-    return replace(mechanism, gravity=-np.asarray(mechanism.gravity))
-
-
 # what is wrong with the terms
 
 
-def closing_rows(model: FaultyModel) -> list[int]:
-    """Rows of the last pin of the file."""
-    at = [k for k, joint in enumerate(model.mechanism.joints) if isinstance(joint, Revolute)][-1]
-    return [2 * at, 2 * at + 1]
+def last_pin(mechanism: Mechanism) -> list[int]:
+    """Rows of the last joint of the file that leaves an angle free."""
+    ends = np.cumsum([len(joint.held) for joint in mechanism.joints])
+    at = max(k for k, joint in enumerate(mechanism.joints) if not joint.slides)
+    return list(range(ends[at] - len(mechanism.joints[at].held), ends[at]))
 
 
-def soft_loop(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
-    """The last pin as a spring and damper between its two points."""
-    rows = closing_rows(model)
-    kept = [k for k in range(len(terms.J)) if k not in rows]
-    J, k, c = terms.J[rows], 2e4, 40.0
-    Q = terms.Q - J.T @ (k * terms.phi[rows] + c * terms.phi_dot[rows])
-    return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept], Q=Q)
-
-
-def ignore_joint(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
-    kept = [k for k in range(len(terms.J)) if k not in closing_rows(model)]
+def without(terms: Terms, rows: list[int]) -> Terms:
+    """The terms without some rows."""
+    kept = np.delete(np.arange(len(terms.J)), rows)
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept])
 
 
-def ignore_constraints(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
-    none = np.zeros(0)
-    return replace(terms, J=terms.J[:0], gamma=none, phi=none, phi_dot=none)
+def soft_loop(terms: Terms, model: FaultyModel, *_: object) -> Terms:
+    """The last pin as a spring and damper between its two points."""
+    rows = last_pin(model.mechanism)
+    Q = terms.Q - terms.J[rows].T @ (2e4 * terms.phi[rows] + 40.0 * terms.phi_dot[rows])  # N/m, N s/m
+    return replace(without(terms, rows), Q=Q)
 
 
-def stale(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
+def ignore_joint(terms: Terms, model: FaultyModel, *_: object) -> Terms:
+    return without(terms, last_pin(model.mechanism))
+
+
+def ignore_constraints(terms: Terms, *_: object) -> Terms:
+    return without(terms, list(range(len(terms.J))))
+
+
+def stale(terms: Terms, model: FaultyModel, *_: object) -> Terms:
     """Constraint data of the step before, while steps are taken; samples are told with sound accelerations."""
     J, gamma = model.recent[0] if model.running else (terms.J, terms.gamma)
     return replace(terms, J=J, gamma=gamma)
 
 
-def frozen(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
+def frozen(terms: Terms, model: FaultyModel, *_: object) -> Terms:
     """The Jacobian of the start, never updated."""
     return replace(terms, J=model.first[0])
 
 
-def without_velocity_terms(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
+def without_velocity_terms(terms: Terms, *_: object) -> Terms:
     return replace(terms, gamma=0 * terms.gamma)
 
 
-def without_second_rate(terms: Terms, model: FaultyModel, t: float, q: Array, v: Array) -> Terms:
+def without_second_rate(terms: Terms, model: FaultyModel, t: float, *_: object) -> Terms:
     """The second time derivative of what drivers prescribe left out."""
     gamma = terms.gamma.copy()
     for row, driver in enumerate(model.mechanism.drivers, model.evaluator.constraints.joint_rows):
@@ -210,16 +184,16 @@ def without_second_rate(terms: Terms, model: FaultyModel, t: float, q: Array, v:
     return replace(terms, gamma=gamma)
 
 
-def compliant(solution: Solution, terms: Terms, model: FaultyModel) -> Solution:
-    """Constraint forces of a solver that regularises: J a = gamma + eps lambda, with Baumgarte's terms against the drift."""
+def compliant(solution: Solution, terms: Terms, model: FaultyModel, epsilon: float = 0.5, rate: float = 50.0) -> Solution:
+    """Constraint forces of a solver that regularises: J a = gamma + epsilon lambda, with Baumgarte's terms at a rate [1/s]."""
     n, m = len(terms.Q), len(terms.gamma)
-    gamma = terms.gamma - 100.0 * terms.phi_dot - 2500.0 * terms.phi
-    K = np.block([[terms.M, terms.J.T], [terms.J, -0.5 * np.eye(m)]])
+    gamma = terms.gamma - 2 * rate * terms.phi_dot - rate**2 * terms.phi
+    K = np.block([[terms.M, terms.J.T], [terms.J, -epsilon * np.eye(m)]])
     x = np.linalg.solve(K, np.concatenate([terms.Q, gamma]))
     return Solution(x[:n], x[n:], m)
 
 
-def half_force(solution: Solution, terms: Terms, model: FaultyModel) -> Solution:
+def too_large(solution: Solution, terms: Terms, model: FaultyModel) -> Solution:
     """Velocities and everything else right, accelerations a third too large: a wrong factor at the end."""
     return Solution(1.3 * solution.a, recover_multipliers(terms, solution.a), solution.rank)
 
@@ -235,7 +209,7 @@ def reset(state: State, model: FaultyModel, t: float) -> State:
     return state
 
 
-def single_precision(state: State, model: FaultyModel, t: float) -> State:
+def single_precision(state: State, *_: object) -> State:
     q, v = (x.astype(np.float32).astype(float) for x in state)
     return q, v
 
@@ -255,26 +229,25 @@ def stretch(times: Array, step: float) -> Array:
     return times * 1.01
 
 
-def standing_still(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
+def standing_still(trajectory: Trajectory, *_: object) -> Trajectory:
     return replace(trajectory, q=0 * trajectory.q + trajectory.q[0], v=0 * trajectory.v, a=0 * trajectory.a)
 
 
-def within_a_turn(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
+def within_a_turn(trajectory: Trajectory, *_: object) -> Trajectory:
     q = trajectory.q.copy()
-    q[:, 2::3] = (q[:, 2::3] + np.pi) % (2 * np.pi) - np.pi
+    angles(q)[...] = (angles(q) + np.pi) % (2 * np.pi) - np.pi
     return replace(trajectory, q=q)
 
 
-def backwards(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
+def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
     return replace(trajectory, v=-trajectory.v)
 
 
 def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
     """The first two links change places."""
-    order = np.arange(mechanism.n).reshape(-1, 3)
+    order = bodies(np.arange(mechanism.n))
     order[[0, 1]] = order[[1, 0]]
-    columns = order.ravel()
-    return replace(trajectory, q=trajectory.q[:, columns], v=trajectory.v[:, columns], a=trajectory.a[:, columns])
+    return replace(trajectory, **{level: getattr(trajectory, level)[:, order.ravel()] for level in "qva"})
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
@@ -291,37 +264,14 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
     return replace(trajectory, q=q, v=v, a=a)
 
 
-CRANK_SLIDER, DRIVEN = ("crank_slider", "paper"), ("four_bar", "cycloid")
-ENGINES = (
-    Fault("soft_loop", "a pin is a spring and a damper", Cause.SOFTNESS, terms=soft_loop),
-    Fault("soft_solver", "the solver regularises its constraint forces", Cause.SOFTNESS, solved=compliant, where=CRANK_SLIDER),
-    Fault("inertia", "the crank's inertia is 1 % too large", Cause.INERTIA, linkage=scale("crank", inertia=1.01)),
-    Fault(
-        "rod_inertia", "the rod's inertia is 1 % too small", Cause.INERTIA, linkage=scale("rod", inertia=0.99), where=CRANK_SLIDER
-    ),
-    Fault("mass", "the coupler's mass is 1 % too large", Cause.MASS, linkage=scale("coupler", mass=1.01)),
-    Fault("gravity", "gravity has the wrong sign", Cause.GRAVITY, linkage=gravity_turned),
-    Fault("damping", "a damper is 2 % too strong", Cause.FORCE, linkage=force_scaled("brake", "c", 1.02)),
-    Fault("spring", "a spring is 1 % too stiff", Cause.FORCE, linkage=force_scaled("spring", "k", 1.01), where=CRANK_SLIDER),
-    Fault("factor", "accelerations are 1.3 times too large", Cause.ACCELERATIONS, solved=half_force),
-    Fault("velocity_terms", "the velocity terms of the loops are left out", Cause.VELOCITY_TERMS, terms=without_velocity_terms),
-    Fault("ignored_joint", "a joint is left out", Cause.IGNORED, terms=ignore_joint, where=CRANK_SLIDER),
-    Fault("ignored", "an explicit solver leaves out all constraints", Cause.IGNORED, terms=ignore_constraints),
-    Fault(
-        "second_rate", "a driver's second time derivative is left out", Cause.SECOND_RATE, terms=without_second_rate, where=DRIVEN
-    ),
-    Fault("frozen", "the constraint Jacobian is never updated", Cause.STALE, terms=frozen),
-    Fault("stale", "constraint data are those of the step before", Cause.STALE, terms=stale),
-    Fault("reset", "the state jumps back to the start", Cause.RESET, stepped=reset),
-    Fault("links", "two links change places in the output", Cause.ORDER, read=links_in_another_order),
-    Fault("breadth_first", "joints are read in another order", Cause.ORDER, read=breadth_first_joints, where=CRANK_SLIDER),
-    Fault("single", "states are rounded to single precision", Cause.ROUND_OFF, stepped=single_precision),
-    Fault("late", "samples are those of the step after", Cause.SHIFT, times=one_step_late),
-    Fault("early", "samples are half a step early", Cause.SHIFT, times=half_a_step_early, where=CRANK_SLIDER),
-    Fault("stretched", "samples are taken 1 % too slowly", Cause.STRETCH, times=stretch),
-    Fault("still", "samples stand still", Cause.STATIONARY, read=standing_still),
-    Fault("wrapped", "angles are brought back into one turn", Cause.WRAPPED, read=within_a_turn, where=CRANK_SLIDER),
-    Fault("backwards", "velocities are told with the wrong sign", Cause.VELOCITIES, read=backwards),
-)
+def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
+    """One entry of `planted.toml`."""
+    hooks: Any = {key: globals()[x] for key, x in spoils.items() if key != "alter"}
+    if "alter" in spoils:
+        hooks["linkage"] = partial(alter, **spoils["alter"])
+    return Fault(name, sentence, Cause(cause), **hooks, where=(where[0], where[1]))
+
+
+ENGINES = tuple(read_engine(**x) for x in TABLES["engine"])
 CLEAN = Fault("clean", "nothing is wrong", Cause.NONE)
 BY_NAME: Mapping[str, Fault] = {x.name: x for x in (CLEAN, *ENGINES)}

@@ -93,6 +93,14 @@ class OwnMotion:
         Q = self.evaluator.applied.generalised(x.q, x.v, x.t)
         return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.independent)
 
+    def second_rates(self, x: States) -> Array:
+        """gamma (k, m) without velocity terms: the second derivatives of what drivers prescribe."""
+        rows = self.evaluator.constraints
+        second = np.zeros((len(x), rows.m))
+        for row, law in enumerate(rows.laws, rows.joint_rows):
+            second[:, row] = law(x.t)[2]
+        return second
+
     def gaps(self, x: States) -> Array:
         """phi (k, h) [m, rad] of the rows that have a position level."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
@@ -129,7 +137,7 @@ class OwnMotion:
         return States(x.t, np.array([q for q, _ in pairs]), np.array([v for _, v in pairs]))
 
 
-class Truth:
+class TrueMotion:
     """The reference at any time: its samples, and the linkage's own flow from the nearest of them.
 
     Attributes:

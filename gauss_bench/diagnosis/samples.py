@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.diagnosis.motion import OwnMotion, Truth
+from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -42,7 +43,7 @@ def _state(x: States, pace: float) -> Array:
     return np.hstack([x.q, x.v * pace])
 
 
-def time_map(truth: Truth, told: States, stretch: bool) -> TimeMap | None:
+def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
     """The constant shift, or the shift and stretching, of time that explains samples best; None where none does by LEFT."""
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
@@ -71,7 +72,7 @@ def time_map(truth: Truth, told: States, stretch: bool) -> TimeMap | None:
     return best if best.left <= LEFT else None
 
 
-def _first_rate(truth: Truth, told: States, pace: float) -> float:
+def _first_rate(truth: TrueMotion, told: States, pace: float) -> float:
     """Estimate how fast time runs, from the true samples that are nearest to what was told."""
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
@@ -87,10 +88,9 @@ def stands_still(truth: States, told: States) -> bool:
 
 
 def whole_turns(off: Array) -> Array:
-    """Count the turns (k, links) by which angles are off, of errors (k, 3 links); none where that is not all of them."""
-    turns = np.round(off[:, 2::3] / (2 * np.pi))
-    left = off.copy()
-    left[:, 2::3] -= 2 * np.pi * turns
+    """Count the turns (k, links) by which angles are off, of errors (k, n); none where that is not all of them."""
+    left, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
+    angles(left)[...] -= 2 * np.pi * turns
     return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
@@ -133,12 +133,12 @@ def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tupl
     """Per way of listing a state: words, what was told and the truth (columns, ...), and the columns' names."""
 
     def links(x: Array) -> Array:
-        return x.reshape(len(x), -1, 3).transpose(1, 0, 2)
+        return bodies(x).transpose(1, 0, 2)
 
     names = [link.name for link in mechanism.links]
     for words, one, other in (("links", told.q, truth.q), ("velocities of links", told.v, truth.v)):
         yield words, links(one), links(other), names
-        yield f"angles in {words}", links(one)[..., 2], links(other)[..., 2], names
+        yield f"angles in {words}", angles(one).T, angles(other).T, names
     for shallow in (False, True):
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n

@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from gauss_bench.diagnosis.causes import Cause
-from gauss_bench.diagnosis.checks import linkage, truth
+from gauss_bench.diagnosis.checks import CRANK_SLIDER, DRIVEN, FOUR_BAR, truth
 from gauss_bench.diagnosis.diagnosis import Verdict, diagnose_runs
-from gauss_bench.diagnosis.faults import CLEAN, CRANK_SLIDER, DRIVEN, ENGINES, Fault, Faulty
+from gauss_bench.diagnosis.faults import CLEAN, ENGINES, Fault, Faulty
 from gauss_bench.diagnosis.observations import ladder
-from gauss_bench.diagnosis.planted import PLANTED, SEEN, SIZES, UNSEEN, Check, smallest
+from gauss_bench.diagnosis.planted import PLANTED, SIZES, Check, smallest
 from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import load
 from gauss_bench.runs.one_run import Run, Sampling, one_run
 from gauss_bench.trajectory import in_a_sentence
 
@@ -82,7 +83,7 @@ class SelfTest:
 def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
     """The diagnosis of an engine with this fault."""
     which = where or fault.where
-    mechanism, engine = linkage(which), Faulty(fault)
+    mechanism, engine = load(*which), Faulty(fault)
 
     def run(choice: Choice, wanted: Sampling) -> Run:
         return one_run(engine, mechanism, choice, wanted)
@@ -113,7 +114,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     chosen = [x for x in PLANTED if x.kind in kinds]
     sound: dict[str, Check] = {f"{x.kind}: {x.sound}": x.sound for x in chosen}
     if ADAPTERS in kinds:
-        sound |= {f"{ADAPTERS}: {' '.join(x)}": sound_engine(x) for x in (CLEAN.where, CRANK_SLIDER, DRIVEN)}
+        sound |= {f"{ADAPTERS}: {' '.join(x)}": sound_engine(x) for x in (FOUR_BAR, CRANK_SLIDER, DRIVEN)}
     told(f"{len(sound)} checks of the sound suite")
     alarms = {name: said for name, check in sound.items() if (said := _ask(check)) is not None}
     findings: list[Finding] = []
@@ -124,7 +125,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
         told("the smallest faults that are seen")
-        sizes = tuple(Smallest(name, smallest(check, UNSEEN, SEEN), unit) for name, (unit, check) in SIZES.items())
+        sizes = tuple(Smallest(name, smallest(check), unit) for name, (unit, check) in SIZES.items())
     took = time.process_time() - started
     return SelfTest(tuple(findings), tuple(alarms.values()), len(sound) - len(alarms), sizes, took)
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.diagnosis.motion import OwnMotion, Truth
+from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.diagnosis.observations import Burst
 from gauss_bench.metrics import relative_acceleration_error
 from gauss_bench.terms import Array
@@ -23,6 +23,9 @@ from gauss_bench.trajectory import States
 REGIME = 0.1  # [m, rad] beyond it errors of one run no longer add up, and those of two steps have no ratio
 FEWEST = 5  # checkpoints that are looked at in any case
 CONVERGES = 0.4  # order below which runs of smaller steps do not approach anything
+STAYS = 0.75  # of a gap that is left at half the step, between the two smallest: even order 1 takes off a half
+PERIODS = 3  # of a run: the first is early, the last is late
+GROWS = 3.0  # times as wide late as early
 
 
 def size(x: Array) -> float:
@@ -37,14 +40,12 @@ class Steps:
     Attributes:
         order: at which the motion converges; NaN where it does not, or only one step was run.
         limit: (k, n) what the motion without any step is off by; by_step: (k, n) what the step adds, of the first run.
-        scatter: change between the two smallest steps.
         horizon: how many checkpoints are looked at.
     """
 
     order: float
     limit: Array
     by_step: Array
-    scatter: float
     horizon: int
 
     @property
@@ -62,19 +63,16 @@ def horizon_of(errors: list[Array]) -> int:
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
     """Compare runs of ever smaller steps."""
     k = min(len(b.at) for b in bursts)
-    x = [b.at.q[:k] for b in bursts]
-    h = horizon_of([one - true.q[:k] for one in x])
-    x, q = [one[:h] for one in x], true.q[:h]
-    if len(x) < 3:
-        last = x[-1]
-        return Steps(np.nan, last - q, x[0] - last, size(x[0] - last), h)
-    first, second = x[0] - x[1], x[1] - x[2]
-    one, other = size(first), size(second)
-    order = float(np.log2(one / other)) if one > 0 and other > 0 else np.inf if one > 0 else np.nan
-    if adaptive or not order > CONVERGES:
-        return Steps(np.nan if adaptive else order, x[2] - q, x[0] - x[2], other, h)
-    limit = x[2] + (x[2] - x[1]) / (2.0 ** min(order, 12.0) - 1.0)
-    return Steps(order, limit - q, x[0] - limit, other, h)
+    h = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
+    x, q, order = [b.at.q[:h] for b in bursts], true.q[:h], np.nan
+    limit = x[-1]
+    if len(x) > 2 and not adaptive:
+        one, other = size(x[0] - x[1]), size(x[1] - x[2])
+        if one > 0:
+            order = float(np.log2(one / other)) if other > 0 else np.inf
+        if order > CONVERGES:
+            limit = limit + (x[2] - x[1]) / (2.0 ** min(order, 12.0) - 1.0)
+    return Steps(order, limit - q, x[0] - limit, h)
 
 
 @dataclass(frozen=True)
@@ -82,60 +80,53 @@ class Closure:
     """How far loops are open [m, rad] (and drivers off), over the run.
 
     Attributes:
-        opened: largest, of every run; early, late: of the first run, in the first and in the last third.
-        stays: whether smaller steps leave it as it is.
-        share: of the error, by how much it leaves the constraints.
+        closure: largest gap, of every run; closure_early, closure_late: of the first run, in the first and in the last third.
+        closure_stays: whether smaller steps leave it as it is.
+        closure_joint: where the gap is largest.
+        closure_share: of the error, by how much it leaves the constraints.
         held: correlation of gaps with the forces that should close them, 0..1; compliance: gap over force [m/N].
-        joint: where the gap is largest.
     """
 
-    opened: tuple[float, ...]
-    early: float
-    late: float
-    stays: bool
-    share: float
+    closure: tuple[float, ...]
+    closure_early: float
+    closure_late: float
+    closure_stays: bool
+    closure_joint: str
+    closure_share: float
     held: float
     compliance: float
-    joint: str
 
     @property
     def grows(self) -> bool:
-        return self.late > 3.0 * self.early
-
-
-STAYS = 0.75  # of a gap that is left at half the step, between the two smallest: even order 1 takes off a half
+        return self.closure_late > GROWS * self.closure_early
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
     """The closure's residuals, along runs of ever smaller steps."""
-    k = len(errors)
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]
     opened = tuple(float(g.max(initial=0.0)) for g in gaps)
-    third = max(1, len(gaps[0]) // 3)
-    sizes = gaps[0].max(axis=1, initial=0.0)
-    at = bursts[0].at[slice(0, k)]
+    sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
+    at = bursts[0].at[slice(0, len(errors))]
     with np.errstate(all="ignore"):
-        normal = at.q - own.projected(at).q
-    share = size(normal) / max(size(errors), 1e-300)
-    phi = own.gaps(bursts[-1].at)
-    worst = int(gaps[-1].max(axis=0, initial=0.0).argmax()) if phi.shape[1] else 0
-    held, compliance = _hold(own, bursts[-1], phi, worst)
-    joints, drivers = own.mechanism.joints, own.mechanism.drivers
-    name = joints[worst // 2].name if worst < 2 * len(joints) else drivers[worst - 2 * len(joints)].name if drivers else ""
+        share = size(at.q - own.projected(at).q) / max(size(errors), 1e-300)
+    worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0
+    rows = [x.name for x in (*own.mechanism.joints, *own.mechanism.couplings) for _ in x.held]
+    name = [*rows, *(x.name for x in own.mechanism.drivers), ""][worst]
     stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
-    return Closure(opened, float(sizes[:third].max()), float(sizes[-third:].max()), stays, min(share, 1.0), held, compliance, name)
+    early, late = float(sizes[:third].max()), float(sizes[-third:].max())
+    return Closure(opened, early, late, stays, name, min(share, 1.0), *_hold(own, bursts[-1], worst))
 
 
-def _hold(own: OwnMotion, b: Burst, phi: Array, worst: int) -> tuple[float, float]:
+def _hold(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
     """Measure how well the gap of the worst row follows the force in it, and by how much it yields."""
+    phi = own.gaps(b.at)
     if not phi.shape[1]:
         return 0.0, 0.0
-    force = own.parts(b.at).multipliers(b.a)[:, worst]
-    gap = phi[:, worst]
+    force, gap = own.parts(b.at).multipliers(b.a)[:, worst], phi[:, worst]
     if not (np.isfinite(force).all() and force.any() and gap.any()):
         return 0.0, 0.0
-    together = float(force @ gap) / float(np.sqrt((force @ force) * (gap @ gap)))
-    return abs(together), abs(float(force @ gap) / float(force @ force))
+    along = abs(float(force @ gap))
+    return along / float(np.sqrt((force @ force) * (gap @ gap))), along / float(force @ force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,13 +153,8 @@ def local(own: OwnMotion, b: Burst) -> Local:
     true = own.accelerations(b.at)
     mean = (own.moved(b.at, h).v - b.at.v) / h[:, None]
     moved = (b.after.v - b.at.v) / h[:, None]
-    return Local(
-        b.a - true,
-        moved - mean,
-        true - mean,
-        float(np.median(relative_acceleration_error(b.a, true))),
-        float(np.median(relative_acceleration_error(moved, mean))),
-    )
+    off = [float(np.median(relative_acceleration_error(*pair))) for pair in ((b.a, true), (moved, mean))]
+    return Local(b.a - true, moved - mean, true - mean, off[0], off[1])
 
 
 def usable(own: OwnMotion, b: Burst, most: float) -> Array:
@@ -177,9 +163,3 @@ def usable(own: OwnMotion, b: Burst, most: float) -> Array:
         gaps = np.abs(own.gaps(b.at)).max(axis=1, initial=0.0)
     sound = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
     return np.asarray(sound & (gaps <= most))
-
-
-def errors_of(truth: Truth, b: Burst) -> tuple[States, Array]:
-    """The true states at the checkpoints, and the errors (k, n) of positions."""
-    true = truth.at(b.at.t)
-    return true, b.at.q - true.q

@@ -252,12 +252,11 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
     None where that cannot be told, such as friction on redundant rows.
     """
     chosen = draw_samples(trajectory)
-    part = [x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a)]
+    t, q, v, told = (x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
     try:
-        model = get("gauss").build(mechanism, Choice("default", "rk4"))
         with np.errstate(all="ignore"):
-            true = np.array([model.acceleration(float(t), q, v) for t, q, v in zip(*part[:3], strict=True)])
+            model = get("gauss").build(mechanism, Choice("default", "rk4"))
+            true = np.array([model.acceleration(float(at), *state) for at, *state in zip(t, q, v, strict=True)])
+            return float(np.median(relative_acceleration_error(told, true)))
     except (RunFailure, ArithmeticError, np.linalg.LinAlgError):
         return None
-    with np.errstate(all="ignore"):
-        return float(np.median(relative_acceleration_error(part[3], true)))

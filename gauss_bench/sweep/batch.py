@@ -25,14 +25,14 @@ from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import TEXT, outcome_of, plain_run
+from gauss_bench.runs.apart import LEVELS, TEXT, outcome_of, plain_run
 from gauss_bench.runs.offers import is_isolated
 from gauss_bench.runs.one_run import one_run, receive, sampling_at
 from gauss_bench.runs.scrutiny import seen
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.sweep.family import Family, describe, family_of
-from gauss_bench.sweep.figures import Motions, figures, units
+from gauss_bench.sweep.family import Family, Varied, describe
+from gauss_bench.sweep.figures import figures, units
 from gauss_bench.sweep.paths import Document
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -171,7 +171,7 @@ def _native(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
         own = {name: x[part] for name, x in columns.items()}
         forces = _multipliers(code, t, q[part], v[part], p[part])
         some_q, some_v = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))
-        by_name, evidence = figures(family_of(some.nominal, own), Motions(t, some_q, some_v, forces), some.nominal.size)
+        by_name, evidence = figures(Varied(some.nominal, own, some_q, some_v), t, forces)
         for name, x in by_name.items():
             rows[name][there[part]] = x
         for k, one in zip(part.tolist(), evidence, strict=True):
@@ -225,7 +225,7 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
     h = h / parts
     wanted, taken = sampling_at(h, t), Choice(choice.settings, choice.integrator, choice.stabilization, h, choice.tolerance)
     if is_isolated(engine):
-        largest = 8 * len(t) * (1 + 3 * mechanism.n) + TEXT
+        largest = 8 * len(t) * (1 + len(LEVELS) * mechanism.n) + TEXT
         arguments = (document, asked.scenario, asked.source, engine, taken, t)
         try:
             answer = _worker(engine).call(perform_there, arguments, asked.limit, largest)
@@ -241,7 +241,7 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(t), Constraints(mechanism).m), np.nan)
-    by_name, (evidence,) = figures(mechanism, Motions(x.t, x.q[:, None], x.v[:, None], multipliers[:, None]), mechanism.size)
+    by_name, (evidence,) = figures(Varied(mechanism, {}, x.q[:, None], x.v[:, None]), x.t, multipliers[:, None])
     evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
     status, sentence = _judge(evidence, lambda: mechanism, x)
     return status, "; ".join(filter(None, (run.message, sentence))), by_name

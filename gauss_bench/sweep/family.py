@@ -1,15 +1,15 @@
 """Linkages of one structure with different numbers: what a kernel leaves open, and a start for each that is closed.
 
-A family is a `Mechanism` whose numbers are arrays: a length is (batch,), a vector (2, batch), and the formulas of
-`mechanism/coordinates.py`, which take numbers of any kind, evaluate all of them at states (..., batch, n) at once.
+`Varied` places the bodies of many linkages at once: where one has a number, it has an array (batch,) of them, and the formulas of
+`mechanism/coordinates.py`, which take numbers of any kind, evaluate all of them at states (..., batch, n).
 
 Starts come from that of the file: numbers and held coordinates go to those of each sample in small steps, and Newton's method
 closes the joints after each. Where that does not end on the constraints, the sample is read and assembled on its own, which also
 says why one cannot be.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,8 +23,10 @@ from gauss_bench.linkage.errors import BuildError, LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.linkage.schema import LinkageTable
 from gauss_bench.mechanism.close import project
-from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.model import GROUND, Along, Coordinate, Force, Joint, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.coordinates import Placed, state
+from gauss_bench.mechanism.coordinates import columns as columns_of_gradient
+from gauss_bench.mechanism.frames import End
+from gauss_bench.mechanism.model import GROUND, Coordinate, Load, Mechanism, Point, loads
 from gauss_bench.sweep.paths import Document, change, number_at
 from gauss_bench.terms import Array
 
@@ -32,6 +34,7 @@ STRIDE = 0.02  # of the linkage's size: largest change of a dimension between tw
 NEWTON = 12  # iterations of each closure: three or four are needed
 WHOLE = ("gravity", "ground")  # tables of the file's top level that hold no tables by name
 OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")
+BAD = (BuildError, ValidationError)
 Columns = Mapping[str, Array]
 
 
@@ -51,6 +54,47 @@ class Starts:
     reasons: Mapping[int, str]
 
 
+class Varied(Placed):
+    """The bodies of linkages at states q, v (..., batch, n); `columns` has their open numbers by name, (batch,)."""
+
+    def __init__(self, mechanism: Mechanism, columns: Columns, q: Array, v: Array | None = None):
+        super().__init__(q, v)
+        self.mechanism, self.open, self.usual = mechanism, columns, parameter_values(mechanism) if columns else {}
+
+    def number(self, name: str, usual: Any) -> Any:
+        return self.open.get(name, usual)
+
+    def pair(self, name: str, usual: Any) -> list[Any]:
+        return [self.number(f"{name}.{axis}", x) for axis, x in zip("xy", usual, strict=True)]
+
+    def end(self, point: Point) -> End:
+        owner, _, _ = point.name.partition(".")
+        local: Any = point.local
+        if f"points.{point.name}.x" in self.usual:
+            local = self.pair(f"points.{point.name}", [self.usual[f"points.{point.name}.{axis}"] for axis in "xy"])
+            if point.link != GROUND:
+                com = self.pair(f"links.{owner}.com", self.mechanism.links[point.link].com)
+                local = [x - c for x, c in zip(local, com, strict=True)]
+        return End(*self.vector(point.link, local))
+
+    def held(self) -> Iterator[tuple[Coordinate, Any]]:
+        """Yield the coordinates that joints hold, with their values."""
+        for joint in (*self.mechanism.joints, *self.mechanism.couplings):
+            for place, (coordinate, value) in enumerate(joint.held):
+                yield coordinate, value if place else self.number(f"joints.{joint.name}.offset", value)
+
+    def loads(self) -> tuple[Load, ...]:
+        """What the forces come to."""
+
+        def varied(force: Any) -> Any:
+            name = f"forces.{force.name}"
+            numbers = force_numbers(force).items()
+            scalars = {key: self.number(f"{name}.{key}", x) for key, x in numbers if np.ndim(x) == 0}
+            return replace(force, **scalars, **{key: self.pair(f"{name}.{key}", x) for key, x in numbers if np.ndim(x)})
+
+        return loads(varied(force) for force in self.mechanism.forces)
+
+
 class Family:
     """One linkage in one scenario with some of its numbers varied.
 
@@ -58,12 +102,13 @@ class Family:
         document: of the one scenario, its override merged.
         paths: of what varies.
         nominal: the mechanism of the file.
+        heads: of each table that paths touch: which paths.
     """
 
     def __init__(self, document: Document, scenario: str, paths: Sequence[str], source: str):
         self.document, self.scenario, self.paths, self.source = document, scenario, tuple(paths), source
         self.nominal = load_document(document, scenario, source)
-        self.heads = dict[tuple[str, ...], list[int]]()  # of each table that paths touch: which paths
+        self.heads = dict[tuple[str, ...], list[int]]()
         for k, path in enumerate(paths):
             head, *rest = path.split(".")
             self.heads.setdefault((head,) if head in WHOLE else (head, *rest[:1]), []).append(k)
@@ -71,12 +116,12 @@ class Family:
     @cached_property
     def closed_to_kernels(self) -> str:
         """The reason why a kernel cannot leave open what varies, or an empty text."""
+        numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}
         for path in self.paths:
             head, *rest = path.split(".")
             usual = head in OPEN and not (head == "joints" and rest[-1] != "offset")
             usual = usual and not (head == "scenarios" and rest[1:2] != ["start"])
-            usual = usual and not (head == "forces" and rest[1].removesuffix("_deg") not in force_numbers_of(self.nominal, rest[0]))
-            if not usual:
+            if not usual or (head == "forces" and rest[1].removesuffix("_deg") not in numbers.get(rest[0], ())):
                 return f"{path} is no number that a kernel leaves open"
             if head in ("links", "ground") and ("welds" in self.document or "cylinders" in self.document):
                 return f"{path} may be part of a welded body"
@@ -95,9 +140,8 @@ class Family:
         return load_document(self.document_of(values), self.scenario, self.source)
 
     @cached_property
-    def _tables(self) -> dict[str, TypeAdapter[Any]]:
-        known = LinkageTable.model_fields
-        return {head: TypeAdapter(known[head].rebuild_annotation()) for head, *_ in self.heads}
+    def _forms(self) -> dict[str, TypeAdapter[Any]]:
+        return {head: TypeAdapter(LinkageTable.model_fields[head].rebuild_annotation()) for head, *_ in self.heads}
 
     @cached_property
     def _resolver(self) -> Resolver:
@@ -111,100 +155,75 @@ class Family:
     def open_numbers(self) -> tuple[str, ...]:
         """Names of the numbers that change with any of the paths, as kernels call them."""
         moved = set[str]()
-        for factor in (1.01, 1.3):
-            for head, places in self.heads.items():
-                for path in (self.paths[k] for k in places):
-                    old = number_at(self.document, path)
-                    try:
-                        numbers = self._numbers(head, change(self.document, {path: old * factor if old else factor - 1.0}))
-                    except (BuildError, ValidationError):
-                        continue
-                    moved |= {name for name, x in numbers.items() if x != self._parameters[name]}
+        for head, places in self.heads.items():
+            for path, factor in ((self.paths[k], factor) for k in places for factor in (1.01, 1.3)):
+                old = number_at(self.document, path)
+                try:
+                    numbers = self._numbers(head, change(self.document, {path: old * factor if old else factor - 1.0}))
+                except BAD:
+                    continue
+                moved |= {name for name, x in numbers.items() if x != self._parameters[name]}
         return tuple(name for name in self._parameters if name in moved)
 
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
-        """Numbers of a table, by their names in kernels.
+        """Numbers of a table, by their names in kernels; a vector's by its axes.
 
         Raises:
             ValidationError, BuildError: the table is no longer that of a linkage.
         """
         kind, *names = head
-        table, form = document[kind], self._tables[kind]
-        if kind == "gravity":
-            form.validate_python(table)
-            return {f"gravity.{axis}": float(x) for axis, x in zip("xy", table, strict=True)}
-        if kind == "ground":
-            form.validate_python(table)
-            return _places("points.ground", resolve_points(table["points"]))
-        (name,) = names
-        form.validate_python({name: table[name]})
-        if kind == "links":
-            link = build_link(name, table[name])
-            numbers = {f"links.{name}.mass": float(link.mass), f"links.{name}.inertia": float(link.inertia)}
-            numbers |= {f"links.{name}.com.{axis}": float(x) for axis, x in zip("xy", link.com, strict=True)}
-            return numbers | _places(f"points.{name}", link.points)
-        if kind == "joints":
-            return {f"joints.{name}.offset": float(table[name]["offset"])}
-        if kind != "forces" or all(f.name != name for f in self.nominal.forces):
-            return {}
-        numbers = {}
-        for key, x in force_numbers(self._resolver.force(name, table[name])).items():  # type: ignore[arg-type]
-            numbers |= (
-                {f"forces.{name}.{key}": float(x)}
-                if np.ndim(x) == 0
-                else {f"forces.{name}.{key}.{axis}": float(y) for axis, y in zip("xy", np.ravel(x), strict=True)}
-            )
-        return numbers
+        table, name = document[kind], "".join(names)
+        self._forms[kind].validate_python({name: table[name]} if names else table)
+        found: dict[str, Any] = {}
+        match kind:
+            case "gravity":
+                found = {"gravity": table}
+            case "ground":
+                found = {f"points.ground.{key}": xy for key, xy in resolve_points(table["points"]).items()}
+            case "links":
+                link = build_link(name, table[name])
+                found = {f"links.{name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
+                found |= {f"points.{name}.{key}": xy for key, xy in link.points.items()}
+            case "joints":
+                found = {f"joints.{name}.offset": table[name]["offset"]}
+            case "forces" if any(f.name == name for f in self.nominal.forces):
+                force: Any = self._resolver.force(name, table[name])
+                found = {f"forces.{name}.{key}": x for key, x in force_numbers(force).items()}
+        vectors = {f"{key}.{axis}": float(x) for key, xy in found.items() if np.ndim(xy) for axis, x in zip("xy", xy, strict=True)}
+        return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
         """Numbers and starts of samples (k, d)."""
         reasons, goals = dict[int, str](), np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
+        wrong = np.zeros(len(values), dtype=bool)
         for head, places in self.heads.items():
             # a table is read once for each of its contents: a grid has few, and what varies elsewhere does not change them
             contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
-            which, numbers = which.ravel(), list[dict[str, float] | None]()
             for j, row in enumerate(contents.tolist()):
                 document = change(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
+                these = which.ravel() == j
                 try:
-                    numbers.append(self._numbers(head, document))
+                    numbers = self._numbers(head, document)
                     if head[0] == "scenarios":
-                        goals[which == j] = self._goals(document)
-                except (ValidationError, BuildError):
-                    numbers.append(None)
-            wrong = np.array([x is None for x in numbers])[which]
-            reasons |= dict.fromkeys(np.flatnonzero(wrong).tolist(), "")
-            for name in columns.keys() & next((x.keys() for x in numbers if x is not None), ()):
-                each = np.array([np.nan if x is None else x[name] for x in numbers])
-                columns[name] = np.where(wrong, columns[name], each[which])
-        for k in reasons:
-            reasons[k] = self._reason(values[k])
-            for name, column in columns.items():
-                column[k] = self._parameters[name]
+                        goals[these] = self._goals(document)
+                except BAD:
+                    wrong |= these
+                    continue
+                for name in columns.keys() & numbers.keys():
+                    columns[name][these] = numbers[name]
+        for name, column in columns.items():
+            column[wrong] = self._parameters[name]
         q, v = self._close_joints(columns, goals)
+        q[wrong] = v[wrong] = np.nan
         for k in np.flatnonzero(~np.isfinite(q).all(axis=1)).tolist():
-            if k not in reasons:
-                q[k], v[k] = self._alone(values[k], k, reasons)
-        for k in reasons:
-            q[k] = v[k] = np.nan
+            try:
+                one = self.mechanism_of(values[k])
+            except LinkageError as error:
+                reasons[k] = describe(error)
+            else:
+                q[k], v[k] = one.q0, one.v0
         return Starts(columns, q, v, reasons)
-
-    def _reason(self, values: Sequence[float]) -> str:
-        try:
-            self.mechanism_of(values)
-        except LinkageError as error:
-            return describe(error)
-        return "the numbers are no linkage's"
-
-    def _alone(self, values: Sequence[float], k: int, reasons: dict[int, str]) -> tuple[Array, Array]:
-        """Start of a sample by the patient way of the file."""
-        none = np.full(self.nominal.n, np.nan)
-        try:
-            one = self.mechanism_of(values)
-        except LinkageError as error:
-            reasons[k] = describe(error)
-            return none, none
-        return one.q0, one.v0
 
     def _goals(self, document: Document) -> Array:
         """Targets and rates (2, h) of the coordinates that a start holds."""
@@ -217,19 +236,31 @@ class Family:
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:
             return q, v
-        first = {name: np.full(k, self._parameters[name]) for name in columns}
-        old = self._goals(self.document)
+        held = [x for x, _, _ in list_held_items(mechanism, self.document["scenarios"][self.scenario])]
+        first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
+
+        def rows(q: Array, part: float) -> tuple[Array, Array]:
+            """Residual and Jacobian where part of the way to numbers and targets has been gone; at the end those themselves."""
+            now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
+            target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
+            at = Varied(mechanism, now, q)
+            pairs = [*at.held(), *zip(held, target.T, strict=True)]
+            states = [state(coordinate, at) for coordinate, _ in pairs]
+            phi = np.stack(np.broadcast_arrays(*(x.value - value for x, (_, value) in zip(states, pairs, strict=True))), axis=-1)
+            J = np.zeros((*phi.shape, mechanism.n))
+            for row, x in enumerate(states):
+                for column, entry in columns_of_gradient(at.space, x.entries).items():
+                    J[:, row, column] = entry
+            return phi, J
+
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                now = {name: columns[name] if part == 1 else first[name] + part * (columns[name] - first[name]) for name in columns}
-                rows = _Closing(family_of(mechanism, now), self.document["scenarios"][self.scenario])
-                target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
-                q = rows.solve(q, target)
-            phi, J = rows(q, goals[:, 0])
+                q = project(q, lambda x, part=part: rows(x, part), _solution, NEWTON, still=_is_still, longest=LONGEST)  # type: ignore[misc]
+            phi, J = rows(q, 1)
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
             v = _solution(J, right)
             left = np.abs((J @ v[..., None])[..., 0] - right).max(axis=1, initial=0.0)
@@ -238,34 +269,8 @@ class Family:
         return q, v
 
 
-class _Closing:
-    """Residual and Jacobian of joints and held coordinates of a family at states (k, n)."""
-
-    def __init__(self, mechanism: Mechanism, scenario: dict[str, Any]):
-        world = Point(GROUND, np.zeros(2), "ground.")
-        self.gaps: list[tuple[Coordinate, Coordinate]] = []
-        self.held: list[tuple[Coordinate, Any]] = []
-        for joint in mechanism.joints:
-            if isinstance(joint, Revolute):
-                self.gaps += [(Along(world, joint.a, 0.0, x), Along(world, joint.b, 0.0, x)) for x in (False, True)]
-            else:
-                self.held += joint.held
-        self.items = [x for x, _, _ in list_held_items(mechanism, scenario)]
-
-    def __call__(self, q: Array, target: Array) -> tuple[Array, Array]:
-        rows: list[tuple[Array, Array]] = [(value(b, q) - value(a, q), gradient(b, q) - gradient(a, q)) for a, b in self.gaps]
-        rows += [(value(x, q) - fixed, gradient(x, q)) for x, fixed in self.held]
-        rows += [(value(x, q) - target[:, j], gradient(x, q)) for j, x in enumerate(self.items)]
-        phi, J = zip(*rows, strict=True)
-        return np.stack(np.broadcast_arrays(*phi), axis=-1), np.stack(J, axis=-2)
-
-    def solve(self, q: Array, target: Array) -> Array:
-        """States on the rows, from near ones."""
-
-        def still(_: Array, size: Array) -> bool:
-            return not (size[np.isfinite(size)] > 1e-14).any()
-
-        return project(q, lambda x: self(x, target), _solution, NEWTON, still=still, longest=LONGEST)
+def _is_still(_: Array, size: Array) -> bool:
+    return not (size[np.isfinite(size)] > 1e-14).any()
 
 
 def _solution(J: Array, right: Array) -> Array:
@@ -280,94 +285,6 @@ def _solution(J: Array, right: Array) -> Array:
     if whole.any():
         x[whole] = (np.linalg.pinv(J[whole], rcond=1e-9) @ right[whole][..., None])[..., 0]
     return x
-
-
-def family_of(mechanism: Mechanism, columns: Columns) -> Mechanism:
-    """The mechanism with arrays (k,) in the place of open numbers."""
-    if not columns:
-        return mechanism
-
-    many = np.zeros(len(next(iter(columns.values()))))
-
-    def at(name: str, usual: Any) -> Any:
-        return columns.get(name, usual + many)
-
-    def pair(name: str, xy: Array) -> Any:
-        return np.stack([at(f"{name}.{axis}", x) for axis, x in zip("xy", xy, strict=True)])
-
-    ground = {name: pair(f"points.ground.{name}", xy) for name, xy in mechanism.ground_points.items()}
-    links = tuple(
-        replace(
-            link,
-            mass=at(f"links.{link.name}.mass", link.mass),
-            inertia=at(f"links.{link.name}.inertia", link.inertia),
-            com=pair(f"links.{link.name}.com", link.com),
-            points={name: pair(f"points.{link.name}.{name}", xy) for name, xy in link.points.items()},
-        )
-        for link in mechanism.links
-    )
-
-    def moved(point: Point) -> Point:
-        name = point.name.partition(".")[2]
-        if point.link == GROUND:
-            return replace(point, local=ground[name]) if name in ground else point
-        link = links[point.link]
-        if name not in link.points:
-            return point
-        return replace(point, local=link.points[name] - link.com)
-
-    def jointed(joint: Joint) -> Joint:
-        if isinstance(joint, Prismatic):
-            offset = at(f"joints.{joint.name}.offset", joint.offset)
-            return replace(joint, guide=moved(joint.guide), block=moved(joint.block), offset=offset)
-        return replace(joint, a=moved(joint.a), b=moved(joint.b))
-
-    def acting(force: Force) -> Force:
-        changes: dict[str, Any] = {}
-        numbers = force_numbers(force)
-        for field in fields(force):
-            old = getattr(force, field.name)
-            if isinstance(old, Point):
-                changes[field.name] = moved(old)
-            elif field.name == "pairs":
-                changes[field.name] = tuple(map(jointed, old))
-            elif field.name in numbers:
-                name = f"forces.{force.name}.{field.name}"
-                changes[field.name] = at(name, old) if np.ndim(old) == 0 else pair(name, old)
-        return replace(force, **changes)
-
-    def coordinate(x: Coordinate) -> Coordinate:
-        changes: dict[str, Any] = {f.name: moved(getattr(x, f.name)) for f in fields(x) if isinstance(getattr(x, f.name), Point)}
-        return replace(x, **changes)
-
-    joints = tuple(map(jointed, mechanism.joints))
-    by_name = {j.name: j for j in joints}
-
-    def driven(driver: Any) -> Any:
-        changes = {f.name: moved(getattr(driver, f.name)) for f in fields(driver) if isinstance(getattr(driver, f.name), Point)}
-        return replace(driver, **changes, **({"joint": by_name[driver.joint.name]} if hasattr(driver, "joint") else {}))
-
-    return replace(
-        mechanism,
-        links=links,
-        ground_points=ground,
-        joints=joints,
-        forces=tuple(map(acting, mechanism.forces)),
-        drivers=tuple(map(driven, mechanism.drivers)),
-        gravity=pair("gravity", mechanism.gravity),
-        observed_points=tuple(map(moved, mechanism.observed_points)),
-        measured=replace(mechanism.measured, coordinate=coordinate(mechanism.measured.coordinate)),
-    )
-
-
-def force_numbers_of(mechanism: Mechanism, name: str) -> set[str]:
-    """Keys of a force of the file that are numbers of its own."""
-    force = next((f for f in mechanism.forces if f.name == name), None)
-    return set(force_numbers(force)) if force else set()
-
-
-def _places(prefix: str, points: Mapping[str, Array]) -> dict[str, float]:
-    return {f"{prefix}.{name}.{axis}": float(x) for name, xy in points.items() for axis, x in zip("xy", xy, strict=True)}
 
 
 def describe(error: LinkageError) -> str:
