@@ -33,12 +33,11 @@ from gauss_bench.exchange.text import (
     c_string,
     identifiers,
     python_comment,
-    python_value,
     toml_string,
     xml_comment,
 )
-from gauss_bench.exchange.transcript import Script
-from gauss_bench.linkage.load import load
+from gauss_bench.exchange.transcript import Script, python
+from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
 from tests.alone import BLOCKED, c_alone, python_alone, rows_of
@@ -134,6 +133,15 @@ def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name: str, kind
     needs(kind)
     mechanism = load(*name.rsplit("/", 1)) if "/" in name and not name.endswith(".toml") else load(name)
     compared(mechanism, kind, tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["exudyn", "pinocchio"])
+def test_a_motion_given_by_a_table_goes_out(kind: str, tmp_path: Path) -> None:
+    needs(kind)
+    document = tomllib.loads(built_in()["four_bar"].read_text(encoding="utf-8"))
+    rows = [[0.0, 0.0], [0.05, 0.2], [0.15, 0.1]]
+    document["scenarios"]["cycloid"] = {"duration": END, "driver": {"law": "table", "link": "crank", "rows": rows}}
+    compared(load_document(document, "cycloid"), kind, tmp_path)
 
 
 def test_the_package_is_blocked_where_files_run_alone(tmp_path: Path) -> None:
@@ -337,8 +345,8 @@ def test_texts_come_back_as_they_were(text: str) -> None:
     whole = text.encode("utf-8", "replace")
     assert ast.literal_eval("b" + c_string(text)) == whole
     assert "??" not in c_string(text)
-    assert ast.literal_eval(python_value(text)) == text
-    assert python_value(text).isascii()
+    assert ast.literal_eval(python(text)) == text
+    assert python(text).isascii()
     assert tomllib.loads(f"x = {toml_string(text)}")["x"] == text
 
 
@@ -362,7 +370,7 @@ def test_a_transcript_is_what_was_called() -> None:
     second = system.Add(library.Body(place=np.array([1.0, -0.0])))
     system.options.solver = library.Kind.FAST
     system.Go(first, [second, 3])
-    assert script.text().splitlines() == [
+    assert script.lines == [
         "system = library.System()",
         "item_1 = system.Add(library.Body(mass=0.1, name='a\"b'))",
         "item_2 = system.Add(library.Body(place=np.array([1.0, -0.0])))",

@@ -19,7 +19,7 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import export_linkage
 from gauss_bench.exchange.from_mjcf import from_mjcf
 from gauss_bench.exchange.imports import import_file
-from gauss_bench.exchange.planar import plane_of
+from gauss_bench.exchange.planar import pair, plane_of
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
@@ -171,9 +171,9 @@ def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Ar
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[0], 0)
         mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[1], 0)
         found[1, 3:] += model.opt.gravity  # which MuJoCo takes for an acceleration of the world
-        places.append(plane.flat(data.xipos[body]))
+        places.append(pair(plane.flat(data.xipos[body])))
         for levels, x in zip((rates, seconds), found, strict=True):
-            levels.append([*plane.flat(x[3:]), x[:3] @ plane.normal])
+            levels.append([*pair(plane.flat(x[3:])), x[:3] @ plane.normal])
     return np.array(places), np.array(rates), np.array(seconds)
 
 

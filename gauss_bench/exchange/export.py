@@ -1,6 +1,6 @@
 """The common part of exports: what is asked for, what comes back, what is told at the head of a file, what no file holds."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -18,7 +18,7 @@ class Kind:
     """A kind of file.
 
     Attributes:
-        writer: module:function, (mechanism, choice, head) -> text.
+        writer: module whose `write` makes its text.
         engine: of the suite whose model it is.
         settings, integrator, stabilization: of that engine, that the file is written with.
         what: the file is, in words.
@@ -35,11 +35,11 @@ class Kind:
 
 
 KINDS: Mapping[str, Kind] = {
-    "mujoco": Kind("to_mjcf:write_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
-    "pinocchio": Kind("to_pinocchio:write_pinocchio", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
-    "exudyn": Kind("to_exudyn:write_exudyn", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
-    "casadi": Kind("to_casadi:write_casadi", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
-    "c": Kind("to_c:write_c", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
+    "mujoco": Kind("to_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
+    "pinocchio": Kind("to_pinocchio", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
+    "exudyn": Kind("to_exudyn", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
+    "casadi": Kind("to_casadi", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
+    "c": Kind("to_c", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
 }
 OWNED = "This file is yours: whoever exported it owns it and may use, change and pass it on as they like, without conditions."
 
@@ -65,12 +65,9 @@ def export_linkage(mechanism: Mechanism, name: str, step: float, remarks: tuple[
     """
     kind = KINDS[name]
     choice = Choice(kind.settings, kind.integrator, kind.stabilization, step)
-    where = f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}"
-    if reason := unsteady(mechanism, kind.what) or get(kind.engine).skip(mechanism, choice):
-        raise ExchangeError(f"{where}: cannot become {kind.what}: {in_a_sentence(reason)}")
-    module, _, function = kind.writer.partition(":")
-    write: Callable[[Mechanism, Choice, list[str]], str] = getattr(import_module(f"gauss_bench.exchange.{module}"), function)
-    missing = list_left_out(mechanism)
+    others = [x for x in mechanism.scenarios if x != mechanism.scenario]
+    missing = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
+    missing += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
     head = [
         f"Model of a closed-loop planar linkage, written by gauss-bench {__version__}.",
         OWNED,
@@ -79,25 +76,21 @@ def export_linkage(mechanism: Mechanism, name: str, step: float, remarks: tuple[
         *remarks,
         *(f"Not in this file: {x}" for x in missing),
     ]
+    refused = f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become {kind.what}"
+    reason = unsteady(mechanism, kind.what) or get(kind.engine).skip(mechanism, choice)
+    return Exported(write_model(kind.writer, mechanism, choice, head, refused, reason), tuple(missing))
+
+
+def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[str], refused: str, reason: str | None = None) -> str:
+    """The text that a module of this room writes, unless there is a reason against it.
+
+    Raises:
+        ExchangeError: `refused`, and why.
+        ImportError: the library that builds the model is not installed.
+    """
+    if reason:
+        raise ExchangeError(f"{refused}: {in_a_sentence(reason)}")
     try:
-        return Exported(write(mechanism, choice, head), missing)
+        return str(import_module(f"gauss_bench.exchange.{writer}").write(mechanism, choice, head))
     except RunFailure as failure:
-        raise ExchangeError(f"{where}: cannot become {kind.what}: {in_a_sentence(failure)}") from failure
-
-
-def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
-    """List the parts of the linkage file that no exported file holds."""
-    others = [x for x in mechanism.scenarios if x != mechanism.scenario]
-    scenarios = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
-    still = [f.name for f in mechanism.frictions if f.mu == 0]
-    return (*scenarios, *(f"force {name}, dry friction without a coefficient" for name in still))
-
-
-def coordinates(mechanism: Mechanism, kinds: tuple[str, str, str] = ("x", "y", "theta")) -> list[str]:
-    """The names of q in order, LINK.x, LINK.y, LINK.theta, as they may head the columns of a table."""
-    return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
-
-
-def heading(name: str) -> str:
-    """A name without what would end a column."""
-    return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
+        raise ExchangeError(f"{refused}: {in_a_sentence(failure)}") from failure

@@ -2,30 +2,19 @@
 
 The plane is the one that all hinges are normal to, with the world's axes as near to its own as may be: x and z of the world are x
 and y of a linkage in that plane, so that upright stays upright. Bodies that are welded are one link; what is welded to the world is
-ground. A link's frame is that of its first body.
+ground. A link's frame is that of its first body. Places and vectors of the plane are complex numbers x + i y.
 """
 
 import re
-from collections.abc import Sequence
+from cmath import phase, rect
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.spatial import (
-    WORLD,
-    Acting,
-    Between,
-    Joint,
-    OnJoint,
-    OnSum,
-    Push,
-    Spatial,
-    Spot,
-    Straight,
-)
+from gauss_bench.exchange.spatial import WORLD, Acting, Between, Joint, OnJoints, Push, Spatial, Spot, Straight
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints
 from gauss_bench.linkage.schema import FORMAT
@@ -33,7 +22,7 @@ from gauss_bench.linkage.sketch import sketch
 from gauss_bench.linkage.surest import HELD, candidates, null_space, surest
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 from gauss_bench.terms import Array
 
 FLAT = 1e-9  # sine of an angle out of the plane, and offset across it in lengths of the mechanism: what rounding explains
@@ -41,6 +30,7 @@ SAME = 1e-12  # [m] two points of a link that are one
 OPEN = 1e-6  # in lengths of the mechanism: from where it is said that a loop was open
 DURATION = 5.0  # [s] of the scenario: files say nothing of it
 SCENARIO = "as_imported"
+Table = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,35 +41,42 @@ class Plane:
     y: Array
     normal: Array
 
-    def flat(self, place: Array) -> Array:
-        """(2,) of a vector (3,)."""
-        return np.array([place @ self.x, place @ self.y])
+    def flat(self, place: Array) -> complex:
+        """x + i y of a vector (3,)."""
+        return complex(place @ self.x, place @ self.y)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Move:
     """A displacement of the plane, turning by `angle` [rad] about the origin and then shifting, with its rates."""
 
-    angle: float
-    shift: Array
-    omega: float
-    speed: Array
+    angle: float = 0.0
+    shift: complex = 0j
+    omega: float = 0.0
+    speed: complex = 0j
 
-    def place(self, x: Array) -> Array:
-        return rotate(x, self.angle) + self.shift
+    def place(self, x: complex) -> complex:
+        return rect(1.0, self.angle) * x + self.shift
 
-    def velocity(self, x: Array) -> Array:
-        """Of the point that was at x (2,), where it is now."""
-        at = self.place(x)
-        return self.speed + self.omega * np.array([-at[1], at[0]])
+    def velocity(self, x: complex) -> complex:
+        """Of the point that was at x, where it is now."""
+        return self.speed + 1j * self.omega * self.place(x)
+
+    def after(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":
+        """The move of what hangs on this by a joint, a hinge turning about the plane's normal by its sign."""
+        by = joint.start - joint.ref
+        if joint.kind == "slide":
+            along = rect(1.0, self.angle) * axis
+            return Move(self.angle, self.shift + by * along, self.omega, self.speed + joint.speed * along)
+        angle, rate, there = self.angle + sign * by, sign * joint.speed, self.place(anchor)
+        return Move(angle, there - rect(1.0, angle) * anchor, self.omega + rate, self.speed - 1j * rate * there)
 
 
-def rotate(x: Array, angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
+def pair(x: complex) -> list[float]:
+    return [float(x.real), float(x.imag)]
 
 
-def planar_document(spatial: Spatial, name: str, title: str) -> tuple[dict[str, Any], tuple[str, ...]]:
+def planar_document(spatial: Spatial, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
     """The document of a planar linkage, and what was left out or changed, in sentences.
 
     Raises:
@@ -89,31 +86,35 @@ def planar_document(spatial: Spatial, name: str, title: str) -> tuple[dict[str, 
 
 
 class Flattened:
-    """A mechanism on its way into the plane."""
+    """A mechanism on its way into the plane.
+
+    Attributes:
+        group: of every body the first of those that move as one with it, which stands for their link.
+        moves: of every body from the configuration of the file to the start.
+        frames: origin and angle of every link's frame, where the file has it.
+        points: of every link, by name, places in its frame.
+    """
 
     def __init__(self, spatial: Spatial):
-        self.spatial, self.told = spatial, list(spatial.dropped)
+        self.spatial, self.told, self.refuse = spatial, list(spatial.dropped), spatial.refuse
         self.plane = plane_of(spatial)
         self.extent = max(float(np.linalg.norm(j.anchor - spatial.bodies[j.body].com)) for j in spatial.joints) or 1.0
         self.joints_of: dict[int, list[int]] = {}
         for k, joint in enumerate(spatial.joints):
             self.joints_of.setdefault(joint.body, []).append(k)
-        self.group = self._groups()
-        self.moves = self._moves()
-        self._check_welds()
-        self.members: dict[int, list[int]] = {}
-        for k, g in enumerate(self.group):
-            self.members.setdefault(g, []).append(k)
-        self.index = [g for g in self.members if g != WORLD]  # groups that are links, in order of their first bodies
-        taken = name_parts([spatial.bodies[g].name for g in self.index], ["ground"])
-        self.names = dict(zip(self.index, taken, strict=True)) | {WORLD: "ground"}
-        self.points: dict[int, dict[str, Array]] = {g: {} for g in self.members}
+        self.group = self._group_bodies()
+        self.moves = self._move_bodies()
+        members = {g: [k for k, x in enumerate(self.group) if x == g] for g in dict.fromkeys(self.group)}
+        self.members = {g: [spatial.bodies[k] for k in x] for g, x in members.items()}
+        self.index = [g for g in members if g != WORLD]  # groups that are links, in order of their first bodies
+        self.names = {WORLD: "ground"}
+        for g in self.index:
+            self.names[g] = name_part(spatial.bodies[g].name, self.names.values())
+        self.frames = {g: self._frame(g) for g in members}
+        self.points: dict[int, dict[str, complex]] = {g: {} for g in members}
+        self.held: set[int] = set()  # joints that a weld holds
 
-    def refuse(self, element: str, reason: str) -> ExchangeError:
-        return ExchangeError(f"{self.spatial.file}: {element}: {reason}")
-
-    def _groups(self) -> list[int]:
-        """Of every body the first of those that move as one with it."""
+    def _group_bodies(self) -> list[int]:
         group = list(range(len(self.spatial.bodies)))
         fixed = [(b.parent, k) for k, b in enumerate(self.spatial.bodies) if k != WORLD and k not in self.joints_of]
         for a, b in (*fixed, *self.spatial.welds):
@@ -121,90 +122,73 @@ class Flattened:
             group = [new if g == old else g for g in group]
         return group
 
-    def _moves(self) -> list[Move]:
-        """Of every body, from the configuration of the file to the start, along the tree of joints."""
-        moves = [Move(0.0, np.zeros(2), 0.0, np.zeros(2))]
-        for k, body in enumerate(self.spatial.bodies[1:], 1):
+    def _move_bodies(self) -> list[Move]:
+        """The moves, along the tree of joints."""
+        moves, bodies = [Move()], self.spatial.bodies
+        for k, body in enumerate(bodies[1:], 1):
             move = moves[body.parent]
-            for at in self.joints_of.get(k, []):
-                joint = self.spatial.joints[at]
-                by, anchor = joint.start - joint.ref, self.plane.flat(joint.anchor)
-                if joint.kind == "slide":
-                    along = rotate(self.plane.flat(joint.axis), move.angle)
-                    move = Move(move.angle, move.shift + by * along, move.omega, move.speed + joint.speed * along)
-                else:
-                    turn, rate, there = self.sign(joint) * by, self.sign(joint) * joint.speed, move.place(anchor)
-                    angle, speed = move.angle + turn, move.speed - rate * np.array([-there[1], there[0]])
-                    move = Move(angle, there - rotate(anchor, angle), move.omega + rate, speed)
+            for joint in self._own(k):
+                move = move.after(joint, self.plane.flat(joint.axis), self.plane.flat(joint.anchor), self.sign(joint))
             moves.append(move)
+        for a, b in self.spatial.welds:
+            shift = abs(moves[a].shift - moves[b].shift)
+            if shift > OPEN * self.extent or abs(moves[a].angle - moves[b].angle) > OPEN:
+                raise self.refuse(f"weld of {bodies[a].name} and {bodies[b].name}", "does not hold at the start")
         return moves
+
+    def _own(self, body: int) -> list[Joint]:
+        return [self.spatial.joints[k] for k in self.joints_of.get(body, [])]
 
     def sign(self, joint: Joint) -> float:
         """The sign of a hinge: 1 where it turns about the plane's normal, -1 the other way."""
         return float(np.sign(joint.axis @ self.plane.normal))
 
-    def _check_welds(self) -> None:
-        for a, b in self.spatial.welds:
-            shift = np.abs(self.moves[a].shift - self.moves[b].shift).max()
-            if shift > OPEN * self.extent or abs(self.moves[a].angle - self.moves[b].angle) > OPEN:
-                names = self.spatial.bodies[a].name, self.spatial.bodies[b].name
-                raise self.refuse(f"weld of {names[0]} and {names[1]}", "does not hold at the start")
-
     # the link of a group
 
-    def frame(self, g: int) -> tuple[Array, float]:
-        """Origin (2,) and angle of a group's frame, where the file has it."""
-        if g == WORLD:
-            return np.zeros(2), 0.0
+    def _frame(self, g: int) -> tuple[complex, float]:
         body = self.spatial.bodies[g]
-        flat = [axis for axis in body.turn.T if abs(axis @ self.plane.normal) < FLAT]
-        if not flat:
-            return self.plane.flat(body.origin), 0.0
-        along = self.plane.flat(flat[0])
-        return self.plane.flat(body.origin), float(np.arctan2(along[1], along[0]))
+        flat = [self.plane.flat(axis) for axis in body.turn.T if abs(axis @ self.plane.normal) < FLAT]
+        return (0j, 0.0) if g == WORLD else (self.plane.flat(body.origin), phase(flat[0]) if flat else 0.0)
 
-    def local(self, g: int, place: Array) -> Array:
-        """(2,) of a place (3,) in a group's frame."""
-        origin, angle = self.frame(g)
-        return rotate(self.plane.flat(place) - origin, -angle)
+    def local(self, g: int, place: Array) -> complex:
+        """A place (3,) in a group's frame."""
+        origin, angle = self.frames[g]
+        return (self.plane.flat(place) - origin) * rect(1.0, -angle)
 
-    def angle(self, g: int) -> float:
-        """Of a group's link at the start [rad], unwrapped along the tree."""
-        return self.frame(g)[1] + self.moves[g].angle
+    def unfolded(self, g: int, local: complex) -> complex:
+        """A place of a group's frame, where the file has it."""
+        origin, angle = self.frames[g]
+        return origin + rect(1.0, angle) * local
 
     def point(self, spot: Spot, name: str | None = None, anew: bool = False) -> str:
         """The reference LINK.POINT of a point, which is made where there is none in that place, or anew with a name of its own."""
         g = self.group[spot.body]
         at, there, owner = self.local(g, spot.place), self.points[g], self.names[g]
         for key, x in there.items():
-            if not anew and np.abs(x - at).max() <= SAME * max(1.0, self.extent):
+            if not anew and abs(x - at) <= SAME * max(1.0, self.extent):
                 return f"{owner}.{key}"
         own = spot.name if name is None else name
         for prefix in {f"{self.spatial.bodies[spot.body].name}.", f"{owner}."}:
             own = own.removeprefix(prefix)
-        (key,) = name_parts([own], list(there))
+        key = name_part(own, there)
         there[key] = at
         return f"{owner}.{key}"
 
-    def mass(self, g: int) -> tuple[float, Array, float]:
-        """Mass, centre of mass (2,) in the group's frame, and inertia about it, of all its bodies together."""
-        bodies = [self.spatial.bodies[k] for k in self.members[g]]
-        n = self.plane.normal
-        total = sum(b.mass for b in bodies)
-        if not total > 0:
+    def _link(self, g: int) -> Table:
+        """The table of a link: its points, and mass, centre and inertia of all its bodies together."""
+        bodies, n, points = self.members[g], self.plane.normal, self.points[g]
+        mass = float(sum(b.mass for b in bodies))
+        if not mass > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no mass; every link of a linkage has one")
         places = [self.local(g, b.com) for b in bodies]
-        if len(bodies) == 1:
-            com, inertia = places[0], float(n @ bodies[0].inertia @ n)
-        else:
-            com = sum((b.mass * x for b, x in zip(bodies, places, strict=True)), np.zeros(2)) / total
-            own = ((float(n @ b.inertia @ n), b.mass * float((x - com) @ (x - com))) for b, x in zip(bodies, places, strict=True))
-            inertia = sum(i + j for i, j in own)
-        for k in self.members[g]:
-            inertia += sum(self._armature(self.spatial.joints[j]) for j in self.joints_of.get(k, []))
+        com = places[0] if len(places) == 1 else sum(b.mass * x for b, x in zip(bodies, places, strict=True)) / mass
+        inertia = sum(float(n @ b.inertia @ n) + b.mass * abs(x - com) ** 2 for b, x in zip(bodies, places, strict=True))
+        inertia += sum(self._armature(j) for j in self.spatial.joints if self.group[j.body] == g)
         if not inertia > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no moment of inertia about the plane's normal")
-        return float(total), com, inertia
+        ends = [key for k, key in enumerate(points) if k == 0 or abs(points[key] - points[list(points)[k - 1]]) > SAME]
+        bars = {"bars": [[a, b] for a, b in pairwise(ends)]} if len(ends) > 1 else {}
+        return {"points": {key: pair(x) for key, x in points.items()}, **bars, "mass": mass, "com": pair(com), "inertia": inertia}
 
     def _armature(self, joint: Joint) -> float:
         """The inertia of a joint itself, which adds to that of its link.
@@ -219,123 +203,108 @@ class Flattened:
 
     # joints
 
-    def _joints(self) -> dict[str, dict[str, Any]]:
+    def _joints(self) -> dict[str, Table]:
         """The tables of joints and closures; the name of each joint of the file goes to `self.joint_names`."""
-        tables: dict[str, dict[str, Any]] = {}
+        tables: dict[str, Table] = {}
         self.joint_names: dict[int, str] = {}
-        self.held: set[int] = set()
         for k, body in enumerate(self.spatial.bodies):
-            own = [self.spatial.joints[j] for j in self.joints_of.get(k, [])]
-            parent = self.group[body.parent]
-            if parent == self.group[k] and own:
+            own = self._own(k)
+            if own and self.group[body.parent] == self.group[k]:
                 self.told += [f"joint {j.name}, which a weld holds" for j in own]
                 self.held |= {*self.joints_of[k]}
                 continue
-            if len(own) > 1 and [j.kind for j in own] == ["slide", "slide", "hinge"] and self._cross(own[0], own[1]):
+            kinds = [j.kind for j in own]
+            if kinds == ["slide", "slide", "hinge"] and np.linalg.norm(np.cross(own[0].axis, own[1].axis)) > FLAT:
                 continue  # free in the plane
             if len(own) > 1:
-                kinds = " and ".join(j.kind for j in own)
-                raise self.refuse(
-                    f"body {body.name}", f"has the joints {kinds}, which a linkage has with a link between them alone"
-                )
+                reason = f"has the joints {' and '.join(kinds)}, which a linkage has with a link between them alone"
+                raise self.refuse(f"body {body.name}", reason)
             for joint in own:
-                (name,) = name_parts([joint.name], list(tables))
+                name = name_part(joint.name, tables)
                 self.joint_names[self.joints_of[k][0]] = name
-                near, far = Spot(name, body.parent, joint.anchor), Spot(name, k, joint.anchor)
-                ends = [self.point(near, name), self.point(far, name)]
-                tables[name] = {"type": "revolute", "at": ends} if joint.kind == "hinge" else self._slide(joint, ends)
+                at = [self.point(Spot(name, b, joint.anchor), name) for b in (body.parent, k)]
+                tables[name] = {"type": "revolute", "at": at} if joint.kind == "hinge" else self._slide(joint, at)
         for name, a, b in self.spatial.closures:
             if self.group[a.body] == self.group[b.body]:
                 self.told.append(f"closure {name}, whose bodies are one link")
                 continue
             self._check_closure(name, a, b)
-            (key,) = name_parts([name], list(tables))
-            tables[key] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
+            tables[name_part(name, tables)] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
         return tables
 
-    def _cross(self, a: Joint, b: Joint) -> bool:
-        return bool(np.linalg.norm(np.cross(a.axis, b.axis)) > FLAT)
-
-    def _slide(self, joint: Joint, ends: list[str]) -> dict[str, Any]:
-        along = self.plane.flat(joint.axis)
-        theta = float(np.arctan2(along[1], along[0]))
-        angles = (theta - self.frame(g)[1] for g in (self.group[self.spatial.bodies[joint.body].parent], self.group[joint.body]))
-        return {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": next(angles), "block_angle": next(angles)}
+    def _slide(self, joint: Joint, ends: list[str]) -> Table:
+        theta, parent = phase(self.plane.flat(joint.axis)), self.spatial.bodies[joint.body].parent
+        guide, block = (theta - self.frames[self.group[k]][1] for k in (parent, joint.body))
+        return {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
     def _check_closure(self, name: str, a: Spot, b: Spot) -> None:
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
-        gap = float(np.linalg.norm(self.at_start(a) - self.at_start(b)))
-        if gap > OPEN * self.extent:
+        ends = [(self.moves[x.body], self.plane.flat(x.place)) for x in (a, b)]
+        (place_a, speed_a), (place_b, speed_b) = [(move.place(x), move.velocity(x)) for move, x in ends]
+        if (gap := abs(place_a - place_b)) > OPEN * self.extent:
             self.told.append(f"closure {name} was open by {gap:.3g} m at the start; the linkage is assembled with it closed")
-        ends = (self.moves[x.body].velocity(self.plane.flat(x.place)) for x in (a, b))
-        parting = float(np.linalg.norm(next(ends) - next(ends)))
-        if parting > OPEN * self.extent:
+        if (parting := abs(speed_a - speed_b)) > OPEN * self.extent:
             self.told.append(f"closure {name} was parting by {parting:.3g} m/s at the start; speeds are those that keep it closed")
-
-    def at_start(self, spot: Spot) -> Array:
-        return self.moves[spot.body].place(self.plane.flat(spot.place))
 
     # forces
 
-    def _forces(self) -> dict[str, dict[str, Any]]:
-        tables: dict[str, dict[str, Any]] = {}
+    def _forces(self) -> dict[str, Table]:
+        tables: dict[str, Table] = {}
         for acting in self.spatial.acting:
             for table in self._force(acting):
-                (name,) = name_parts([acting.name], list(tables))
-                tables[name] = table
+                tables[name_part(acting.name, tables)] = table
         return tables
 
-    def _force(self, acting: Acting) -> list[dict[str, Any]]:
+    def _force(self, acting: Acting) -> list[Table]:
         match acting:
-            case OnJoint(joint=k):
-                if k in self.held:
-                    return []
-                joint = self.spatial.joints[k]
-                if joint.kind == "hinge":
-                    return self._on_angle(acting.name, {k: 1.0}, acting.law)
-                return self._on_slide(joint, k, acting.law)
-            case OnSum():
-                return self._on_angle(acting.name, acting.joints, acting.law)
-            case Between():
-                return [self._between(acting)]
+            case OnJoints(name, joints, law):
+                slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.held]
+                if slides and [*joints.values()] == [1.0]:
+                    return self._on_slide(slides[0], law)
+                if slides:
+                    raise self.refuse(name, "a sum with a slide in it")
+                return self._on_angle(name, joints, law)
+            case Between(name, a, b, law):
+                if law.bias and not law.k:
+                    raise self.refuse(name, "a constant tension, which a linkage has no force for")
+                if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
+                    raise self.refuse(name, "its ends lie in different planes")
+                rest = law.rest + (law.bias / law.k if law.k else 0.0)
+                ends = {"type": "spring_damper", "between": [self.point(a), self.point(b)]}
+                return [ends | {"k": law.k, "c": law.c, "rest": rest}]
             case Push():
                 return self._push(acting)
 
-    def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[dict[str, Any]]:
-        """A law on a sum of hinges that is the angle of one link against another, or its negative."""
+    def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
+        """A law on a sum of hinges that is the angle of one link against another, or its negative; none where welds hold them."""
+        if self.held.issuperset(joints):
+            return []
         wanted = {k: c for k, c in joints.items() if c and k not in self.held}
-        if any(self.spatial.joints[k].kind != "hinge" for k in wanted):
-            raise self.refuse(name, "a sum with a slide in it")
-        groups = [WORLD, *self.index]
-        pairs = ((a, b, sign) for a in groups for b in groups for sign in (1.0, -1.0) if a != b)
+        pairs = ((a, b, sign) for a in self.names for b in self.names for sign in (1.0, -1.0) if a != b)
         angle = next((x for x in pairs if self._turn(x[0], x[1]) == {k: x[2] * c for k, c in wanted.items()}), None)
         if angle is None:
             raise self.refuse(name, "a sum of joints that is no angle between two links")
         a, b, sign = angle
-        refs = sum(c * self.spatial.joints[k].ref for k, c in joints.items())
-        here = self.frame(b)[1] - self.frame(a)[1]
-        rest, links = here + sign * (law.rest - refs), [self.names[a], self.names[b]]
-        tables: list[dict[str, Any]] = []
-        if law.k or law.c:
-            single = next(iter(joints)) if len(joints) == 1 else None
-            if not law.k and law.c > 0 and single in self.joint_names:
-                tables.append({"type": "joint_damping", "joint": self.joint_names[single], "c": law.c})
-            else:
-                tables.append({"type": "rotational_spring_damper", "links": links, "k": law.k, "c": law.c, "rest": rest})
+        tables: list[Table] = []
+        single = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None
+        if law.c > 0 and not law.k and single is not None:
+            tables.append({"type": "joint_damping", "joint": single, "c": law.c})
+        elif law.k or law.c:
+            refs = sum(c * self.spatial.joints[k].ref for k, c in joints.items())
+            rest = self.frames[b][1] - self.frames[a][1] + sign * (law.rest - refs)
+            links = [self.names[a], self.names[b]]
+            tables.append({"type": "rotational_spring_damper", "links": links, "k": law.k, "c": law.c, "rest": rest})
         if law.bias or not tables:
-            link, reaction = (b, a) if b != WORLD else (a, b)
-            turned = sign if b != WORLD else -sign
-            tables.append(
-                {"type": "torque", "link": self.names[link], "reaction": self.names[reaction], "value": turned * law.bias}
-            )
+            link, reaction, turned = (b, a, sign) if b != WORLD else (a, b, -sign)
+            ends = {"link": self.names[link], "reaction": self.names[reaction]}
+            tables.append({"type": "torque", **ends, "value": turned * law.bias})
         return tables
 
     def _turn(self, a: int, b: int) -> dict[int, float]:
         """The angle of group b against that of a as a sum of hinges: joint -> +-1."""
         total: dict[int, float] = {}
-        for g, sign in ((b, 1.0), (a, -1.0)):
-            body = g
+        for body, sign in ((b, 1.0), (a, -1.0)):
             while body != WORLD:
                 for k in self.joints_of.get(body, []):
                     joint = self.spatial.joints[k]
@@ -344,97 +313,66 @@ class Flattened:
                 body = self.spatial.bodies[body].parent
         return {k: x for k, x in total.items() if x}
 
-    def _turns_with(self, a: int, b: int) -> bool:
-        """Tell whether every hinge that turns group a turns b as well."""
-        return self._turn(WORLD, a).items() <= self._turn(WORLD, b).items()
-
-    def _on_slide(self, joint: Joint, k: int, law: Straight) -> list[dict[str, Any]]:
+    def _on_slide(self, k: int, law: Straight) -> list[Table]:
         """A law along a slide; of a body that is free in the plane, on the way of its hinge along that axis."""
-        parent = self.spatial.bodies[joint.body].parent
-        own = [self.spatial.joints[j] for j in self.joints_of[joint.body]]
-        anchor = own[-1].anchor if len(own) > 1 else joint.anchor
-        near, far = (self.point(Spot(joint.name, b, anchor)) for b in (parent, joint.body))
-        along = self.plane.flat(joint.axis)
-        if len(own) > 1 and abs(along @ self.plane.flat(own[1 - self.joints_of[joint.body].index(k)].axis)) > FLAT:
-            raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
-        angle = float(np.arctan2(along[1], along[0])) - self.frame(self.group[parent])[1]
-        tables: list[dict[str, Any]] = []
-        if law.k or law.c:
-            spring = {"type": "axis_spring_damper", "point": far, "origin": near, "angle": angle}
-            tables.append(spring | {"k": law.k, "c": law.c, "rest": law.rest - joint.ref})
-        if law.bias or not tables:
-            push = law.bias * np.array([np.cos(angle), np.sin(angle)])
-            tables += self._pair(far, near, self.group[parent], push)
-        return tables
+        joint = self.spatial.joints[k]
+        parent, own, along = self.spatial.bodies[joint.body].parent, self._own(joint.body), self.plane.flat(joint.axis)
+        for other in own[:-1]:
+            if other is not joint and abs((along.conjugate() * self.plane.flat(other.axis)).real) > FLAT:
+                raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
+        near, far = (self.point(Spot(joint.name, b, own[-1].anchor)) for b in (parent, joint.body))
+        return self._along(far, near, self.group[parent], along, law, law.rest - joint.ref)
 
-    def _pair(self, point: str, origin: str | None, frame: int, value: Array) -> list[dict[str, Any]]:
-        """A constant force (2,) in a group's frame at a point, and the opposite at the origin unless that is ground."""
-        of = self.names[frame]
-        tables = [{"type": "force", "point": point, "value": value.tolist(), "frame": of}]
-        if origin is not None and not origin.startswith("ground."):
-            tables.append({"type": "force", "point": origin, "value": (-value).tolist(), "frame": of})
-        return tables
-
-    def _between(self, acting: Between) -> dict[str, Any]:
-        law = acting.law
-        if law.bias and not law.k:
-            raise self.refuse(acting.name, "a constant tension, which a linkage has no force for")
-        if abs((acting.a.place - acting.b.place) @ self.plane.normal) > FLAT * self.extent:
-            raise self.refuse(acting.name, "its ends lie in different planes")
-        rest = law.rest + (law.bias / law.k if law.k else 0.0)
-        return {
-            "type": "spring_damper",
-            "between": [self.point(acting.a), self.point(acting.b)],
-            "k": law.k,
-            "c": law.c,
-            "rest": rest,
-        }
-
-    def _push(self, acting: Push) -> list[dict[str, Any]]:
+    def _push(self, acting: Push) -> list[Table]:
         if abs(acting.direction @ self.plane.normal) > FLAT:
             raise self.refuse(acting.name, "a force out of the plane")
         g, law = self.group[acting.frame], acting.law
-        along = self.plane.flat(acting.direction)
-        angle = float(np.arctan2(along[1], along[0])) - self.frame(g)[1]
         point, origin = self.point(acting.point), None if acting.origin is None else self.point(acting.origin)
-        tables: list[dict[str, Any]] = []
+        turns_with = self._turn(WORLD, g).items() <= self._turn(WORLD, self.group[acting.point.body]).items()
+        if (law.k or law.c) and (origin is None or not turns_with):
+            raise self.refuse(acting.name, "a servo along an axis of a moving body, whose torque on that body is left out")
+        return self._along(point, origin, g, self.plane.flat(acting.direction), law, law.rest)
+
+    def _along(self, point: str, origin: str | None, g: int, along: complex, law: Straight, rest: float) -> list[Table]:
+        """A law along an axis of a group: a spring, and a constant force whose opposite at the origin is left out on the ground."""
+        angle, tables = phase(along) - self.frames[g][1], list[Table]()
         if law.k or law.c:
-            if origin is None or not self._turns_with(g, self.group[acting.point.body]):
-                raise self.refuse(acting.name, "a servo along an axis of a moving body, whose torque on that body is left out")
             spring = {"type": "axis_spring_damper", "point": point, "origin": origin, "angle": angle}
-            tables.append(spring | {"k": law.k, "c": law.c, "rest": law.rest})
+            tables.append(spring | {"k": law.k, "c": law.c, "rest": rest})
         if law.bias or not tables:
-            push = law.bias * np.array([np.cos(angle), np.sin(angle)])
-            tables += self._pair(point, origin, g, push)
+            push, of = rect(law.bias, angle), self.names[g]
+            tables.append({"type": "force", "point": point, "value": pair(push), "frame": of})
+            if origin is not None and not origin.startswith("ground."):
+                tables.append({"type": "force", "point": origin, "value": pair(-push), "frame": of})
         return tables
 
     # the whole
 
-    def document(self, name: str, title: str) -> tuple[dict[str, Any], tuple[str, ...]]:
+    def document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
         for spot in self.spatial.spots:
             self.point(spot, anew=True)
         joints, forces = self._joints(), self._forces()
         for g in self.index:
-            if not self.points[g]:
-                self.points[g]["O"] = np.zeros(2)
+            self.points[g] = self.points[g] or {"O": 0j}
         links = {self.names[g]: self._link(g) for g in self.index}
         if not links:
             raise self.refuse("the model", "has no body that moves")
         gravity = self.spatial.gravity
         if abs(across := float(gravity @ self.plane.normal)) > FLAT * max(1.0, float(np.linalg.norm(gravity))):
             self.told.append(f"gravity across the plane ({across:.4g} m/s^2), which moves nothing in it")
-        placed = {f"{self.names[g]}.{key}": x for g in self.index for key, x in list(self.points[g].items())[:1]}
-        drawn = {reference: self._drawn(reference, x) for reference, x in placed.items()}
-        document: dict[str, Any] = {
+        first = {g: next(iter(self.points[g].items())) for g in self.index}
+        drawn = {f"{self.names[g]}.{key}": pair(self.moves[g].place(self.unfolded(g, x))) for g, (key, x) in first.items()}
+        angles = {self.names[g]: self.frames[g][1] + self.moves[g].angle for g in self.index}
+        document: Table = {
             "format": FORMAT,
             "name": name,
             "title": title,
-            "gravity": self.plane.flat(gravity).tolist(),
-            "ground": {"points": {key: x.tolist() for key, x in self.points[WORLD].items()}},
+            "gravity": pair(self.plane.flat(gravity)),
+            "ground": {"points": {key: pair(x) for key, x in self.points[WORLD].items()}},
             "links": links,
             "joints": joints,
             "forces": forces,
-            "assembly": {"angles": {self.names[g]: self.angle(g) for g in self.index}, "sketch": drawn},
+            "assembly": {"angles": angles, "sketch": drawn},
             "scenarios": {SCENARIO: {"duration": DURATION, "forces": list(forces)}},
         }
         start, crank, dof = self._start(document)
@@ -442,35 +380,16 @@ class Flattened:
         if crank:
             document["crank"] = crank
         document["expect"] = {"dof": dof}
-        return {key: x for key, x in document.items() if x != {} and x != {"points": {}}}, tuple(self.told)
+        return {key: x for key, x in document.items() if x not in ({}, {"points": {}})}, tuple(self.told)
 
-    def _link(self, g: int) -> dict[str, Any]:
-        mass, com, inertia = self.mass(g)
-        points = self.points[g]
-        ends = [key for k, key in enumerate(points) if k == 0 or np.abs(points[key] - points[list(points)[k - 1]]).max() > SAME]
-        bars = {"bars": [[a, b] for a, b in pairwise(ends)]} if len(ends) > 1 else {}
-        places = {key: x.tolist() for key, x in points.items()}
-        return {"points": places, **bars, "mass": mass, "com": com.tolist(), "inertia": inertia}
-
-    def _drawn(self, reference: str, local: Array) -> list[float]:
-        """The place of a link's point at the start."""
-        g = next(g for g in self.index if reference.startswith(f"{self.names[g]}."))
-        origin, angle = self.frame(g)
-        place: list[float] = self.moves[g].place(origin + rotate(local, angle)).tolist()
-        return place
-
-    def _start(self, document: dict[str, Any]) -> tuple[dict[str, Any], str | None, int]:
+    def _start(self, document: Table) -> tuple[Table, str | None, int]:
         """The table of the start, the crank, and the degrees of freedom: so many coordinates are held, the surest ones."""
         mechanism = build_mechanism(document, SCENARIO, self.spatial.file, "")
         rows = Constraints(mechanism)
         q = close_joints(mechanism, rows, sketch(mechanism, document))
-        J = rows(0.0, q, np.zeros_like(q)).J
-        free = null_space(J, mechanism.n)
-        chosen = surest(candidates(mechanism, q), q, free)
-        start: dict[str, Any] = {}
-        velocity = self._velocities(mechanism)
-        crank = None
-        for kind, key, coordinates in chosen:
+        free = null_space(rows(0.0, q, np.zeros_like(q)).J, mechanism.n)
+        velocity, start, crank = self._velocities(mechanism), Table(), None
+        for kind, key, coordinates in surest(candidates(mechanism, q), q, free):
             values = [float(value(x, q)) for x in coordinates]
             speeds = [float(gradient(x, q) @ velocity) for x in coordinates]
             table, rates = HELD[kind]
@@ -485,8 +404,7 @@ class Flattened:
         """v (n,) of the links at the start, as the joints of the file have it."""
         v = []
         for g, link in zip(self.index, mechanism.links, strict=True):
-            origin, angle = self.frame(g)
-            v += [*self.moves[g].velocity(origin + rotate(link.com, angle)), self.moves[g].omega]
+            v += [*pair(self.moves[g].velocity(self.unfolded(g, complex(*link.com)))), self.moves[g].omega]
         return np.array(v)
 
 
@@ -499,25 +417,18 @@ def plane_of(spatial: Spatial) -> Plane:
     hinges = [j for j in spatial.joints if j.kind == "hinge"]
     slides = [j for j in spatial.joints if j.kind == "slide"]
     if not spatial.joints:
-        raise ExchangeError(f"{spatial.file}: the model: has no joints")
-    if hinges:
-        normal, first = hinges[0].axis, hinges[0]
-    else:
-        others = [*(j.axis for j in slides[1:]), spatial.gravity, *np.eye(3)]
-        crosses = (np.cross(slides[0].axis, x) for x in others)
-        normal, first = next(x for x in crosses if np.linalg.norm(x) > FLAT), slides[0]
-    normal = normal / np.linalg.norm(normal)
+        raise spatial.refuse("the model", "has no joints")
+    first = (hinges or slides)[0]
+    others = [*(j.axis for j in slides[1:]), spatial.gravity, *np.eye(3)]
+    normals = [first.axis] if hinges else [np.cross(first.axis, x) for x in others]
+    normal = next(x / np.linalg.norm(x) for x in normals if np.linalg.norm(x) > FLAT)
     for joint in hinges:
         if np.linalg.norm(np.cross(joint.axis, normal)) > FLAT:
-            raise ExchangeError(f"{spatial.file}: joint {joint.name}: turns about another axis than {first.name}: not planar")
+            raise spatial.refuse(f"joint {joint.name}", f"turns about another axis than {first.name}: not planar")
     for joint in slides:
         if abs(joint.axis @ normal) > FLAT:
-            raise ExchangeError(
-                f"{spatial.file}: joint {joint.name}: slides out of the plane that {first.name} moves in: not planar"
-            )
-    axes = np.eye(3)
-    across = int(np.argmax(np.abs(normal)))
-    first_axis, second_axis = (axes[k] for k in range(3) if k != across)
+            raise spatial.refuse(f"joint {joint.name}", f"slides out of the plane that {first.name} moves in: not planar")
+    first_axis, second_axis = np.delete(np.eye(3), np.argmax(np.abs(normal)), axis=0)
     exact = np.where(np.abs(normal) < SAME, 0.0, normal)
     normal = exact / np.linalg.norm(exact)
     x = first_axis - (first_axis @ normal) * normal
@@ -527,21 +438,17 @@ def plane_of(spatial: Spatial) -> Plane:
     return Plane(x, y, np.cross(x, y))
 
 
-def name_parts(wanted: Sequence[str], taken: Sequence[str]) -> list[str]:
-    """Names of letters, digits and underscores, each new."""
-    names: list[str] = []
-    for name in wanted:
-        base = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_") or "x"
-        k, chosen = 1, base
-        while chosen in taken or chosen in names:
-            k += 1
-            chosen = f"{base}_{k}"
-        names.append(chosen)
-    return names
+def name_part(wanted: str, taken: Collection[str]) -> str:
+    """A new name of letters, digits and underscores."""
+    base = re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x"
+    k, chosen = 1, base
+    while chosen in taken:
+        k += 1
+        chosen = f"{base}_{k}"
+    return chosen
 
 
 def turns_on_ground(mechanism: Mechanism, link: str) -> bool:
     """Tell whether a pin joins a link to the ground."""
     index = [x.name for x in mechanism.links].index(link)
-    pins = (j for j in mechanism.joints if not isinstance(j, Prismatic))
-    return any({j.a.link, j.b.link} == {GROUND, index} for j in pins)
+    return any({j.a.link, j.b.link} == {GROUND, index} for j in mechanism.joints if isinstance(j, Revolute))

@@ -1,44 +1,32 @@
-"""The common part of exported Python scripts: their first lines, their constants, and how they are run alone."""
+"""Exported programs: templates that are plain programs, filled with the numbers of a linkage."""
+
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.export import coordinates
-from gauss_bench.exchange.text import python_value
+from gauss_bench.exchange.text import c_comment, c_string, heading, python_comment
+from gauss_bench.exchange.transcript import python
 from gauss_bench.mechanism.model import Mechanism
 
 SAMPLES = 100  # rows that a program prints at most, beside the first
-HEADING = '''"""One linkage: python THIS_FILE [END [STEP]] prints t, positions and velocities as CSV; simulate() returns them."""
-
-'''  # nobody's text stands in the first two lines, where a comment could choose the encoding
-PLAN = '''
-
-def plan(end, step):
-    """How many steps, none longer than `step`, end at `end`, and after how many of them a row is kept."""
-    count = max(1, math.ceil(end / step - 1e-9))
-    every = math.ceil(count / SAMPLES)
-    return every * math.ceil(count / every), every
-'''
-MAIN = """
-
-if __name__ == "__main__":
-    import sys
-
-    print(",".join(["t", *NAMES, *RATES]))
-    for row in simulate(*map(float, sys.argv[1:3])):
-        print(",".join(repr(float(x)) for x in row))
-"""
+PROGRAMS = Environment(
+    loader=PackageLoader("gauss_bench.exchange"),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+PROGRAMS.filters |= {"python": python, "comment": python_comment, "c_comment": c_comment, "c_string": c_string}
 
 
-def rates(mechanism: Mechanism) -> list[str]:
-    """The names of v, in order."""
-    return coordinates(mechanism, ("vx", "vy", "omega"))
+def coordinates(mechanism: Mechanism, kinds: tuple[str, str, str] = ("x", "y", "theta")) -> list[str]:
+    """The names of q in order, LINK.x, LINK.y, LINK.theta, as they may head the columns of a table."""
+    return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
 
 
-def constants(mechanism: Mechanism, choice: Choice) -> str:
-    """The names of the coordinates, the start, and how far and by which steps."""
-    return (
-        f"NAMES = {python_value(coordinates(mechanism))}  # of q: centres of mass and angles\n"
-        f"RATES = {python_value(rates(mechanism))}  # of v\n"
-        f"Q0 = {python_value(mechanism.q0)}\n"
-        f"V0 = {python_value(mechanism.v0)}\n"
-        f"END, STEP, SAMPLES = {float(mechanism.duration)!r}, {choice.step!r}, {SAMPLES}\n"
-    )
+def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **given: Any) -> str:
+    """A template of templates/ with the linkage's names, start and laws, the sentences at its head, and what else is given."""
+    names, rates = coordinates(mechanism), coordinates(mechanism, ("vx", "vy", "omega"))
+    common = {"mechanism": mechanism, "choice": choice, "head": head, "names": names, "rates": rates, "samples": SAMPLES}
+    return PROGRAMS.get_template(template).render(**common, **given)

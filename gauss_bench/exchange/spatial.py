@@ -4,8 +4,9 @@ That configuration is where every joint has its `ref`: MuJoCo's qpos0, or the ze
 what becomes a planar linkage begins here (`planar.py`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
+from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.terms import Array
 
 WORLD = 0  # the first body
@@ -72,16 +73,7 @@ class Straight:
 
 
 @dataclass(frozen=True, eq=False)
-class OnJoint:
-    """A law on a joint's coordinate."""
-
-    name: str
-    joint: int
-    law: Straight
-
-
-@dataclass(frozen=True, eq=False)
-class OnSum:
+class OnJoints:
     """A law on a sum of joints' coordinates: joint -> coefficient."""
 
     name: str
@@ -116,7 +108,7 @@ class Push:
     origin: Spot | None
 
 
-Acting = OnJoint | OnSum | Between | Push
+Acting = OnJoints | Between | Push
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,4 +130,7 @@ class Spatial:
     welds: tuple[tuple[int, int], ...] = ()
     spots: tuple[Spot, ...] = ()
     acting: tuple[Acting, ...] = ()
-    dropped: tuple[str, ...] = field(default=())
+    dropped: tuple[str, ...] = ()
+
+    def refuse(self, element: str, reason: str) -> ExchangeError:
+        return ExchangeError(f"{self.file}: {element}: {reason}")

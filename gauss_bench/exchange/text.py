@@ -5,7 +5,6 @@ A text in a comment becomes one printable line first, so that no language's end 
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from gauss_bench.trajectory import in_a_sentence
 
@@ -42,24 +41,15 @@ def python_comment(lines: Iterable[str]) -> str:
     return "".join(f"# {in_a_sentence(line)}".rstrip() + "\n" for line in lines)
 
 
-def python_value(x: Any) -> str:
-    """A text, number, list or array as Python writes it; texts in plain letters, whatever stands in them."""
-    if hasattr(x, "tolist"):
-        x = x.tolist()
-    if isinstance(x, (list, tuple)):
-        inner = ", ".join(python_value(y) for y in x)
-        return f"[{inner}]"
-    return ascii(x)
-
-
 def toml_string(text: str) -> str:
-    """The text as a basic string of TOML."""
-    short = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
-    return '"' + "".join(short.get(c) or (c if c.isprintable() else _code_point(c)) for c in text) + '"'
+    """The text as a basic string of TOML; what cannot be printed by its number."""
+    plain = text.encode("utf-8", errors="replace").decode("utf-8")
+    return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in plain) + '"'
 
 
-def _code_point(c: str) -> str:
-    return "\\uFFFD" if 0xD800 <= ord(c) <= 0xDFFF else f"\\u{ord(c):04x}" if ord(c) < 0x10000 else f"\\U{ord(c):08x}"
+def heading(name: str) -> str:
+    """A name without what would end a column of a table."""
+    return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
 
 
 def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:

@@ -7,7 +7,7 @@ from gauss_bench.exchange.text import xml_comment
 from gauss_bench.mechanism.model import Mechanism
 
 
-def write_mjcf(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
+def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """The document.
 
     Raises:

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.exchange.text import python_comment, python_value
+from gauss_bench.exchange.text import python_comment
+from gauss_bench.mechanism.model import Mechanism
 
 
 class Script:
@@ -54,9 +55,6 @@ class Script:
         self.lines.append(f"{variable} = {text}")
         return Thing(self, variable)
 
-    def text(self) -> str:
-        return "\n".join(self.lines) + "\n"
-
 
 class Thing:
     """An object of the library, known by how it is written."""
@@ -88,7 +86,7 @@ class Thing:
 
 
 def python(x: Any) -> str:
-    """A value as a script writes it.
+    """A value as a script writes it; texts in plain letters, whatever stands in them.
 
     Raises:
         TypeError: a value that no script can hold, such as a function.
@@ -96,11 +94,15 @@ def python(x: Any) -> str:
     if isinstance(x, Thing):
         return x._source
     if isinstance(x, np.ndarray):
-        return f"np.array({python_value(x)})"
+        return f"np.array({python(x.tolist())})"
     if isinstance(x, (list, tuple)):
         return f"[{', '.join(map(python, x))}]"
-    if hasattr(x, "in_python"):
-        return str(x.in_python)
-    if x is None or isinstance(x, (str, bool, int, float, np.generic)):
-        return python_value(x)
+    x = x.item() if isinstance(x, np.generic) else x
+    if x is None or isinstance(x, (str, bool, int, float)):
+        return ascii(x)
     raise TypeError(f"a script cannot hold {type(x).__name__}")
+
+
+def name_laws(mechanism: Mechanism) -> dict[int, Thing]:
+    """The functions of a script for the laws of drivers, by the laws' ids."""
+    return {id(d.law): Script({}).thing(f"law_{k}") for k, d in enumerate(mechanism.drivers, 1)}
