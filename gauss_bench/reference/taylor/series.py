@@ -19,7 +19,6 @@ from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion, Progress
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic
-from gauss_bench.reference.taylor.driven import driven_states
 from gauss_bench.reference.taylor.elimination import factorise
 from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import Piece, pieces
@@ -63,21 +62,16 @@ def taylor_motion(
     if pivots.smallest < SINGULAR:
         raise ArithmeticError(f"the start is a singular position: smallest pivot {pivots.smallest:.1e}")
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
-    if not chart.free and not rows.edges:
-        twin = loop_rows(loop_coordinates(assembled))
-        states, stopped = driven_states(rows, twin, chart, x, times, number, progress)
-        way = "Newton's method"
-    else:
-        march = March(
-            rows=rows,
-            eps=epsilon(number),
-            pieces=pieces(mechanism.drivers, chosen, number),
-            times=[number(t) for t in times],
-            compiled=lambda chart, piece: compile_series(rows, chart, piece, number),
-            progress=progress,
-        )
-        states, stopped = march.run(chart, x, v)
-        way = f"Taylor series (steps: {march.steps}, charts: {len(march.built)})"
+    march = March(
+        rows=rows,
+        eps=epsilon(number),
+        pieces=pieces(mechanism.drivers, chosen, number),
+        times=[number(t) for t in times],
+        compiled=lambda chart, piece: compile_series(rows, chart, piece, number),
+        progress=progress,
+    )
+    states, stopped = march.run(chart, x, v)
+    way = f"Taylor series (steps: {march.steps}, charts: {len(march.built)})"
     bits = 1 - int(np.log2(epsilon(number)))
     method = f"loop coordinates in {bits} bits; {way}; heyoka {heyoka.__version__}"
     return sample(rows, states, times[: len(states.t)], redundant, stopped, method, number)
