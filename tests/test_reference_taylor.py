@@ -25,7 +25,7 @@ from gauss_bench.reference.taylor.rows import loop_rows
 from gauss_bench.reference.taylor.samples import LoopStates, sample
 from gauss_bench.reference.taylor.solve import columns, stack_arrays
 from gauss_bench.reference.taylor.start import start_state
-from gauss_bench.reference.taylor.vector_sums import loop_coordinates
+from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from tests.conftest import needs
 
 DATA = Path(__file__).parent / "data"
@@ -73,7 +73,7 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     mechanism = load(linkage, scenario)
     if mechanism.has_friction:
         pytest.skip("friction is not for this pipeline")
-    rows = loop_rows(loop_coordinates(mechanism))
+    rows = loop_rows(LoopCoordinates(mechanism))
     document = document_of(linkage, scenario)
     x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
     chart, _ = choose_chart(rows, Instant(columns(x), NUMBERS))

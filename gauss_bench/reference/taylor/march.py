@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from gauss_bench.reference.motion import Progress
+from gauss_bench.reference.refinement import chord
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.elimination import Order, Pivots
 from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
@@ -20,7 +21,7 @@ from gauss_bench.reference.taylor.law_pieces import Piece
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.samples import LoopStates, join
-from gauss_bench.reference.taylor.solve import Long, columns, correct, dense, pseudo_inverse, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, columns, dense, pseudo_inverse, stack_arrays
 from gauss_bench.terms import Array
 
 WORN = 0.1  # a pivot below, in units of its coordinate, calls for another order
@@ -122,7 +123,7 @@ class March:
             return stack_arrays([*self.rows.residuals(instant(x), laws), *edges], here.t)
 
         P = pseudo_inverse(dense(self.rows.entries(instant(here.x)), 1, n))
-        return correct(residual, P, here.x, self.eps)
+        return chord(residual, P, here.x, self.eps)
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
         """A better chart at a state, one that is compiled already if it is good enough."""

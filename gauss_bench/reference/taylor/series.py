@@ -28,7 +28,7 @@ from gauss_bench.reference.taylor.rows import LoopRows, loop_rows
 from gauss_bench.reference.taylor.samples import sample
 from gauss_bench.reference.taylor.solve import Long, columns, epsilon
 from gauss_bench.reference.taylor.start import start_state
-from gauss_bench.reference.taylor.vector_sums import loop_coordinates
+from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from gauss_bench.terms import Array
 
 
@@ -55,7 +55,7 @@ def taylor_motion(
     mechanism = build_mechanism(document, scenario, "", "", number)
     if mechanism.has_friction:
         raise ArithmeticError("dry friction acts: its loads are found by iteration in double precision, which certifies nothing")
-    rows = loop_rows(loop_coordinates(mechanism))
+    rows = loop_rows(LoopCoordinates(mechanism))
     chosen = document["scenarios"][scenario]
     x, v = start_state(rows, chosen, rows.coordinates.start(assembled.q0), number)
     chart, pivots = choose_chart(rows, Instant(columns(x), NUMBERS))
