@@ -17,7 +17,7 @@ from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
-from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular, solve_positive
+from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
 from gauss_bench.reference.taylor.moving_vectors import Instant
@@ -25,7 +25,7 @@ from gauss_bench.reference.taylor.rows import loop_rows
 from gauss_bench.reference.taylor.samples import LoopStates, sample
 from gauss_bench.reference.taylor.solve import columns, stack_arrays
 from gauss_bench.reference.taylor.start import start_state
-from gauss_bench.reference.taylor.vector_sums import loop_coordinates
+from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from tests.conftest import needs
 
 DATA = Path(__file__).parent / "data"
@@ -73,7 +73,7 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     mechanism = load(linkage, scenario)
     if mechanism.has_friction:
         pytest.skip("friction is not for this pipeline")
-    rows = loop_rows(loop_coordinates(mechanism))
+    rows = loop_rows(LoopCoordinates(mechanism))
     document = document_of(linkage, scenario)
     x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
     chart, _ = choose_chart(rows, Instant(columns(x), NUMBERS))
@@ -112,12 +112,6 @@ def test_elimination_leaves_out_dependent_rows_and_keeps_the_better_of_two(rng: 
     pivots = choose_pivots(A, np.ones(A.shape, dtype=bool), 1e-9)
     assert sorted(row for row, _ in pivots.order) == [1, 2, 3]
     assert pivots.left < 1e-15
-
-
-def test_the_elimination_without_roots_solves_positive_definite_systems(rng: np.random.Generator) -> None:
-    B = rng.normal(size=(5, 5))
-    T, r = B @ B.T + np.eye(5), rng.normal(size=5)
-    assert off(T @ np.array(solve_positive(T.tolist(), r.tolist())), r) < 1e-12
 
 
 @pytest.mark.parametrize("law", ["sine", "cosine", "poly345", "table"])

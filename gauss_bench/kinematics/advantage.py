@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.kinematics.centres import free_motion
-from gauss_bench.kinematics.singular import DrivingCoordinate, driving_coordinates, input_coordinate
+from gauss_bench.kinematics.singular import driving_coordinates, input_coordinate
 from gauss_bench.mechanism.coordinates import gradient
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Measured, Mechanism
 from gauss_bench.terms import Array
 
 STILL = 1e-12  # of the other rate, both in units of the free motion: what rounding leaves of none
@@ -40,7 +40,7 @@ class Advantage:
     mechanical: Array
 
 
-def advantages(mechanism: Mechanism, positions: Array, driving: DrivingCoordinate | None = None) -> tuple[Advantage, ...]:
+def advantages(mechanism: Mechanism, positions: Array, driving: Measured | None = None) -> tuple[Advantage, ...]:
     """The ratios from what drives to every other link or slide on the ground, at positions (k, n).
 
     What drives is the first driver of the scenario, else the crank, else the measured coordinate.
@@ -53,19 +53,19 @@ def advantages(mechanism: Mechanism, positions: Array, driving: DrivingCoordinat
     rates = np.zeros((len(positions), 1 + len(outputs)))
     for k, q in enumerate(positions):
         x = free_motion(mechanism, q)
-        rates[k] = [gradient(c.scalar, q) @ x for c in (given, *outputs)]
+        rates[k] = [gradient(c.coordinate, q) @ x for c in (given, *outputs)]
     told = []
     for output, rate in zip(outputs, rates[:, 1:].T, strict=True):
-        units = (given.scalar.unit, output.scalar.unit)
+        units = (given.unit, output.unit)
         told.append(Advantage(given.name, output.name, units, _ratio(rate, rates[:, 0]), _ratio(rates[:, 0], rate)))
     return tuple(told)
 
 
-def _driving(mechanism: Mechanism) -> DrivingCoordinate:
+def _driving(mechanism: Mechanism) -> Measured:
     if not mechanism.drivers:
         return input_coordinate(mechanism)
     first = mechanism.drivers[0]
-    return DrivingCoordinate(first.name, first.coordinate)
+    return Measured(first.name, first.coordinate)
 
 
 def _ratio(a: Array, b: Array) -> Array:

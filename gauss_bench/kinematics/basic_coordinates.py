@@ -24,7 +24,9 @@ from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPo
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root, RootFinder, largest, levenberg_marquardt
+from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
 LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: predictions then miss by a small part of their length
@@ -104,15 +106,9 @@ class _Sample(NamedTuple):
 
 def _motion(mechanism: Mechanism, samples: list[_Sample]) -> BasicMotion:
     q, v, a = np.array([x.state for x in samples]).reshape(-1, 3, mechanism.n).transpose(1, 0, 2)
-    return BasicMotion(
-        q,
-        v,
-        a,
-        np.array([x.corrections for x in samples], dtype=int),
-        tuple(x.root.flag for x in samples),
-        np.array([x.root.residual for x in samples]),
-        tuple(x.branch for x in samples),
-    )
+    flags, branch = tuple(x.root.flag for x in samples), tuple(x.branch for x in samples)
+    corrections, residual = np.array([x.corrections for x in samples], dtype=int), np.array([x.root.residual for x in samples])
+    return BasicMotion(q, v, a, corrections, flags, residual, branch)
 
 
 def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Branch:
@@ -137,13 +133,17 @@ def _name(model: PointModel, signs: Array) -> Branch:
     return {group.name: int(sign) for group, sign in zip(model.groups, signs, strict=True)}
 
 
+class _Astray(ArithmeticError):
+    """A step whose result cannot be trusted."""
+
+
 class _Walk:
     """Follows the inputs from the assembled start, one prediction and one search at a time."""
 
     def __init__(self, model: PointModel, search: RootFinder):
         self.model, self.search = model, search
         q0 = model.points.mechanism.q0
-        self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), q0[2::3].copy()
+        self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
         slide = LARGEST_SLIDE * model.size
         self.largest = np.array([slide if given.link is None else LARGEST_TURN for given in model.points.inputs])
         self.signs = model.signs(model.residual(self.x)(self.p)[1])
@@ -156,53 +156,44 @@ class _Walk:
             raise ValueError(f"inputs are not finite: {goal}")
         start, gap = self.x, goal - self.x
         longest = 1 / max(1, int(np.ceil(largest(gap / self.largest) - 1e-9)))
-        done, part, self.corrections = 0.0, longest, 0
-        while True:
-            ahead = done + part if done + part < 1 - SHORTEST * longest else 1.0
-            root = self._step(goal if ahead == 1 else start + ahead * gap)
-            if root and ahead == 1:
-                return root
-            if root:
-                done, part = ahead, min(2 * part, longest)
-            elif part > SHORTEST * longest:
-                part /= 2
-            else:
-                raise self._failure(longest * gap)
+        self.corrections = 0
 
-    def _step(self, x: Array) -> Root | None:
+        def advance(share: float) -> None:
+            self._step(goal if share == 1.0 else start + share * gap)
+
+        try:
+            walk(advance, SHORTEST * longest, longest)
+        except _Astray as error:
+            raise self._failure(longest * gap) from error
+        return self.root
+
+    def _step(self, x: Array) -> None:
         """Predict and correct; the walk moves on only where the result can be trusted."""
         model = self.model
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.filled(Z[0], self.p)
         r = model.rows(Z[0])
-        inverse = self._inverse(model.jacobian(r))
-        if inverse is None:
-            return None
-        dp = -inverse @ (r @ Z[1]).real
+        dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
         Z[1] = model.filled(Z[1], dp)
         root = self.search(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
-        leap = largest(Z[1, model.points.first :])
-        if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > STRAY * leap + np.sqrt(self.tolerance):
-            return None
-        signs = model.signs(model.residual(x)(root.x)[1])
-        if np.any(signs != self.signs):
-            return None
+        stray = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
+        if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > stray:
+            raise _Astray
         E, dE = model.directions @ Z[0], model.directions @ Z[1]
         near = self.theta + (dE * E.conj()).imag
         turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
-        if largest(turn) > STRAY:
-            return None
-        self.x, self.p, self.theta = x, root.x, near + turn
-        return root
+        if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
+            raise _Astray
+        self.x, self.p, self.theta, self.root = x, root.x, near + turn, root
 
-    def _inverse(self, J: Array) -> Array | None:
-        """Pseudo-inverse of J, or None where its columns are dependent."""
+    def _inverse(self, J: Array) -> Array:
+        """Pseudo-inverse of J; raises _Astray where its columns are dependent."""
         if not J.shape[1]:
             return np.zeros(J.T.shape)
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
         if len(s) < J.shape[1] or s[-1] < RANK_TOLERANCE * s[0]:
-            return None
+            raise _Astray
         return np.asarray(Vt.T / s @ U.T)
 
     def state(self, rate: Array, second: Array) -> Array:
@@ -212,9 +203,10 @@ class _Walk:
         Z[0] = model.filled(Z[0], self.p)
         r = model.rows(Z[0])
         J = model.jacobian(r)
-        inverse = self._inverse(J)
-        if inverse is None:
-            raise SingularPosition(f"singular position near {self._inputs()}: {self._rank(J)}", self.x)
+        try:
+            inverse = self._inverse(J)
+        except _Astray as error:
+            raise SingularPosition(f"singular position near {self._inputs()}: {self._rank(J)}", self.x) from error
         Z[1] = model.filled(Z[1], -inverse @ (r @ Z[1]).real)
         Z[2] = model.filled(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
         E, centre = Z @ model.directions.T, Z @ model.centres.T

@@ -11,10 +11,12 @@ import numpy as np
 
 from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.kinematics.root_finding import ExitFlag, levenberg_marquardt
+from gauss_bench.kinematics.topology import shared_angles
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import value
-from gauss_bench.mechanism.model import AngleDriver, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.mechanism.spaces import angle_at, angles
 from gauss_bench.terms import Array
 
 MOST = 300  # starts
@@ -67,7 +69,7 @@ def hold_at(mechanism: Mechanism, q: Array) -> Mechanism:
         return replace(mechanism, drivers=still)
     if mechanism.crank is None:
         raise ValueError(f"{mechanism.name} has neither a driver nor a crank whose position could be held")
-    crank = constant(float(q[3 * mechanism.crank + 2]), 0.0)
+    crank = constant(float(angle_at(q, mechanism.crank)), 0.0)
     return replace(mechanism, drivers=(AngleDriver("crank", crank, mechanism.crank),))
 
 
@@ -77,18 +79,9 @@ def _apart(freedom: Freedom, a: Array, b: Array) -> float:
 
 def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
     """The same position with the angles within half a turn of others; links that a slide ties together turn as one."""
-    q, root = np.array(q), list(range(len(mechanism.links)))
-    for joint in mechanism.joints:
-        if isinstance(joint, Prismatic):
-            a, b = sorted((joint.guide.link, joint.block.link))
-            into = -1 if a < 0 else root[a]
-            root = [into if x == root[b] else x for x in root]
-    for link, first in enumerate(root):
-        if first >= 0:  # what slides on the ground has no whole turns
-            q[3 * link + 2] -= (
-                2 * np.pi * np.round((q[3 * first + 2] - near[3 * first + 2]) / (2 * np.pi)) if link != first else 0.0
-            )
-    for link, first in enumerate(root):
-        if first == link:
-            q[3 * link + 2] -= 2 * np.pi * np.round((q[3 * link + 2] - near[3 * link + 2]) / (2 * np.pi))
+    q = q.copy()
+    turns = 2 * np.pi * np.round(angles(q - near) / (2 * np.pi))
+    for link, (root, _) in shared_angles(mechanism).items():
+        if root != GROUND:  # what slides on the ground has no whole turns
+            angles(q)[link] -= turns[root]
     return q

@@ -16,7 +16,8 @@ import numpy as np
 
 from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute, every_two
+from gauss_bench.mechanism.model import GROUND, Mechanism, every_two
+from gauss_bench.mechanism.spaces import angle_at, place_at
 from gauss_bench.terms import Array
 
 STILL = 1e-9  # of the fastest motion of the linkage, a turn counted as a way of its size: what rounding leaves of none
@@ -45,13 +46,11 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
     Raises:
         ValueError: there is none, or more than one; a velocity must then be given.
     """
-    freedom = Freedom(_undriven(mechanism))
-    _, place = freedom.at(q)
-    if place.free.shape[1] != 1:
-        raise ValueError(
-            f"{mechanism.name} has {place.free.shape[1]} free motions here; its instant centres depend on which it does"
-        )
-    return np.asarray(place.free[:, 0] / freedom.scale)
+    freedom = Freedom(replace(mechanism, drivers=()))
+    free = freedom.at(q)[1].free
+    if free.shape[1] != 1:
+        raise ValueError(f"{mechanism.name} has {free.shape[1]} free motions here; its instant centres depend on which it does")
+    return np.asarray(free[:, 0] / freedom.scale)
 
 
 def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Centre, ...]:
@@ -60,20 +59,21 @@ def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Cen
     Raises:
         ValueError: no velocity is given, and more or less than one motion is free.
     """
-    size = Freedom(_undriven(mechanism)).size
-    v = free_motion(mechanism, q) if v is None else v
-    fastest = float(np.abs(v * np.tile([1.0, 1.0, size], len(mechanism.links))).max(initial=0.0))
+    freedom = Freedom(replace(mechanism, drivers=()))
+    v, size = free_motion(mechanism, q) if v is None else v, freedom.size
+    fastest = float(np.abs(v * freedom.scale).max(initial=0.0))
     pins = {}
-    for name in {joint.joint for joint in mechanism.joints}:
-        for pair in every_two(tuple(x for x in mechanism.joints if x.joint == name)):
-            if isinstance(pair, Revolute):
-                pins[tuple(sorted((pair.a.link, pair.b.link)))] = position(q, pair.a)
+    for name in {pin.joint for pin in mechanism.pins}:
+        for pair in every_two(tuple(x for x in mechanism.pins if x.joint == name)):
+            a, b = pair.ends
+            pins[tuple(sorted((a.link, b.link)))] = position(q, a)
     centres = []
     for a, b in combinations(range(GROUND, len(mechanism.links)), 2):
         if (a, b) in pins:
             centres.append(Centre((a, b), pins[a, b], pinned=True))
             continue
-        (z_a, u_a, w_a), (z_b, u_b, w_b) = _moving(q, v, a), _moving(q, v, b)
+        (z_a, u_a), (z_b, u_b) = ([complex(*place_at(x, link)) for x in (q, v)] for link in (a, b))
+        w_a, w_b = (float(angle_at(v, link)) for link in (a, b))
         turn, way = w_b - w_a, (u_b - 1j * w_b * z_b) - (u_a - 1j * w_a * z_a)
         if abs(turn) * size > STILL * fastest and abs(way) < FARTHEST * size * abs(turn):
             c = 1j * way / turn
@@ -82,14 +82,3 @@ def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Cen
             moving = abs(way) > STILL * fastest
             centres.append(Centre((a, b), None, np.array([way.real, way.imag]) / abs(way) if moving else None))
     return tuple(centres)
-
-
-def _undriven(mechanism: Mechanism) -> Mechanism:
-    return replace(mechanism, drivers=())
-
-
-def _moving(q: Array, v: Array, link: int) -> tuple[complex, complex, float]:
-    if link == GROUND:
-        return 0j, 0j, 0.0
-    z, u = (complex(x[3 * link], x[3 * link + 1]) for x in (q, v))
-    return z, u, float(v[3 * link + 2])

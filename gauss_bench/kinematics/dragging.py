@@ -13,13 +13,15 @@ that is pulled straight folds back to the side it came from.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.kinematics.freedom import CORRECTIONS, Freedom, Place
-from gauss_bench.mechanism.coordinates import arm, position, value, velocity
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Prismatic, Revolute, SlideDriver
+from gauss_bench.mechanism.coordinates import arm, position, rotate, value, velocity
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Revolute, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.mechanism.spaces import angle_at, angle_slot, place_at
 from gauss_bench.terms import Array
 
 LARGEST_STEP = 0.15  # of the linkage's size, and [rad] of any link
@@ -76,28 +78,27 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     Raises:
         ValueError: there is no link, point, slide or joint of a name.
     """
-    slides = {joint.name: joint for joint in mechanism.joints if isinstance(joint, Prismatic)}
     pins, still = [], []
     for reference in locks.points:
         point = name_link(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
         pins += [Revolute(f"lock of {reference}", f"lock of {reference}", at, point)] if point.link != GROUND else []
     for name in locks.joints:
-        turning = [x for x in mechanism.joints if isinstance(x, Revolute) and x.joint == name]
-        if not turning:
-            raise ValueError(f"no pin joint {name!r} that could be locked")
-        pins += [_second_pin(mechanism, q, x) for x in turning]
+        pins += [_second_pin(mechanism, q, x) for x in _named("pin joint", name, [x for x in mechanism.pins if x.joint == name])]
     for name in locks.links:
-        if name not in [x.name for x in mechanism.whole.links]:
-            raise ValueError(f"no link {name!r} that could be locked")
+        _named("link", name, [x for x in mechanism.whole.links if x.name == name])
         body, _ = mechanism.placed(name)
-        still.append(AngleDriver(f"lock of {name}", constant(float(q[3 * body + 2]), 0.0), body))
+        still.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
     for name in locks.slides:
-        if name not in slides:
-            raise ValueError(f"no slide {name!r} that could be locked")
-        here = float(value(slides[name].motion, q))
-        still.append(SlideDriver(f"lock of {name}", constant(here, 0.0), slides[name]))  # type: ignore[arg-type]
+        for slide in _named("slide", name, [x for x in mechanism.slides if x.name == name]):
+            still.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
     return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(still))
+
+
+def _named(kind: str, name: str, found: list[Any]) -> list[Any]:
+    if not found:
+        raise ValueError(f"no {kind} {name!r} that could be locked")
+    return found
 
 
 def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
@@ -105,9 +106,8 @@ def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
     at = position(q, joint.a) + np.array([mechanism.size, 0.0])
     ends = []
     for link in (joint.a.link, joint.b.link):
-        x, y, theta = (0.0, 0.0, 0.0) if link == GROUND else q[3 * link : 3 * link + 3]
-        c, s = np.cos(theta), np.sin(theta)
-        ends.append(Point(link, np.array([[c, s], [-s, c]]) @ (at - (x, y)), f"lock of {joint.joint}"))
+        local = rotate(at - place_at(q, link), -angle_at(q, link))
+        ends.append(Point(link, local, f"lock of {joint.joint}"))
     return Revolute(f"lock of {joint.name}", f"lock of {joint.joint}", ends[0], ends[1])
 
 
@@ -258,5 +258,5 @@ class Drag:
 
     def _centripetal(self, N: Array, point: Point) -> Array:
         """(f, f, 2): what is left of a point's second derivatives by free motions N (n, f) where its link turns alone."""
-        turns = N[3 * point.link + 2]  # of the ground any row does: its arms are nothing
+        turns = N[angle_slot(point.link)]  # of the ground any row does: its arms are nothing
         return np.outer(turns, turns)[..., None] * arm(self.q, point)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.model import GROUND, Angle, AngleDriver, Coordinate, LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 
@@ -13,6 +13,17 @@ class Input:
     law: MotionLaw
     link: int | None = None
     joint: str | None = None
+
+    def coordinate(self, mechanism: Mechanism) -> Coordinate:
+        """The coordinate of a mechanism that this prescribes."""
+        if self.link is not None:
+            return Angle(GROUND, self.link)
+        along = {j.name: j.motion for j in mechanism.slides}
+        return along[self.joint] if self.joint in along else active_bars(mechanism)[str(self.joint)].coordinate
+
+
+def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
+    return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
 
 
 def inputs_of(mechanism: Mechanism) -> tuple[Input, ...]:

@@ -10,12 +10,14 @@ fig. 4 (the flow: position, velocity, acceleration at each time; exit where ther
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
+from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -50,8 +52,7 @@ class LoopMotion:
     branch: str
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
+class _State(NamedTuple):
     """A closed state x with its J, and the Newton steps spent on it."""
 
     x: Array
@@ -59,12 +60,12 @@ class _State:
     steps: int
 
 
-class _End(ArithmeticError):
+class _End(Stopped):
     """The motion cannot be followed beyond the state x, however short the step."""
 
     def __init__(self, text: str, singular: bool, x: Array):
-        self.singular, self.x = singular, x
-        super().__init__(text)
+        super().__init__(text, singular)
+        self.x = x
 
 
 def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> LoopMotion:
@@ -80,62 +81,44 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
     """
     equations = LoopEquations(mechanism, inputs)
     times = np.asarray(times, dtype=float)
-    levels = equations.input_levels(times)
+    goals, *rates = equations.input_levels(times)
     states: list[_State] = []
-    branch = ""
+    branch, x = "", equations.start()
     try:
-        state = _first(equations)
+        state = _State(*equations.close(x))
         branch = equations.branch(state.J)
-        for goal in levels[0]:
+        for goal in goals:
             state = _follow(equations, state, goal)
-            _check_regular(equations, state)
+            x = state.x
+            equations.check_rank(state.J, REGULAR)  # near a singular position rates would be lost, although a search may pass by it
             states.append(state)
-    except _End as end:
-        reached = _motion(equations, states, levels[1], levels[2], branch)
-        kind = SingularPosition if end.singular else LimitOfMotion
-        values = equations.input_values(end.x)
+    except Stopped as stopped:
+        end = stopped if isinstance(stopped, _End) else _End(f"singular position, {stopped}", True, x)
+        reached = _motion(equations, states, rates, branch)
+        values, time = equations.input_values(end.x), float(times[len(states)])
         where = ", ".join(f"{name} = {value:.10g}" for name, value in values.items())
-        time = float(times[len(states)])
+        kind = SingularPosition if end.singular else LimitOfMotion
         raise kind(f"{mechanism.name} stops at {where} on the way to t = {time:.6g} s: {end}", values, time, reached) from end
-    return _motion(equations, states, levels[1], levels[2], branch)
-
-
-def _first(equations: LoopEquations) -> _State:
-    x = equations.start()
-    try:
-        return _State(*equations.close(x))
-    except Stopped as error:
-        raise _End(f"singular position, {error}", True, x) from error
-
-
-def _check_regular(equations: LoopEquations, state: _State) -> None:
-    """Refuse a sample near a singular position: its rates would be lost, although a search may still pass by it."""
-    try:
-        equations.check_rank(state.J, REGULAR)
-    except Stopped as error:
-        raise _End(f"singular position, {error}", True, state.x) from error
+    return _motion(equations, states, rates, branch)
 
 
 def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     """The state with the inputs at `goal` (TK,), in as many parts as it takes."""
-    TU, first = len(equations.unknown), state.x
+    TU, first, steps = len(equations.unknown), state.x, 0
     change = goal - first[TU:]
     size = float(np.abs(change).max(initial=0.0))
-    done, part, steps = 0.0, 1.0, 0
-    while done < 1.0 and size > 0.0:
-        part = min(part, 1.0 - done)
-        target = goal if part == 1.0 - done else first[TU:] + (done + part) * change
-        try:
-            state = _advance(equations, state, target)
-        except Stopped as error:
-            if part * size < SMALLEST_PART:
-                raise _end(equations, first, state, change / size, error) from error
-            part /= 2
-            continue
+
+    def advance(share: float) -> None:
+        nonlocal state, steps
+        state = _advance(equations, state, goal if share == 1.0 else first[TU:] + share * change)
         steps += state.steps
-        done = 1.0 if target is goal else done + part
-        part *= 2
-    return _State(state.x, state.J, steps)
+
+    if size:
+        try:
+            walk(advance, SMALLEST_PART / size)
+        except Stopped as error:
+            raise _end(equations, first, state, change / size, error) from error
+    return state._replace(steps=steps)
 
 
 def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
@@ -175,13 +158,11 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     return _End("limit of motion, the linkage cannot be closed beyond", False, x)
 
 
-def _motion(equations: LoopEquations, states: list[_State], speeds: Array, seconds: Array, branch: str) -> LoopMotion:
-    """The samples reached, with their rates, in absolute coordinates too."""
-    shape = (len(states), len(equations.variables))
-    rates = [equations.rates(s.x, speed, second) for s, speed, second in zip(states, speeds, seconds, strict=False)]
-    x = np.array([s.x for s in states]).reshape(shape)
-    x_rate, x_second = (np.array([r[level] for r in rates]).reshape(shape) for level in (0, 1))
+def _motion(equations: LoopEquations, states: list[_State], given: list[Array], branch: str) -> LoopMotion:
+    """The samples reached, with their rates, in absolute coordinates too; `given` are rates and second rates of the inputs."""
+    levels = [(s.x, *equations.rates(s.x, *level)) for s, *level in zip(states, *given, strict=False)]
+    x, x_rate, x_second = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     q, v, a = equations.absolute(x, x_rate, x_second)
     steps = np.array([s.steps for s in states], dtype=int)
     loops = tuple(loop.joints for loop in equations.graph.loops)
-    return LoopMotion(q, v, a, steps, loops, tuple(str(x) for x in equations.variables), x, x_rate, x_second, branch)
+    return LoopMotion(q, v, a, steps, loops, tuple(map(str, equations.variables)), x, x_rate, x_second, branch)

@@ -111,7 +111,10 @@ class LoopEquations:
         bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
         self.bars = [bars[x.joint] for x in inputs if x.joint in bars]
         self.graph = find_graph(mechanism, self.bars)
-        self.roots, self.phase = shared_angles(self.graph)
+        frames, bars_after = shared_angles(mechanism), range(len(mechanism.links), self.graph.links)
+        frames |= {i: (i, 0.0) for i in bars_after}
+        order = [*range(self.graph.links), GROUND]
+        self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
         slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]

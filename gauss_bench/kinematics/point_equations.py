@@ -7,19 +7,18 @@ With z as in `points`, every equation is at most quadratic and made of three con
 
 so that Jacobian and acceleration bias are exact, and the same few lines for every kind. u is the unit vector of a line through G:
 
-    length                              (|B - A|^2 - L^2) / 2 L
-    rigid                               C - A - (c - a) (B - A) / (b - a), two rows: every further point of a link
-    fixed angle                         the same against a partner in a slide, which has the same angle but for a constant
-    fixed x, fixed y                    a link of known direction: two rows; a slide along an axis: one
-    collinear, perpendicular, fixed angle, offset    u x (P - G) - offset: the block point of a slide
-    fixed distance                      u . (P - G) - s: a driven slide
-    driven length                       (|B - A|^2 - L(t)^2) / 2 size: an active bar
+    (|B - A|^2 - L^2) / 2 L            the two points that show a link's direction
+    C - A - (c - a) (B - A) / (b - a)  two rows: every further point of a link, or of a partner in a slide, which has its angle
+    C - A - (c - a) exp(i theta)       two rows: every further point of a link of known direction
+    u x (P - G) - offset               the block point of a slide
+    u . (P - G) - s                    a driven slide
+    (|B - A|^2 - L(t)^2) / 2 size      an active bar
 
 All are in metres. A third point by lengths would admit the mirror image of the link, and two bars by the cross product of their
 directions a turn by 180 degrees; the linear rows admit neither. A line is a cross product and not the printed quotient of
 differences, which is 0/0 where it is parallel to the x axis.
 Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, J. Mechanical Transmission
-33(4), 2009, section 1: eq. (2) and the kinds named after it.
+33(4), 2009, section 1: eq. (2).
 """
 
 from cmath import exp
@@ -32,19 +31,10 @@ import numpy as np
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.points import SAME, Points, place
 from gauss_bench.kinematics.root_finding import Residual
-from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
+from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array, Vectors
 
-
-@dataclass(frozen=True, eq=False)
-class Equation:
-    """One equation: its kind, the points or the slide it is about, and its rows a, b, c (N,)."""
-
-    kind: str
-    about: str
-    a: Vectors
-    b: Vectors
-    c: Vectors
+Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,76 +50,38 @@ class PointGroup:
     columns: Array
 
 
-class _Writer:
-    """Writes the equations of given points."""
-
-    def __init__(self, points: Points):
-        self.points = points
-        self.none = np.zeros(points.N, dtype=complex)
-        self.one = points.unit(0)
-
-    def name(self, *entries: int) -> str:
-        return "-".join(self.points.points[k - self.points.first].name for k in entries)
-
-    def length(self, link: int, A: int, B: int) -> Equation:
-        p = self.points
+def link_equations(p: Points, link: int) -> Iterator[Equation]:
+    """The equations that hold the points of one link at their places in it."""
+    anchor, none = p.anchor[link], np.zeros(p.N, dtype=complex)
+    owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
+    if link == owner:
         L = abs(p.local(link, B) - p.local(link, A))
         bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)
-        return Equation("length", self.name(A, B), bar, bar, -L / 2 * self.one)
+        yield bar, bar, -L / 2 * p.unit(0)
+    for k in p.of[link]:
+        if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
+            row = p.unit(k) - p.point(link, p.local(link, k))
+            yield none, none, row
+            yield none, none, -1j * row
 
-    def vanishing(self, kinds: tuple[str, str], about: str, row: Vectors) -> list[Equation]:
-        """Two equations: both components of a vector that is linear in z are zero."""
-        return [Equation(kind, about, self.none, self.none, c) for kind, c in zip(kinds, (row, -1j * row), strict=True)]
 
-    def link(self, link: int) -> Iterator[Equation]:
-        """The equations that hold the points of one link at their places in it."""
-        p = self.points
-        root, anchor = p.frames[link][0], p.anchor[link]
-        owner, A, B = p.base.get(root, (None, -1, -1))
-        if link == owner:
-            yield self.length(link, A, B)
-        if root in p.turned:
-            kinds = ("fixed x", "fixed y")
-        else:
-            kinds = ("rigid", "rigid") if link == owner else ("fixed angle", "fixed angle")
-        for k in p.of[link]:
-            if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
-                row = p.unit(k) - p.unit(anchor) - (p.local(link, k) - p.local(link, anchor)) * p.direction(link)
-                yield from self.vanishing(kinds, self.name(anchor, k), row)
+def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
+    """The line of a slide, and its driven coordinate; neither where that places the block point."""
+    block = p.block(slide)
+    if p.placed_by.get(block) == slide.name:
+        return
+    u = exp(1j * slide.angle) * p.direction(slide.guide.link)
+    gap = p.unit(block) - p.point(slide.guide.link, place(slide.guide))
+    yield u, -1j * gap, -slide.offset * p.unit(0)
+    if slide.name in p.pushed:
+        yield u, gap, -p.unit(p.pushed[slide.name])
 
-    def slide(self, slide: Prismatic) -> Iterator[Equation]:
-        """The line of a slide, and its driven coordinate; neither where that places the block point."""
-        p = self.points
-        block = p.block(slide)
-        if p.placed_by.get(block) == slide.name:
-            return
-        u = exp(1j * slide.angle) * p.direction(slide.guide.link)
-        gap = p.unit(block) - p.point(slide.guide.link, place(slide.guide))
-        yield Equation(self.line_kind(slide), slide.name, u, -1j * gap, -slide.offset * self.one)
-        if slide.name in p.pushed:
-            yield Equation("fixed distance", slide.name, u, gap, -p.unit(p.pushed[slide.name]))
 
-    def bar(self, name: str) -> Equation:
-        """The length of an active bar."""
-        p = self.points
-        bar, size = p.bars[name], np.sqrt(2 * p.size)
-        gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / size
-        return Equation("driven length", name, gap, gap, -p.unit(p.stretched[name]) / size**2)
-
-    def line_kind(self, slide: Prismatic) -> str:
-        """Name of a slide's equation, by how its line lies in the link that carries it or to the world's axes."""
-        p, link = self.points, slide.guide.link
-        u = exp(1j * (slide.angle + (p.frames[link][1] if p.frames[link][0] == GROUND else 0.0)))
-        if p.frames[link][0] == GROUND:
-            return "fixed y" if abs(u.imag) < SAME else "fixed x" if abs(u.real) < SAME else "offset"
-        owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
-        if owner != link:
-            return "offset"
-        a, b = p.local(link, A), p.local(link, B)
-        if all(abs((np.conj(u) * (end - place(slide.guide))).imag - slide.offset) > SAME for end in (a, b)):
-            return "offset"
-        towards = np.conj(u) * (b - a) / abs(b - a)
-        return "collinear" if abs(towards.imag) < SAME else "perpendicular" if abs(towards.real) < SAME else "fixed angle"
+def bar_equation(p: Points, name: str) -> Equation:
+    """The length of an active bar."""
+    bar, size = p.bars[name], np.sqrt(2 * p.size)
+    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / size
+    return gap, gap, -p.unit(p.stretched[name]) / size**2
 
 
 class PointModel:
@@ -146,13 +98,11 @@ class PointModel:
             raise ValueError(f"{mechanism.name}: knife edges leave no trace in positions, so that points cannot obey them")
         if len(inputs) != mechanism.dof:
             raise ValueError(f"{mechanism.name}: {len(inputs)} inputs for {mechanism.dof} degrees of freedom")
-        self.points = Points(mechanism, inputs)
-        write = _Writer(self.points)
-        links = [e for i in range(len(mechanism.links)) for e in write.link(i)]
-        slides = [e for j in mechanism.joints if isinstance(j, Prismatic) for e in write.slide(j)]
-        self.equations = (*links, *slides, *(write.bar(name) for name in self.points.stretched))
-        shape = (-1, self.points.N)
-        self.a, self.b, self.c = (np.array([getattr(e, x) for e in self.equations], complex).reshape(shape) for x in "abc")
+        self.points = p = Points(mechanism, inputs)
+        equations = [e for i in range(len(mechanism.links)) for e in link_equations(p, i)]
+        equations += [e for slide in mechanism.slides for e in slide_equations(p, slide)]
+        equations += [bar_equation(p, name) for name in p.stretched]
+        self.a, self.b, self.c = np.array(equations, complex).reshape(-1, 3, p.N).transpose(1, 0, 2)
         self.size, self.unknown = self.points.size, self.points.unknown
         self.names = tuple(self.points.points[k - self.points.first].name for k in self.unknown)
         self.directions = np.array([self.points.direction(i) for i in range(len(mechanism.links))])

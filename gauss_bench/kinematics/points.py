@@ -15,8 +15,10 @@ from itertools import permutations
 
 import numpy as np
 
-from gauss_bench.kinematics.inputs import Input
-from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.kinematics.inputs import Input, active_bars
+from gauss_bench.kinematics.topology import shared_angles
+from gauss_bench.mechanism.coordinates import position, value
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array, Vectors
 
 SAME = 1e-12  # [m] places given in a file agree to rounding, or differ by what can be made
@@ -44,25 +46,6 @@ def place(point: Point) -> complex:
     return complex(*point.local)
 
 
-def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
-    """Link -> (root, phase) with theta = theta_root + phase: links joined by a slide turn by the same angle. GROUND is a root."""
-    slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
-    roots: dict[int, tuple[int, float]] = {}
-    for root in range(GROUND, len(mechanism.links)):
-        todo = [(root, 0.0)]
-        while todo:
-            link, phase = todo.pop()
-            if link not in roots:
-                roots[link] = (root, phase)
-                todo += [(j.block.link, phase + j.turn) for j in slides if j.guide.link == link]
-                todo += [(j.guide.link, phase - j.turn) for j in slides if j.block.link == link]
-    return roots
-
-
-def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
-    return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
-
-
 def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], turned: set[int]) -> list[BasicPoint]:
     """Pins, merged where they coincide in a link, and blocks of slides; then what a link needs to show its direction.
 
@@ -76,10 +59,9 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         merged = BasicPoint(met[0].name if met else name, {k: s for x in met for k, s in x.at.items()} | at)
         basic[:] = [x for x in basic if all(x is not y for y in met)] + [merged]
 
-    slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
-    for joint in mechanism.joints:
-        if isinstance(joint, Revolute):
-            add(joint.joint, joint.a, joint.b)
+    slides = mechanism.slides
+    for pin in mechanism.pins:
+        add(pin.joint, *pin.ends)
     for slide in slides:
         add(slide.block.name, slide.block)
     for bar in active_bars(mechanism).values():
@@ -122,7 +104,7 @@ class Points:
     def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
         self.mechanism, self.inputs = mechanism, inputs
         self.frames = shared_angles(mechanism)
-        self.slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
+        self.slides = {j.name: j for j in mechanism.slides}
         self.bars = active_bars(mechanism)
         self.turned, self.pushed, self.stretched = self._driven()
         self.points = joint_points(mechanism, self.frames, set(self.turned))
@@ -252,28 +234,10 @@ class Points:
 
     def inputs_at(self, q: Array) -> Array:
         """Inputs (i,) [rad, m] of a state q (n,)."""
-        return np.array([self._input_at(given, q) for given in self.inputs])
-
-    def _input_at(self, given: Input, q: Array) -> float:
-        if given.joint is None:
-            return float(q[3 * (given.link or 0) + 2])
-        if given.joint in self.bars:
-            bar = self.bars[given.joint]
-            return abs(world(q, bar.b.link, place(bar.b)) - world(q, bar.a.link, place(bar.a)))
-        slide = self.slides[given.joint]
-        theta = 0.0 if slide.guide.link == GROUND else q[3 * slide.guide.link + 2]
-        gap = world(q, slide.block.link, place(slide.block)) - world(q, slide.guide.link, place(slide.guide))
-        return float((exp(-1j * (theta + slide.angle)) * gap).real)
+        return np.array([float(value(given.coordinate(self.mechanism), q)) for given in self.inputs])
 
     def unknown_at(self, q: Array) -> Array:
         """Unknown points (2 u,) of a state q (n,), x before y of each [m]."""
-        places = [world(q, *next(iter(self.points[k - self.first].at.items()))) for k in self.unknown]
-        return np.array([[p.real, p.imag] for p in places]).reshape(-1)
-
-
-def world(q: Array, link: int, s: complex) -> complex:
-    """World position of the place s of a link at state q (n,)."""
-    if link == GROUND:
-        return s
-    x, y, theta = q[3 * link : 3 * link + 3]
-    return complex(x, y) + s * complex(np.cos(theta), np.sin(theta))
+        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]
+        places = [position(q, Point(link, np.array([s.real, s.imag]), "")) for link, s in owners]
+        return np.array(places).reshape(-1)

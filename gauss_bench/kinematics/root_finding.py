@@ -89,22 +89,16 @@ def newton_raphson(residual: Residual, x: Array, tolerance: float = 1e-13, limit
 
     `residual` maps x to F (m,) and J (m, n), m >= n. Fastest near a root; may leap anywhere from afar.
     """
-    for iteration in range(limit + 1):
-        F, J = residual(x)
-        if end := end_search(x, F, tolerance, iteration):
-            return end
-        h = full_step(F, J)
-        if h is None:
-            return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
-        if at_rest(x, h):
-            return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        if iteration < limit:
-            x = x + h
-    return Root(x, ExitFlag.TOO_MANY, limit, largest(F))
+    return search_along(residual, x, tolerance, limit, halvings=0)
 
 
 def gauss_newton(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
     """As `newton_raphson`, with each step halved until |F|^2 falls by a share of what its length promises."""
+    return search_along(residual, x, tolerance, limit, HALVINGS)
+
+
+def search_along(residual: Residual, x: Array, tolerance: float, limit: int, halvings: int) -> Root:
+    """Steps of J h = -F, each halved up to so many times, or taken in full where none is."""
     F, J = residual(x)
     for iteration in range(limit):
         if end := end_search(x, F, tolerance, iteration):
@@ -112,19 +106,22 @@ def gauss_newton(residual: Residual, x: Array, tolerance: float = 1e-13, limit: 
         h = full_step(F, J)
         if h is None:
             return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
-        size, part, promised = float(F @ F), 1.0, 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
-        for _ in range(HALVINGS):
+        size, promised = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
+        for part in 0.5 ** np.arange(max(1, halvings)):
             G, K = residual(x + part * h)
-            if size - part * promised >= G @ G:
+            if not halvings or size - part * promised >= G @ G:
                 break
-            part /= 2
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         if at_rest(x, part * h):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         x, F, J = x + part * h, G, K
-    flag = ExitFlag.CONVERGED if largest(F) <= tolerance else ExitFlag.TOO_MANY
-    return Root(x, flag, limit, largest(F))
+    return give_up(x, F, tolerance, limit)
+
+
+def give_up(x: Array, F: Array, tolerance: float, limit: int) -> Root:
+    """The result after the last step that is allowed."""
+    return end_search(x, F, tolerance, limit) or Root(x, ExitFlag.TOO_MANY, limit, largest(F))
 
 
 def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
@@ -148,8 +145,7 @@ def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, 
             mu, growth = mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         else:
             mu, growth = mu * growth, 2 * growth
-    flag = ExitFlag.CONVERGED if largest(F) <= tolerance else ExitFlag.TOO_MANY
-    return Root(x, flag, limit, largest(F))
+    return give_up(x, F, tolerance, limit)
 
 
 ROOT_FINDERS: dict[str, RootFinder] = {

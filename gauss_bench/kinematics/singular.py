@@ -2,48 +2,35 @@
 
 The positions form a curve q(s) with the tangent x, J x = 0. A coordinate c(q) with gradient g cannot drive the linkage where
 g . x = 0: there it reverses. For the crank that is a limit of its motion, for any other coordinate a dead centre. The curve is
-followed by its own length, which passes such points without noticing them; a change of sign of g . x is refined by Newton on
-
-    phi(q) = 0,    J(q) x = 0,    g(q) . x = 0,    |x|^2 = 1
-
-in the 2 n unknowns (q, x). The derivative of J x along y is the bilinear form that gamma is the quadratic form of:
-
-    d(J x)/dq y = (gamma(q, x - y) - gamma(q, x + y)) / 4
-
+followed by its own length, which passes such points without noticing them. Where g . x changes its sign between two positions, the
+root lies on the curve between them: one unknown, the way back along the tangent, with the constraints closed at every trial.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Measured, Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
 STEP = 0.02  # [rad, m] along the curve: a fiftieth of a radian of the fastest link
 LONGEST = 4000  # steps: more than ten turns of the fastest link
+ENDS = (-0.1 * STEP, 1.1 * STEP)  # back along the tangent, between which a reversal lies that a step has passed
 NEWTON_STEPS = 30
 TOLERANCE = 1e-12
+REVERSED = 1e-9  # g . x at a reversal, where a curve that forks leaves a jump
+SAME = 1e-6  # two positions as near as that are one
 RANK_TOLERANCE = 1e-7  # of the largest singular value: the curve forks there
 
 
 class ChangePoint(ArithmeticError):
     """The curve of positions forks: the joint rows lose rank, and the motion can go on in more than one way."""
-
-
-@dataclass(frozen=True, eq=False)
-class DrivingCoordinate:
-    """A coordinate that may drive the linkage."""
-
-    name: str
-    scalar: Coordinate
-
-    def of(self, q: Array) -> tuple[float, Array]:
-        """Value and gradient (n,) at q (n,)."""
-        return float(value(self.scalar, q)), gradient(self.scalar, q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,22 +49,21 @@ class Singular:
     kind: str
     value: float
     input: float
-    driving: DrivingCoordinate
+    driving: Measured
     q: Array
 
     @property
     def crank(self) -> float:
         """Angle of the crank there [rad]; not a number where no angle drives."""
-        return self.input if isinstance(self.driving.scalar, Angle) else float("nan")
+        return self.input if isinstance(self.driving.coordinate, Angle) else float("nan")
 
 
-def input_coordinate(mechanism: Mechanism) -> DrivingCoordinate:
+def input_coordinate(mechanism: Mechanism) -> Measured:
     """The coordinate taken to drive: the crank's angle, or the measured coordinate of a linkage without crank."""
     if mechanism.crank is not None:
-        return DrivingCoordinate(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
+        return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
     measured = mechanism.measured
-    same = (x.name for x in driving_coordinates(mechanism) if _alike(x.scalar, measured.coordinate))
-    return DrivingCoordinate(next(same, measured.name), measured.coordinate)
+    return next((x for x in driving_coordinates(mechanism) if _alike(x.coordinate, measured.coordinate)), measured)
 
 
 def _alike(a: Coordinate, b: Coordinate) -> bool:
@@ -87,16 +73,15 @@ def _alike(a: Coordinate, b: Coordinate) -> bool:
     return isinstance(a, Along) and isinstance(b, Along) and (a.origin, a.point, a.angle) == (b.origin, b.point, b.angle)
 
 
-def driving_coordinates(mechanism: Mechanism) -> list[DrivingCoordinate]:
+def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
     """Angles of links with a pin on the ground, and places along slides on the ground: what a motor or a cylinder can hold."""
-    coordinates: list[DrivingCoordinate] = []
+    coordinates = []
     for joint in mechanism.joints:
-        if isinstance(joint, Prismatic):
-            if GROUND in (joint.guide.link, joint.block.link):
-                coordinates.append(DrivingCoordinate(joint.name, joint.motion))
-        elif GROUND in (joint.a.link, joint.b.link):
-            link = max(joint.a.link, joint.b.link)
-            coordinates.append(DrivingCoordinate(mechanism.links[link].name, Angle(GROUND, link)))
+        links = [end.link for end in joint.ends]
+        if GROUND in links:
+            turning = max(links)
+            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
+            coordinates.append(Measured(joint.name, joint.motion) if joint.slides else pin)
     return coordinates
 
 
@@ -134,38 +119,34 @@ class Curve:
 
     def step(self, q: Array, x: Array) -> Array:
         """The next position: along the tangent, then back to the constraints."""
+        return self._closed(q + STEP * x)
 
+    def _closed(self, q: Array) -> Array:
         def shortest(J: Array, phi: Array) -> Array:
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
-        return project(q + STEP * x, self.rows, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
+        return project(q, self.rows, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
 
-    def refine(self, coordinate: DrivingCoordinate, q: Array, x: Array) -> Array:
-        """The position near q at which g . x = 0.
+    def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
+        """The position before q, at most a step away, at which g . x = 0.
 
         Raises:
-            ChangePoint: Newton does not converge, as happens where the curve forks.
+            ChangePoint: there is none, as happens where the curve forks.
         """
-        n = self.mechanism.n
-        basis = np.eye(n)
-        for _ in range(NEWTON_STEPS):
-            phi, J = self.rows(q)
-            _, g = coordinate.of(q)
-            both = self.constraints(0.0, np.tile(q, (2 * n, 1)), np.concatenate([x - basis, x + basis])).gamma
-            bent = (both[:n] - both[n:]).T / 4
-            h = 1e-6  # the gradient of a slide turns with its guide; g is exact, only its own slope is by differences
-            slope = np.array([(coordinate.of(q + h * e)[1] - coordinate.of(q - h * e)[1]) @ x / (2 * h) for e in basis])
-            F = np.concatenate([phi, J @ x, [g @ x], [(x @ x - 1) / 2]])
-            zero = np.zeros_like(J)
-            A = np.block([[J, zero], [bent, J], [slope[None], g[None]], [np.zeros((1, n)), x[None]]])
-            change = np.linalg.lstsq(A, F, rcond=1e-12)[0]
-            q, x = q - change[:n], x - change[n:]
-            if np.abs(change).max() < TOLERANCE:
-                return q
+
+        def place(back: float) -> tuple[Array, float]:
+            here = self._closed(q - back * x)
+            return here, float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
+
+        ends = [place(back)[1] for back in ENDS]
+        if ends[0] * ends[1] < 0:
+            here, left = place(brentq(lambda back: place(back)[1], *ENDS, xtol=1e-15))
+            if abs(left) < REVERSED:
+                return here
         raise ChangePoint(f"no isolated singular position of {coordinate.name} near here: the curve forks")
 
 
-def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate] | None = None) -> list[Singular]:
+def singular_positions(mechanism: Mechanism, coordinates: list[Measured] | None = None) -> list[Singular]:
     """All positions at which a driving coordinate reverses, in the order in which the curve from q0 meets them.
 
     Raises:
@@ -177,47 +158,37 @@ def singular_positions(mechanism: Mechanism, coordinates: list[DrivingCoordinate
     driving = input_coordinate(mechanism)
     positions: list[Singular] = []
     q, x = mechanism.q0, curve.tangent(mechanism.q0)
-    x = -x if driving.of(q)[1] @ x < 0 else x
-    first = x
-    side = curve.orientation(q, x)
-    signs = [c.of(q)[1] @ x for c in coordinates]
+    x = -x if gradient(driving.coordinate, q) @ x < 0 else x
+    first, side = x, curve.orientation(q, x)
+    signs = [gradient(c.coordinate, q) @ x for c in coordinates]
     for count in range(LONGEST):
         q = curve.step(q, x)
         x = curve.tangent(q, x)
         if curve.orientation(q, x) * side < 0:
             raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
-        for k, coordinate in enumerate(coordinates):
-            sign = coordinate.of(q)[1] @ x
+        for k, c in enumerate(coordinates):
+            sign = gradient(c.coordinate, q) @ x
             if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):
-                positions.append(_singular(curve, coordinate, q, x, driving))
+                at = curve.refine(c, q, x)
+                kind = "limit" if c.name == driving.name else "dead centre"
+                found = Singular(c.name, kind, float(value(c.coordinate, at)), float(value(driving.coordinate, at)), driving, at)
+                # a start at a dead centre is found a second time when the curve closes
+                if not any(k.coordinate == c.name and _distance(at, k.q) < SAME for k in positions):
+                    positions.append(found)
             signs[k] = sign
-        if count > 2 and _close(q, mechanism.q0, STEP) and x @ first > 0:
+        if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and x @ first > 0:
             break
-    return _distinct(positions)
+    return positions
 
 
-def _describe(driving: DrivingCoordinate, q: Array) -> str:
+def _describe(driving: Measured, q: Array) -> str:
     """Name the place of the driving coordinate, in words."""
-    x = driving.of(q)[0]
-    return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.scalar, Angle) else f"{driving.name} = {x:.4g} m"
+    x = float(value(driving.coordinate, q))
+    return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f"{driving.name} = {x:.4g} m"
 
 
-def _singular(curve: Curve, coordinate: DrivingCoordinate, q: Array, x: Array, driving: DrivingCoordinate) -> Singular:
-    at = curve.refine(coordinate, q, x)
-    kind = "limit" if coordinate.name == driving.name else "dead centre"
-    return Singular(coordinate.name, kind, coordinate.of(at)[0], driving.of(at)[0], driving, at)
-
-
-def _close(q: Array, start: Array, step: float) -> bool:
-    gap = q - start
-    gap[2::3] = np.angle(np.exp(1j * gap[2::3]))
-    return bool(np.linalg.norm(gap) < 0.75 * step)
-
-
-def _distinct(positions: list[Singular]) -> list[Singular]:
-    """Without repeated positions: a start at a dead centre is found a second time when the curve closes."""
-    kept: list[Singular] = []
-    for one in positions:
-        if not any(k.coordinate == one.coordinate and _close(one.q.copy(), k.q, 1e-6) for k in kept):
-            kept.append(one)
-    return kept
+def _distance(q: Array, other: Array) -> float:
+    """Between two positions, whole turns not counted."""
+    gap = q - other
+    angles(gap)[:] = np.angle(np.exp(1j * angles(gap)))
+    return float(np.linalg.norm(gap))

@@ -27,11 +27,10 @@ Levels = tuple[Array, Array, Array]  # a quantity, its rate and its second rate
 
 @dataclass(frozen=True)
 class Pair:
-    """Two links and the element of each; of a slide the guide comes first. `turn` is the constant angle between them, or None."""
+    """Two links and the element of each; of a slide the guide comes first."""
 
     links: tuple[int, int]
     elements: tuple[Element, Element]
-    turn: float | None = None
 
     @property
     def name(self) -> str:
@@ -139,7 +138,7 @@ def _pair(joint: Joint) -> Pair:
     start = complex(*joint.guide.local) + 1j * along * joint.offset
     guide = Element(joint.name, joint.name, GUIDE, start, along, joint.name)
     block = Element(joint.name, joint.name, BLOCK, complex(*joint.block.local))
-    return Pair((joint.guide.link, joint.block.link), (guide, block), joint.turn)
+    return Pair((joint.guide.link, joint.block.link), (guide, block))
 
 
 def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> LinkageGraph:
@@ -206,26 +205,22 @@ def _loop(tree: dict[int, TreeEdge], chord: Pair, pairs: Sequence[Pair]) -> Loop
     return Loop(tuple(Passage(link, crossed[k - 1], crossed[k]) for k, link in enumerate(links)))
 
 
-def shared_angles(graph: LinkageGraph) -> tuple[list[int], Array]:
-    """Per link, the frame last: the link whose angle it shares because slides join them, and its angle minus that one [rad].
+def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
+    """Link -> (root, phase) with theta = theta_root + phase [rad]: links that slides join turn by the same angle.
 
-    The frame gives its angle to whatever slides along it; else the first link that is nobody's block does.
+    The frame is the root of whatever slides along it; else the first link that is nobody's block is.
     """
-    links = [*range(graph.links), GROUND]
-    slides = [pair for pair in graph.pairs if pair.turn is not None]
-    blocks = {pair.links[1] for pair in slides}
-    parent = {i: i for i in links}
-    phase = np.zeros(len(links))
-    for root in sorted(links, key=lambda i: (i != GROUND, i in blocks, i)):
-        todo = [root] if parent[root] == root else []
+    blocks = {j.block.link for j in mechanism.slides}
+    roots: dict[int, tuple[int, float]] = {}
+    for root in sorted(range(GROUND, len(mechanism.links)), key=lambda i: (i != GROUND, i in blocks, i)):
+        todo = [(root, 0.0)]
         while todo:
-            i = todo.pop()
-            for pair in slides:
-                if i in pair.links and parent[other := pair.other(i)] == other and other != root:
-                    parent[other] = root
-                    phase[other] = phase[i] + (pair.turn or 0.0) * (1.0 if i == pair.links[0] else -1.0)
-                    todo.append(other)
-    return [parent[i] for i in links], phase
+            link, phase = todo.pop()
+            if link not in roots:
+                roots[link] = (root, phase)
+                todo += [(j.block.link, phase + j.turn) for j in mechanism.slides if j.guide.link == link]
+                todo += [(j.guide.link, phase - j.turn) for j in mechanism.slides if j.block.link == link]
+    return roots
 
 
 def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Mapping[str, Levels]) -> Levels:

@@ -49,3 +49,22 @@ def project(
         if still(q, size):
             break
     return q
+
+
+def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0) -> None:
+    """Go from 0 to 1 in parts: half as long where `advance(share)` cannot go on, twice as long where it can.
+
+    Raises:
+        ArithmeticError: that of the last part, as short as `shortest`.
+    """
+    done, part = 0.0, longest
+    while done < 1.0:
+        ahead = done + part if done + part < 1.0 - shortest else 1.0
+        try:
+            advance(ahead)
+        except ArithmeticError:
+            if part <= shortest:
+                raise
+            part /= 2
+        else:
+            done, part = ahead, min(2 * part, longest)

@@ -5,16 +5,16 @@ Every number comes from the decimals of the file; the double-precision assembly 
 """
 
 from dataclasses import dataclass, replace
-from decimal import Decimal
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import RANK_TOLERANCE, assemble, joint_residual, list_held
+from gauss_bench.linkage.closure import RANK_TOLERANCE, joint_residual, list_held
 from gauss_bench.mechanism.constraints import Constraints, Rows
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.motion import assemble_doubles
 from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance, saddle
 from gauss_bench.terms import Array
 
@@ -110,8 +110,7 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     Raises:
         ArithmeticError: dry friction acts, or the start is singular.
     """
-    rough = _doubles(document)
-    guess = assemble(build_mechanism(rough, scenario, "", ""), rough)
+    guess = assemble_doubles(document, scenario)
     mechanism = build_mechanism(document, scenario, "", "", LONG)
     if mechanism.has_friction:
         raise ArithmeticError("dry friction in joints: the second pipeline has no equations for it")
@@ -133,12 +132,3 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
 
 def _pseudo_inverse(A: Array) -> Array:
     return np.linalg.pinv(A.astype(float), rcond=RANK_TOLERANCE)
-
-
-def _doubles(value: Any) -> Any:
-    """The document with every Decimal as the nearest double."""
-    if isinstance(value, dict):
-        return {key: _doubles(x) for key, x in value.items()}
-    if isinstance(value, list):
-        return [_doubles(x) for x in value]
-    return float(value) if isinstance(value, Decimal) else value

@@ -1,10 +1,15 @@
-"""The result of one pipeline of a certificate: a motion in numbers of its own type, and where it had to stop."""
+"""What both pipelines of a certificate begin and end with: a first guess in double precision, and a motion in their own numbers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 from numpy.typing import NDArray
+
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.closure import assemble
+from gauss_bench.mechanism.model import Mechanism
 
 Progress = Callable[[float], None]  # told the time reached [s]
 
@@ -30,3 +35,22 @@ class Motion:
     drift: tuple[float, float]
     stopped: str
     method: str
+
+
+def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
+    """The linkage assembled in double precision, of a document whose override is merged: it tells a pipeline where to look.
+
+    Raises:
+        AssemblyError: it cannot be assembled.
+    """
+    rough = _doubles(document)
+    return assemble(build_mechanism(rough, scenario, "", ""), rough)
+
+
+def _doubles(value: Any) -> Any:
+    """A document with every Decimal as the nearest double."""
+    if isinstance(value, dict):
+        return {key: _doubles(x) for key, x in value.items()}
+    if isinstance(value, list):
+        return [_doubles(x) for x in value]
+    return float(value) if isinstance(value, Decimal) else value

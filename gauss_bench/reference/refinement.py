@@ -1,7 +1,7 @@
-"""Linear and nonlinear systems solved to the last digit of long double, for which LAPACK has no factorisation.
+"""Linear and nonlinear systems solved to the last digit of a type of number for which LAPACK has no factorisation.
 
-A double-precision inverse is good enough to find the next dozen digits: with residuals in long double, each correction x += P r
-takes off the factor |1 - P A|, about double rounding times the condition number, until what is left is rounding of the residual.
+A double-precision inverse is good enough to find the next dozen digits: with residuals in that type, each correction x += P r takes
+off the factor |1 - P A|, about double rounding times the condition number, until what is left is rounding of the residual.
 The same chord iteration solves f(x) = 0 with P the inverse of a Jacobian nearby. Source: Higham, Accuracy and Stability of
 Numerical Algorithms (2002), chapter 12.
 
@@ -19,8 +19,7 @@ import numpy as np
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)
-STALLED = 1e-9  # corrections this small that shrink no more are rounding of the residual times the condition number
-CORRECTIONS = 20  # at worst; with a condition of 1e6 each takes off ten digits
+CORRECTIONS = 30  # at worst; with a condition of 1e6 each takes off ten digits
 
 
 class Unsolved(ArithmeticError):
@@ -70,8 +69,8 @@ def correct(inverse: Array, residual: Array) -> Array:
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 
-def chord(residual: Callable[[Array], Array], inverse: Array, x: Array) -> Array:
-    """Root of residual(x) = 0 near x, by corrections with one inverse.
+def chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
+    """Root (..., n) of residual(x) = 0 near x in its type of number, `eps` apart from 1, by corrections with one inverse.
 
     Raises:
         Unsolved: the corrections do not become small.
@@ -80,8 +79,8 @@ def chord(residual: Callable[[Array], Array], inverse: Array, x: Array) -> Array
     for _ in range(CORRECTIONS):
         step = correct(inverse, residual(x))
         x = x - step
-        size = float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(x).max(initial=0.0)))
-        if size <= EPS or (size < STALLED and size > before / 2):
+        size = float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(x).astype(float).max(initial=0.0)))
+        if size <= eps or (size < np.sqrt(eps) and size > before / 2):
             return x
         before = size
     raise Unsolved(f"corrections stay at {before:.1e}")

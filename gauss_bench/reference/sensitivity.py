@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.errors import AssemblyError
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
@@ -37,7 +37,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
     for _ in range(DRAWS):
         try:
             moved = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
-        except (LinkageError, ArithmeticError):
+        except (AssemblyError, ArithmeticError):
             continue  # the neighbour cannot be assembled or started: the motion is at its limit, and the floor stays open
         k = min(len(base.times), len(moved.times))
         for level, floor in levels.items():

@@ -11,7 +11,7 @@ Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed. 2017
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,23 +110,3 @@ def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
             if not literal(value, 0):
                 column[c] = neg(div(value, pivot))
     return N
-
-
-def solve_positive(A: list[list[Any]], b: list[Any]) -> list[Value]:
-    """x (f,) of A x = b for a symmetric positive definite matrix, which needs no choice of pivots (Cholesky without roots)."""
-    A, b = [list(row) for row in A], list(b)
-    f = len(b)
-    for k in range(f):
-        for i in range(k + 1, f):
-            if literal(A[i][k], 0):
-                continue
-            factor = div(A[i][k], A[k][k])
-            for j in range(k + 1, i + 1):
-                A[i][j] = sub(A[i][j], mul(factor, A[j][k]))
-            b[i] = sub(b[i], mul(factor, b[k]))
-    for k in reversed(range(f)):
-        value = b[k]
-        for j in range(k + 1, f):
-            value = sub(value, mul(A[j][k], b[j]))
-        b[k] = div(value, A[k][k])
-    return b

@@ -9,7 +9,7 @@ purpose: each kind is derived here a second time, or not certified. It works for
     slide         F = -c s' u on the block
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from gauss_bench.mechanism.model import (
@@ -33,18 +33,66 @@ from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum,
 KNOWN = (Torque, PointForce, SpringDamper, AxisSpringDamper, RotationalSpringDamper, JointDamping)
 
 
-class Loads:
-    """Forces (vector) and moments (value) on all links at an instant with rates v."""
+class Wrench:
+    """Forces (vector) through the centres of mass of all links at an instant, and moments (value) about them."""
+
+    def __init__(self, coordinates: LoopCoordinates, at: Instant):
+        self.coordinates, self.at = coordinates, at
+        links = len(coordinates.mechanism.links)
+        self.force: list[Vector] = [(0, 0)] * links
+        self.moment: list[Value] = [0] * links
+
+    def flat(self) -> list[Value]:
+        """Force x, force y and moment of every link."""
+        return [x for force, moment in zip(self.force, self.moment, strict=True) for x in (*force, moment)]
+
+    def value(self, terms: Sum) -> Vector:
+        return self.at.combined(terms, self.at)
+
+    def turned(self, vector: Any, link: int) -> Vector:
+        """A vector in a link's frame."""
+        return self.value(self.coordinates.turned(vector, link))
+
+    def gap(self, a: Point, b: Point) -> Sum:
+        return merge(self.coordinates.point(b), self.coordinates.point(a))
+
+    def twist(self, b: int, a: int, torque: Value) -> None:
+        """A torque on link b and its reaction on link a."""
+        for link, signed in ((b, torque), (a, neg(torque))):
+            if link != GROUND:
+                self.moment[link] = add(self.moment[link], signed)
+
+    def push(self, point: Point, force: Vector, link: int | None = None) -> None:
+        """A force at a point on the link that it belongs to, or on another link in the same line."""
+        at = point.link if link is None else link
+        if at != GROUND:
+            own = at == point.link
+            arm = self.coordinates.turned(point.local, at) if own else self._arm(point, at)
+            self.force[at] = plus(self.force[at], force)
+            self.moment[at] = add(self.moment[at], cross(self.value(arm), force))
+
+    def _arm(self, point: Point, link: int) -> Sum:
+        return merge(self.coordinates.point(point), self.coordinates.centres[link])
+
+    def pull(self, b: Point, a: Point, force: Vector) -> None:
+        """A force on point b and its reaction on point a."""
+        self.push(b, force)
+        self.push(a, opposite(force))
+
+    def slide(self, point: Point, origin: Point, force: Vector) -> None:
+        """A force on a point and its reaction in the same line on the link of the origin."""
+        self.push(point, force)
+        self.push(point, opposite(force), origin.link)
+
+
+class Loads(Wrench):
+    """The applied forces at rates v."""
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant, v: Mapping[int, Value]):
-        self.coordinates = coordinates
-        self.at, self.v = at, v
-        self.rate = at.variation(v)
-        self.of = at.arithmetic.of
-        links = coordinates.mechanism.links
+        super().__init__(coordinates, at)
+        self.v, self.rate, self.of = v, at.variation(v), at.arithmetic.of
         g = coordinates.mechanism.gravity
-        self.force: list[Vector] = [(self.of(link.mass * g[0]), self.of(link.mass * g[1])) for link in links]
-        self.moment: list[Value] = [0] * len(links)
+        self.force = [(self.of(link.mass * g[0]), self.of(link.mass * g[1])) for link in coordinates.mechanism.links]
         for f in coordinates.mechanism.forces:
             self._apply(f)
 
@@ -52,92 +100,60 @@ class Loads:
         """Angular speed of a link."""
         return 0 if link == GROUND else self.v.get(self.coordinates.angle[link], 0)
 
-    def _turn(self, a: int, b: int) -> Value:
-        """Angle of link b less that of link a, unwrapped."""
-        parts = []
-        for link in (b, a):
-            if link == GROUND:
-                parts.append(0)
-                continue
-            index = self.coordinates.angle[link]
-            turn = self.of(self.coordinates.turn[link])
-            parts.append(turn if index == NONE else add(self.at.x[index], turn))
-        return sub(*parts)
-
-    def _value(self, terms: Sum) -> Vector:
-        return self.at.combined(terms, self.at)
-
-    def _twist(self, link: int, torque: Value) -> None:
-        if link != GROUND:
-            self.moment[link] = add(self.moment[link], torque)
-
-    def _push(self, link: int, arm: Sum, force: Vector) -> None:
-        """A force on a link, with its arm from the centre of mass."""
-        if link != GROUND:
-            self.force[link] = plus(self.force[link], force)
-            self._twist(link, cross(self._value(arm), force))
-
-    def _at(self, point: Point, force: Vector) -> None:
-        self._push(point.link, self.coordinates.turned(point.local, point.link), force)
-
-    def _from(self, a: Point, b: Point) -> Sum:
-        return merge(self.coordinates.point(b), self.coordinates.point(a))
+    def _angle(self, link: int) -> Value:
+        """Angle of a link, unwrapped."""
+        if link == GROUND:
+            return 0
+        index, turn = self.coordinates.angle[link], self.of(self.coordinates.turn[link])
+        return turn if index == NONE else add(self.at.x[index], turn)
 
     def _apply(self, f: Force) -> None:
         match f:
             case Torque():
-                self._twist(f.link, self.of(f.value))
-                self._twist(f.reaction, self.of(-f.value))
+                self.twist(f.link, f.reaction, self.of(f.value))
             case PointForce():
-                self._at(f.point, self._value(self.coordinates.turned(f.value, f.frame)))
+                self.push(f.point, self.turned(f.value, f.frame))
             case SpringDamper():
                 self._spring(f)
             case AxisSpringDamper():
-                self._along(f.point, f.origin, f.angle, lambda x, rate: self._linear(f.k, f.c, f.rest, x, rate))
+                self._along(f)
             case RotationalSpringDamper():
-                speed = sub(self._speed(f.b), self._speed(f.a))
-                torque = self._linear(f.k, f.c, f.rest, self._turn(f.a, f.b), speed)
-                self._twist(f.b, torque)
-                self._twist(f.a, neg(torque))
+                turn, speed = sub(self._angle(f.b), self._angle(f.a)), sub(self._speed(f.b), self._speed(f.a))
+                self.twist(f.b, f.a, self._linear(f, turn, speed))
             case JointDamping():
                 for pair in f.pairs:
                     self._damp(pair, f.c)
             case _:
                 raise TypeError(f"force {f.name}: the kind {type(f).__name__} has no derivation here")
 
-    def _linear(self, k: Any, c: Any, rest: Any, x: Value, rate: Value) -> Value:
-        return sub(mul(self.of(k), sub(self.of(rest), x)), mul(self.of(c), rate))
+    def _linear(self, f: AxisSpringDamper | RotationalSpringDamper, x: Value, rate: Value) -> Value:
+        return sub(mul(self.of(f.k), sub(self.of(f.rest), x)), mul(self.of(f.c), rate))
 
     def _spring(self, f: SpringDamper) -> None:
-        gap = self._from(f.a, f.b)
-        d = self._value(gap)
+        gap = self.gap(f.a, f.b)
+        d = self.value(gap)
         square = dot(d, d)
         pull = self.of(f.k)
         if f.rest != 0 and f.k != 0:
             pull = sub(pull, div(self.of(f.k * f.rest), self.at.arithmetic.sqrt(square)))
         if f.c != 0:
             pull = add(pull, div(mul(self.of(f.c), dot(d, self.at.combined(gap, self.rate))), square))
-        force = scale_by(pull, d)
-        self._at(f.a, force)
-        self._at(f.b, (neg(force[0]), neg(force[1])))
+        self.pull(f.a, f.b, scale_by(pull, d))
 
-    def _along(self, point: Point, origin: Point, angle: Any, law: Callable[[Value, Value], Value]) -> None:
-        """A force `law(x, x')` on a point along an axis of the origin's link, the opposite one on that link in the same line."""
-        gap = self._from(origin, point)
-        u = self._value(self.coordinates.turned(direction(angle), origin.link))
-        d, rate = self._value(gap), self.at.combined(gap, self.rate)
-        turning = mul(self._speed(origin.link), cross(u, d))
-        force = scale_by(law(dot(u, d), add(dot(u, rate), turning)), u)
-        self._at(point, force)
-        if origin.link != GROUND:
-            arm = merge(self.coordinates.point(point), self.coordinates.centres[origin.link])
-            self._push(origin.link, arm, (neg(force[0]), neg(force[1])))
+    def _along(self, f: AxisSpringDamper) -> None:
+        gap, u = self.gap(f.origin, f.point), self.turned(direction(f.angle), f.origin.link)
+        d, turning = self.value(gap), mul(self._speed(f.origin.link), cross(u, self.value(gap)))
+        rate = add(dot(u, self.at.combined(gap, self.rate)), turning)
+        self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
 
     def _damp(self, pair: Joint, c: Any) -> None:
         if isinstance(pair, Prismatic):
-            speed = self.v.get(self.coordinates.slides[pair.name], 0)
-            self._along(pair.block, pair.guide, pair.angle, lambda x, rate: neg(mul(self.of(c), speed)))
-            return
-        torque = neg(mul(self.of(c), sub(self._speed(pair.b.link), self._speed(pair.a.link))))
-        self._twist(pair.b.link, torque)
-        self._twist(pair.a.link, neg(torque))
+            u, speed = self.turned(direction(pair.angle), pair.guide.link), self.v.get(self.coordinates.slides[pair.name], 0)
+            self.slide(pair.block, pair.guide, scale_by(neg(mul(self.of(c), speed)), u))
+        else:
+            speed = sub(self._speed(pair.b.link), self._speed(pair.a.link))
+            self.twist(pair.b.link, pair.a.link, neg(mul(self.of(c), speed)))
+
+
+def opposite(force: Vector) -> Vector:
+    return neg(force[0]), neg(force[1])

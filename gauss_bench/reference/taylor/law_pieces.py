@@ -32,53 +32,44 @@ class Piece:
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
         value, rate, second = driver.law(self.begin)
-        none = rate - rate
-        third, ends = none, breaks(table, self.number)
+        none, origin, ends = rate - rate, self.begin, breaks(table, self.number)
+        coefficients = [value, rate, second / 2]
         if ends and (self.begin >= max(ends) or ("rows" in table and self.begin < min(ends))):
-            rate, second = none, none
+            coefficients = [value]
         elif "time" in table:
-            return self._rise(driver, exact(self.number, table["time"]), t, arithmetic)
+            start, time = driver.law(self.number("0"))[0], ends[0]
+            travel = driver.law(time)[0] - start
+            if driver.law.name != "poly345":
+                return wave(driver.law.name, start, travel, time, self.number(PI), t, arithmetic)
+            cube = travel / (time * time * time)
+            coefficients, origin = [start, none, none, 10 * cube, -15 * cube / time, 6 * cube / (time * time)], none
         elif "rows" in table:
-            third = (driver.law(self.end)[2] - second) / (self.end - self.begin)
-        return polynomial([value, rate, second / 2, third / 6], sub(t, arithmetic.of(self.begin)), arithmetic)
+            coefficients.append((driver.law(self.end)[2] - second) / (self.end - self.begin) / 6)
+        return polynomial(coefficients, sub(t, arithmetic.of(origin)), arithmetic)
 
-    def _rise(self, driver: Driver, time: Any, t: Value, arithmetic: Arithmetic) -> Law:
-        start, one = driver.law(self.number("0"))[0], self.number("1")
-        travel = driver.law(time)[0] - start
-        s = mul(arithmetic.of(one / time), t)
-        if driver.law.name == "poly345":
-            zero = one - one
-            rise = polynomial([zero, zero, zero, 10 * one, -15 * one, 6 * one], s, arithmetic)
-        else:
-            rise = self._wave(driver.law.name, s, arithmetic)
-        return (
-            add(arithmetic.of(start), mul(arithmetic.of(travel), rise[0])),
-            mul(arithmetic.of(travel / time), rise[1]),
-            mul(arithmetic.of(travel / (time * time)), rise[2]),
-        )
 
-    def _wave(self, name: str, s: Value, arithmetic: Arithmetic) -> Law:
-        pi = self.number(PI)
-        w = 2 * pi if name == "sine" else pi
-        angle = mul(arithmetic.of(w), s)
-        c, sine = arithmetic.cos(angle), arithmetic.sin(angle)
-        if name == "sine":
-            return sub(s, mul(arithmetic.of(1 / w), sine)), sub(1, c), mul(arithmetic.of(w), sine)
-        half = arithmetic.of(self.number("1") / 2)
-        return mul(half, sub(1, c)), mul(arithmetic.of(w / 2), sine), mul(arithmetic.of(w * w / 2), c)
+def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
+    """The rise by a wave: start + c t + A cos w t + B sin w t, less its value at t = 0."""
+    sine, of = name == "sine", arithmetic.of
+    w = 2 * pi / time if sine else pi / time
+    speed = travel / time if sine else travel - travel
+    A, B = (speed - speed, -speed / w) if sine else (-travel / 2, speed)
+    c, s = arithmetic.cos(mul(of(w), t)), arithmetic.sin(mul(of(w), t))
+    value = add(of(start - A), add(mul(of(speed), t), add(mul(of(A), c), mul(of(B), s))))
+    rate = add(of(speed), sub(mul(of(B * w), c), mul(of(A * w), s)))
+    return value, rate, sub(0, add(mul(of(A * w * w), c), mul(of(B * w * w), s)))
 
 
 def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
     """sum_k c_k x^k with its first and second derivative."""
-
-    def horner(coefficients: list[Any]) -> Value:
+    levels = []
+    for _ in range(3):
         value: Value = 0
-        for a in reversed(coefficients):
+        for a in reversed(c):
             value = add(arithmetic.of(a), mul(x, value))
-        return value
-
-    first = [k * a for k, a in enumerate(c)][1:]
-    return horner(c), horner(first), horner([k * a for k, a in enumerate(first)][1:])
+        levels.append(value)
+        c = [k * a for k, a in enumerate(c)][1:]
+    return levels[0], levels[1], levels[2]
 
 
 def breaks(table: dict[str, Any], number: Number) -> list[Any]:

@@ -6,22 +6,24 @@ that a singular position, where no order has usable pivots, ends the motion even
 happens beyond is not determined by the equations: two branches cross there.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Progress
+from gauss_bench.reference.refinement import chord
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
+from gauss_bench.reference.taylor.compiled import CompiledSeries, compile_series
 from gauss_bench.reference.taylor.elimination import Order, Pivots
 from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import Piece
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.samples import LoopStates, join
-from gauss_bench.reference.taylor.solve import Long, columns, correct, dense, pseudo_inverse, stack_arrays
-from gauss_bench.terms import Array
+from gauss_bench.reference.taylor.solve import Long, columns, dense, epsilon, pseudo_inverse, stack_arrays
 
 WORN = 0.1  # a pivot below, in units of its coordinate, calls for another order
 WEAKER = 0.5  # where no order does better: the next call comes when the smallest pivot has halved again
@@ -29,22 +31,6 @@ GOOD_ENOUGH = 0.7  # of the best chart's smallest pivot: rather one that is comp
 SINGULAR = 1e-5  # costs five digits of thirty-three
 COLLAPSED = 1e-7  # of the longest step: something not seen by the pivots is singular
 PARTS = 4  # places within a step at which the pivots are looked at
-
-
-class Series(Protocol):
-    """Taylor series of the motion (x, u) in one chart."""
-
-    @property
-    def chart(self) -> Chart: ...
-
-    def step(self, t: Any, state: Long, limit: Any) -> Any | None:
-        """Length of a step from a state at t, at most `limit`, or None where the series is not finite."""
-
-    def at(self, t: Any) -> Long:
-        """The state at a time within the last step."""
-
-    def pivots(self, state: Long) -> Array:
-        """All pivots in units of the chart's scale, in double precision."""
 
 
 class Leg(NamedTuple):
@@ -65,19 +51,17 @@ class March:
     """Integrates a motion from chart to chart and from piece to piece of the motion laws.
 
     Attributes:
-        times: of the samples [s], from 0.
-        compiled: makes the integrator of a chart in a piece.
+        number: the type of number; times: of the samples [s], from 0.
         built: those made so far, by order of pivots and number of the piece.
         steps, longest: how many steps of the Taylor series were taken, and the longest that was tried [s].
     """
 
     rows: LoopRows
-    eps: float
+    number: Number
     pieces: Sequence[Piece]
     times: Sequence[Any]
-    compiled: Callable[[Chart, Piece], Series]
     progress: Progress | None
-    built: dict[tuple[Order, int], Series] = field(default_factory=dict)
+    built: dict[tuple[Order, int], CompiledSeries] = field(default_factory=dict)
     steps: int = 0
     longest: float = 0.0
 
@@ -122,7 +106,7 @@ class March:
             return stack_arrays([*self.rows.residuals(instant(x), laws), *edges], here.t)
 
         P = pseudo_inverse(dense(self.rows.entries(instant(here.x)), 1, n))
-        return correct(residual, P, here.x, self.eps)
+        return chord(residual, P, here.x, epsilon(self.number))
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
         """A better chart at a state, one that is compiled already if it is good enough."""
@@ -134,7 +118,7 @@ class March:
                 return series.chart, best._replace(order=order, smallest=smallest)
         return fresh, best
 
-    def _leg(self, series: Series, t: Any, state: Long, end: Any, trust: float) -> Leg:
+    def _leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, trust: float) -> Leg:
         """Steps from a state until the end, or until a pivot is smaller than `trust`.
 
         A step in which a pivot changes its sign is taken back and halved, so that none is jumped over.
@@ -170,10 +154,10 @@ class March:
                 text = f"the steps of the Taylor series collapse at t = {float(now):.6g} s: the motion is singular there"
                 return Leg(now, state, samples, False, text)
 
-    def _series(self, chart: Chart, k: int) -> Series:
+    def _series(self, chart: Chart, k: int) -> CompiledSeries:
         key = (chart.order, k)
         if key not in self.built:
-            self.built[key] = self.compiled(chart, self.pieces[k])
+            self.built[key] = compile_series(self.rows, chart, self.pieces[k], self.number)
         return self.built[key]
 
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:

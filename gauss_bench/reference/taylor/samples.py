@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion
-from gauss_bench.reference.taylor.absolute_rows import joint_forces
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Value
 from gauss_bench.reference.taylor.forces import Loads
+from gauss_bench.reference.taylor.joint_forces import joint_forces, reactions
 from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.solve import Long, apply, columns, epsilon, stack_arrays
@@ -65,15 +64,14 @@ def sample(
     linear, bias = at.variation(a), at.bias(v)
     velocity = _absolute(coordinates, at, at.variation(v), v, like)
     acceleration = _absolute(coordinates, at, linear, a, like) + _absolute(coordinates, at, bias, {}, like)
-    loads = Loads(coordinates, at, v)
-    Q = stack_arrays([x for force, moment in zip(loads.force, loads.moment, strict=True) for x in (*force, moment)], like)
+    Q = stack_arrays(Loads(coordinates, at, v).flat(), like)
     drift = residuals(rows, states, at)
     fastest = float(np.abs(states.v).astype(float).max(initial=0.0))
     if (
         not max(drift[0], drift[1] / (1.0 + fastest)) < eps**0.5
     ):  # usual are a thousand roundings; decimals that contradict leave 1e-12
         raise Inconsistent(f"the loops come open by {drift[0]:.1e} m or rad, their rates by {drift[1]:.1e} per second")
-    multipliers, off = joint_forces(mechanism, q, Q - mechanism.mass * acceleration, redundant, eps)
+    multipliers, off = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
     if not off < BALANCE / ROUNDING * eps:
         raise Inconsistent(f"the equations of motion are met only to {off:.1e} of the joint forces")
     return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, drift, stopped, method)
@@ -83,8 +81,7 @@ def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, f
     """Largest residual of positions and of velocities over all states, redundant rows and circles of slides included."""
     laws = [driver.law(states.t) for driver in rows.coordinates.mechanism.drivers]
     like = states.t - states.t
-    gaps: list[Any] = [gap for _, gap in rows.coordinates.turn_gaps]
-    position = stack_arrays([*rows.residuals(at, laws), *gaps], like)
+    position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], like)
     rate = apply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)
     off, rate_off = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))
     return off, rate_off

@@ -1,11 +1,6 @@
-"""Loop equations for a batch of states in extended precision: positions by chord iteration, rates by iterative refinement.
+"""Sparse rows over a batch of states in extended precision, and their double-precision inverses for `refinement.chord`."""
 
-LAPACK knows double precision only. A pseudo-inverse P in double and residuals r in extended precision still give every digit: each
-correction P r removes all but rounding times the condition number of what is wrong. Source: Higham, Accuracy and Stability of
-Numerical Algorithms (2nd ed. 2002), chapters 12 and 20.
-"""
-
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -19,11 +14,6 @@ from gauss_bench.terms import Array
 Long = NDArray[Any]
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
-SWEEPS = 30
-
-
-class Unsolved(ArithmeticError):
-    """The corrections do not become small: there is no solution near, or the position is singular."""
 
 
 @lru_cache
@@ -60,23 +50,6 @@ def apply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
     """A x (k, m) in the type of x (k, n)."""
     none = x[:, 0] - x[:, 0]
     return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)
-
-
-def correct(residual: Callable[[Long], Long], P: Array, x: Long, eps: float) -> Long:
-    """x (k, n) with P residual(x) = 0 up to rounding, P (k, n, m) a pseudo-inverse in double.
-
-    Raises:
-        Unsolved: the corrections stay above what rounding explains.
-    """
-    before = np.inf
-    for _ in range(SWEEPS):
-        step = (P @ residual(x).astype(float)[..., None])[..., 0]
-        x = x - step
-        size = float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(x).astype(float).max(initial=0.0)))
-        if size <= eps or (size >= before / 2 and size < np.sqrt(eps)):
-            return x
-        before = size
-    raise Unsolved(f"corrections stay at {before:.1e}")
 
 
 def pseudo_inverse(A: Array) -> Array:

@@ -14,8 +14,7 @@ Mechanical Systems (1989), chapter 2, on complex numbers in the plane.
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,31 +54,63 @@ def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
     return tuple(VectorTerm(x, y, *key) for key, (x, y) in sums.items() if x != 0 or y != 0)
 
 
-@dataclass(frozen=True, eq=False)
 class LoopCoordinates:
     """The coordinates of one mechanism, angles before displacements, and what they make of links, points and open joints.
 
+    All constants are in the type of number that the mechanism is built in.
+
     Attributes:
-        n, angles: how many coordinates there are, and how many of them are angles.
-        roots: link whose own angle each angle coordinate is.
+        n: how many coordinates there are.
+        roots: link whose own angle each angle coordinate is, the first that the tree reaches of those that slides join.
         angle: coordinate of every link's angle, or NONE; turn: what is added to it [rad].
         centres: centre of mass of every link.
-        slides: name of a slide -> its displacement; free: (link, displacement x, displacement y) of links that start on their own.
+        slides: name of a slide -> its displacement; free: link that starts on its own -> its displacement x, that of y being next.
         closures: (name of the joint, sum that must vanish) of the joints the tree leaves open.
-        turn_gaps: (name of the slide, constant angle [rad] that must vanish) where slides close a circle.
+        turn_gaps: constant angles [rad] that must vanish, where slides close a circle.
     """
 
-    mechanism: Mechanism
-    n: int
-    angles: int
-    roots: tuple[int, ...]
-    angle: tuple[int, ...]
-    turn: tuple[Any, ...]
-    centres: tuple[Sum, ...]
-    slides: dict[str, int]
-    free: tuple[tuple[int, int, int], ...]
-    closures: tuple[tuple[str, Sum], ...]
-    turn_gaps: tuple[tuple[str, Any], ...]
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        steps = spanning_tree(mechanism)
+        taken = {id(step.joint) for step in steps}
+        none = mechanism.gravity[0] - mechanism.gravity[0]
+        leader, turn = {GROUND: GROUND}, {GROUND: none}
+        for step in steps:
+            leader[step.link], turn[step.link] = step.link, none
+            if isinstance(slide := step.joint, Prismatic):
+                sign = 1 if slide.block.link == step.link else -1
+                leader[step.link], turn[step.link] = leader[step.parent], turn[step.parent] + sign * slide.turn
+        links, slides = range(len(mechanism.links)), [j for j in mechanism.joints if isinstance(j, Prismatic)]
+        self.roots = [i for i in links if leader[i] == i]
+        self.angle = [NONE if leader[i] == GROUND else self.roots.index(leader[i]) for i in links]
+        self.turn = [turn[i] for i in links]
+        self.turn_gaps = [turn[j.block.link] - turn[j.guide.link] - j.turn for j in slides if id(j) not in taken]
+        first = len(self.roots) + len(slides)
+        self.slides = {j.name: k for k, j in enumerate(slides, start=len(self.roots))}
+        alone = [step.link for step in steps if step.joint is None]
+        self.free = {link: first + 2 * k for k, link in enumerate(alone)}
+        self.n = first + 2 * len(alone)
+        self.centres: list[Sum] = [()] * len(mechanism.links)
+        for step in steps:
+            self.centres[step.link] = self._centre(step, none)
+        self.closures = [(joint.name, self._gap(joint)) for joint in mechanism.joints if id(joint) not in taken]
+
+    def _centre(self, step: "TreeStep", none: Any) -> Sum:
+        """The way to a link's centre of mass by a step of the tree."""
+        if step.joint is None:
+            x = self.free[step.link]
+            return VectorTerm(none + 1, none, NONE, x), VectorTerm(none, none + 1, NONE, x + 1)
+        first, second = ends(step.joint)
+        near, far = (first, second) if second.link == step.link else (second, first)
+        along = self.along(step.joint) if isinstance(step.joint, Prismatic) else ()
+        path, less = [*self.point(near)], [*self.turned(far.local, far.link)]
+        (path if far is second else less).extend(along)
+        return merge(path, less)
+
+    def _gap(self, joint: Joint) -> Sum:
+        """From the first point of a joint to its second, less the way along a slide."""
+        first, second = ends(joint)
+        return merge(self.point(second), [*self.point(first), *(self.along(joint) if isinstance(joint, Prismatic) else ())])
 
     def turned(self, vector: Any, link: int, length: int = NONE) -> Sum:
         """A vector (2,) in a link's frame, as a sum of one term."""
@@ -95,18 +126,17 @@ class LoopCoordinates:
 
     def along(self, slide: Prismatic) -> Sum:
         """From the guide point to the block point of a slide."""
-        u = direction(slide.angle)
-        left = np.array([-u[1], u[0]])
-        guide = slide.guide.link
-        return merge([*self.turned(u, guide, self.slides[slide.name]), *self.turned(slide.offset * left, guide)])
+        u, guide = direction(slide.angle), slide.guide.link
+        across = slide.offset * np.array([-u[1], u[0]])
+        return merge([*self.turned(u, guide, self.slides[slide.name]), *self.turned(across, guide)])
 
     def start(self, q: Array) -> Array:
         """Loop coordinates (n,) of an assembled state q (3 links,), in double precision."""
         x = np.zeros(self.n)
         z, theta = q[0::3] + 1j * q[1::3], q[2::3]
-        x[: self.angles] = [theta[i] for i in self.roots]
-        for link, i, j in self.free:
-            x[i], x[j] = z[link].real, z[link].imag
+        x[: len(self.roots)] = theta[self.roots]
+        for link, k in self.free.items():
+            x[k : k + 2] = z[link].real, z[link].imag
 
         def world(p: Point) -> complex:
             local = complex(*(float(c) for c in p.local))
@@ -134,101 +164,28 @@ class TreeStep(NamedTuple):
 
 def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
     """Breadth first from the ground; whatever slides tie to a link comes directly after it."""
-    slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
-    pins = [j for j in mechanism.joints if not isinstance(j, Prismatic)]
+    beside: dict[int, list[tuple[int, Joint]]] = {i: [] for i in range(GROUND, len(mechanism.links))}
+    for joint in mechanism.joints:
+        a, b = (point.link for point in ends(joint))
+        beside[a].append((b, joint))
+        beside[b].append((a, joint))
     reached: set[int] = set()
     steps: list[TreeStep] = []
 
-    def neighbours(link: int, joints: Iterable[Joint]) -> Iterator[tuple[int, Joint]]:
-        for joint in joints:
-            links = [p.link for p in ends(joint)]
-            if link in links:
-                yield links[1 - links.index(link)], joint
-
     def reach(step: TreeStep) -> list[int]:
+        """The links that a step reaches, with those that slides tie to it."""
         if step.link in reached:
             return []
         reached.add(step.link)
         steps.append(step)
-        group = [step.link]
-        for other, joint in neighbours(step.link, slides):
-            group += reach(TreeStep(step.link, other, joint))
-        return group
+        tied = [TreeStep(step.link, other, joint) for other, joint in beside[step.link] if isinstance(joint, Prismatic)]
+        return [step.link, *(link for tie in tied for link in reach(tie))]
 
-    for root in (GROUND, *range(len(mechanism.links))):
+    for root in beside:
         queue = deque(reach(TreeStep(GROUND, root, None)))
         while queue:
             link = queue.popleft()
-            for other, joint in neighbours(link, pins):
-                queue += reach(TreeStep(link, other, joint))
+            for other, joint in beside[link]:
+                if not isinstance(joint, Prismatic):
+                    queue += reach(TreeStep(link, other, joint))
     return steps[1:]
-
-
-def loop_coordinates(mechanism: Mechanism) -> LoopCoordinates:
-    """The loop coordinates of a mechanism, in the type of number it is built in."""
-    none = mechanism.gravity[0] - mechanism.gravity[0]
-    steps = spanning_tree(mechanism)
-    leaders, turns, gaps = _groups(mechanism, none)
-    roots = tuple(dict.fromkeys(leaders[i] for i in range(len(mechanism.links)) if leaders[i] != GROUND))
-    angle = tuple(NONE if leaders[i] == GROUND else roots.index(leaders[i]) for i in range(len(mechanism.links)))
-    slides = [j.name for j in mechanism.joints if isinstance(j, Prismatic)]
-    free = [step.link for step in steps if step.joint is None]
-    count = len(roots)
-    at = {name: count + k for k, name in enumerate(slides)}
-    count += len(slides)
-    alone = tuple((link, count + 2 * k, count + 2 * k + 1) for k, link in enumerate(free))
-    count += 2 * len(free)
-    empty: tuple[Sum, ...] = ((),) * len(mechanism.links)
-    turn = tuple(turns[i] for i in range(len(mechanism.links)))
-    bare = LoopCoordinates(mechanism, count, len(roots), roots, angle, turn, empty, at, alone, (), tuple(gaps))
-    return _with_centres(bare, steps, none)
-
-
-def _groups(mechanism: Mechanism, none: Any) -> tuple[dict[int, int], dict[int, Any], list[tuple[str, Any]]]:
-    """Leader of every link, its angle relative to the leader, and what circles of slides leave open."""
-    slides = [j for j in mechanism.joints if isinstance(j, Prismatic)]
-    leader: dict[int, int] = {}
-    turn: dict[int, Any] = {}
-    used: set[str] = set()
-
-    def spread(link: int) -> None:
-        for j in slides:
-            for here, there, sign in ((j.guide.link, j.block.link, 1), (j.block.link, j.guide.link, -1)):
-                if here == link and there not in leader:
-                    used.add(j.name)
-                    leader[there], turn[there] = leader[link], turn[link] + sign * j.turn
-                    spread(there)
-
-    for root in (GROUND, *range(len(mechanism.links))):
-        if root not in leader:
-            leader[root], turn[root] = root, none
-            spread(root)
-    gaps = [(j.name, turn[j.block.link] - turn[j.guide.link] - j.turn) for j in slides if j.name not in used]
-    return leader, turn, gaps
-
-
-def _with_centres(bare: LoopCoordinates, steps: list[TreeStep], none: Any) -> LoopCoordinates:
-    """The coordinates with the vectors that the steps of the tree add up, and the closures of the joints it leaves open."""
-    centres = list(bare.centres)
-    now = bare
-    for step in steps:
-        if step.joint is None:
-            i, j = next((i, j) for link, i, j in bare.free if link == step.link)
-            centres[step.link] = (VectorTerm(none + 1, none, NONE, i), VectorTerm(none, none + 1, NONE, j))
-        else:
-            first, second = ends(step.joint)
-            forward = second.link == step.link
-            near, far = (first, second) if forward else (second, first)
-            path, less = list(now.point(near)), list(now.turned(far.local, far.link))
-            if isinstance(step.joint, Prismatic):
-                (path if forward else less).extend(now.along(step.joint))
-            centres[step.link] = merge(path, less)
-        now = replace(now, centres=tuple(centres))
-    taken = {id(step.joint) for step in steps}
-    closures = []
-    for joint in bare.mechanism.joints:
-        if id(joint) not in taken:
-            first, second = ends(joint)
-            less = [*now.point(first), *(now.along(joint) if isinstance(joint, Prismatic) else ())]
-            closures.append((joint.name, merge(now.point(second), less)))
-    return replace(now, closures=tuple(closures))

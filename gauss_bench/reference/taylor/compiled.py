@@ -1,0 +1,91 @@
+"""The equations of one chart as compiled code of heyoka."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.numbers import Number
+from gauss_bench.reference.taylor.arithmetic import Arithmetic
+from gauss_bench.reference.taylor.elimination import factorise
+from gauss_bench.reference.taylor.equations import Chart, rates
+from gauss_bench.reference.taylor.law_pieces import Piece
+from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.rows import LoopRows
+from gauss_bench.reference.taylor.solve import Long
+from gauss_bench.terms import Array
+
+
+class Constants:
+    """The numbers in a set of equations, each as a parameter of the compiled code."""
+
+    def __init__(self) -> None:
+        self.known: dict[str, int] = {}  # every digit as text -> number of the parameter
+
+    def __call__(self, value: Any) -> Any:
+        import heyoka
+
+        return heyoka.par[self.known.setdefault(str(value), len(self.known))]
+
+    def values(self, number: Number) -> list[Any]:
+        return [number(text) for text in self.known]
+
+
+def symbols(constants: Constants) -> Arithmetic:
+    import heyoka
+
+    return Arithmetic(heyoka.cos, heyoka.sin, heyoka.sqrt, constants)
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledSeries:
+    """Equations of one chart as compiled code.
+
+    Attributes:
+        taylor: integrates them; watch: gives the pivots in double precision, with their parameters, or None without pivots.
+    """
+
+    chart: Chart
+    taylor: Any
+    watch: Any
+    parameters: Array
+
+    def step(self, t: Any, state: Long, limit: Any) -> Any | None:
+        """Length of a step from a state at t, at most `limit`, or None where the series is not finite."""
+        import heyoka
+
+        self.taylor.time, self.taylor.state[:] = t, state
+        outcome, h = self.taylor.step(limit, write_tc=True)
+        good = (heyoka.taylor_outcome.success, heyoka.taylor_outcome.time_limit)
+        return h if outcome in good else None
+
+    def at(self, t: Any) -> Long:
+        """The state at a time within the last step."""
+        return np.array(self.taylor.update_d_output(t))
+
+    def pivots(self, state: Long) -> Array:
+        """All pivots in units of the chart's scale, in double precision."""
+        if self.watch is None:
+            return np.full(1, np.inf)
+        watched = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
+        return np.asarray(watched / self.chart.scale[[c for _, c in self.chart.order]])
+
+
+def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
+    """The integrator of a chart within one piece of the motion laws."""
+    import heyoka
+
+    n = rows.coordinates.n
+    names = [f"x{j:03d}" for j in range(n)] + [f"u{j:03d}" for j in range(len(chart.free))]
+    state = [heyoka.make_vars(name) for name in names]
+    none = heyoka.expression(0.0)
+    constants, watched = Constants(), Constants()
+    motion = rates(rows, chart, Instant(state[:n], symbols(constants)), state[n:], piece.laws(heyoka.time, symbols(constants)))
+    right = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
+    system = [(name, none + value) for name, value in zip(state, right, strict=True)]
+    taylor = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
+    taylor.pars[:] = constants.values(number)[: len(taylor.pars)]
+    seen = factorise(rows.entries(Instant(state[:n], symbols(watched))), chart.order).pivots
+    watch = heyoka.cfunc([none + x for x in seen], vars=state[:n], compact_mode=True) if seen else None
+    parameters = np.array(watched.values(float))[: watch.nparams if watch else 0]
+    return CompiledSeries(chart, taylor, watch, parameters)
