@@ -11,9 +11,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.results import Simulation
+from gauss_bench.api.simulate import Simulation, angle_levels, point_levels
 from gauss_bench.engines.minimal.structure import RPR, closed_from, opening
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, Prismatic, Torque
 from gauss_bench.mechanism.parts import spread
@@ -52,15 +51,14 @@ def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
 def turn(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
     """Angles of links, with their rates."""
     for i in which:
-        for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
-            yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", level[:, 3 * i + 2])
+        for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, angle_levels(i, links), strict=True):
+            yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", level)
 
 
 def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
     """Places of observed points, with their rates."""
     for point in whole.observed_points:
-        levels = position(links.q, point), velocity(links.q, links.v, point), acceleration(links.q, links.v, links.a, point)
-        for letter, unit, level in zip(("", "v", "a"), LEVELS, levels, strict=True):
+        for letter, unit, level in zip(("", "v", "a"), LEVELS, point_levels(point, links), strict=True):
             for j, axis in enumerate("xy"):
                 yield Curve(Group.POINT, point.name, letter + axis, f"m{unit}", level[:, j])
 
