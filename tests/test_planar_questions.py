@@ -29,9 +29,6 @@ MAY_ASK = (
 STILL = {
     "advice/recommending.py": 1,
     "advice/truth.py": 3,
-    "api/driven.py": 8,
-    "api/history.py": 2,
-    "api/simulate.py": 1,
     "atlas/families.py": 4,
     "bench/agreement.py": 1,
     "bench/poses.py": 3,

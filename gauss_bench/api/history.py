@@ -11,11 +11,12 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.simulate import Simulation, angle_levels, point_levels
+from gauss_bench.api.simulate import Simulation, point_levels
 from gauss_bench.engines.minimal.structure import RPR, closed_from, opening
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import AngleDriver, Mechanism, Prismatic, Torque
+from gauss_bench.mechanism.model import AngleDriver, Mechanism, Torque
 from gauss_bench.mechanism.parts import spread
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
 
@@ -51,8 +52,8 @@ def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
 def turn(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
     """Angles of links, with their rates."""
     for i in which:
-        for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, angle_levels(i, links), strict=True):
-            yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", level)
+        for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
+            yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", angle_at(level, i))
 
 
 def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
@@ -77,7 +78,7 @@ def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]
 def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
     """Joint forces, then what drivers and constant torques exert."""
     mechanism = evaluator.mechanism
-    slides = {joint.name for joint in mechanism.joints if isinstance(joint, Prismatic)}
+    slides = {joint.name for joint in mechanism.slides}
     for name, components in metrics.joint_forces(evaluator, x).items():
         for key, values in components.items():
             if key != "moment" or name in slides:  # a pin has none

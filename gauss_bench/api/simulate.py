@@ -13,10 +13,11 @@ from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Objection, advice, judge, remark, trusted_until
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.coordinates import acceleration, position, rate, value, velocity
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import GROUND, Angle, Mechanism, Point
+from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.parts import spread
+from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.reference.store import find_certified
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.asked import affordable
@@ -302,20 +303,13 @@ def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
     return position(x.q, point), velocity(x.q, x.v, point), acceleration(x.q, x.v, x.a, point)
 
 
-def angle_levels(link: int, x: Trajectory) -> tuple[Array, Array, Array]:
-    """Angle (unwrapped), rate and second rate (k,) of a link."""
-    angle = Angle(GROUND, link)
-    return value(angle, x.q), rate(angle, x.q, x.v), rate(angle, x.q, x.a)
-
-
 def link_states(mechanism: Mechanism, x: Trajectory) -> States:
     """Per link: centre of mass, angle (unwrapped) and their rates."""
     states: States = {}
     for i, link in enumerate(mechanism.links):
         states[link.name] = {}
-        centre = point_levels(Point(i, np.zeros(2), link.name), x)
-        for keys, place, angle in zip(STATES, centre, angle_levels(i, x), strict=True):
-            states[link.name] |= dict(zip(keys, (*place.T, angle), strict=True))
+        for keys, level in zip(STATES, (x.q, x.v, x.a), strict=True):
+            states[link.name] |= dict(zip(keys, bodies(level)[:, i].T, strict=True))
     return states
 
 

@@ -24,6 +24,7 @@ NAMED = {  # where names stand -> what they must be; "own" of links and points: 
     "joints.*.block": "point",
     "constraints.*.point": "own point",
     "constraints.*.links[*]": "link",
+    "constraints.*.joint": "joint",
     "forces.*.link": "link",
     "forces.*.reaction": "link",
     "forces.*.origin": "point",

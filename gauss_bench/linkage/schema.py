@@ -69,7 +69,7 @@ class Table(BaseModel):
             raise TypeError(f"{cls.__name__}: each key is declared physics or other, once: {', '.join(sorted(wrong))}")
 
 
-def one_of(key: str, kinds: Mapping[str, type[Table]]) -> Any:
+def one_of(key: str, kinds: Mapping[str, Any]) -> Any:
     """Return the type of a table whose `key` says which of these kinds it is."""
     tagged: Any = reduce(or_, [Annotated[table, Tag(name)] for name, table in kinds.items()])
     return Annotated[tagged, Discriminator(lambda x: str(x.get(key)) if isinstance(x, dict) else None)]
@@ -424,9 +424,9 @@ def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
             yield from _of_the_second(value, f"{path}[{i}]")
 
 
-def _place(loc: tuple[str | int, ...], document: Any) -> list[str | int]:
+def _place(loc: tuple[str | int, ...], document: Any) -> list[Any]:
     """The keys that lead to a fault; pydantic's location also names the kind of every table that one of its keys decides."""
-    place: list[str | int] = []
+    place: list[Any] = []
     for part in (x for x in loc if x not in ("<list>", "<table>", "[key]")):
         if isinstance(document, (dict, list)):
             there = part in document if isinstance(document, dict) else True
@@ -436,7 +436,7 @@ def _place(loc: tuple[str | int, ...], document: Any) -> list[str | int]:
     return place
 
 
-def _put_none(document: Any, place: list[str | int]) -> None:
+def _put_none(document: Any, place: list[Any]) -> None:
     *way, last = place
     for part in way:
         document = document[part]
@@ -444,7 +444,7 @@ def _put_none(document: Any, place: list[str | int]) -> None:
         document[last] = None
 
 
-def _path(place: list[str | int]) -> str:
+def _path(place: list[Any]) -> str:
     return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in place).removeprefix(".")
 
 
