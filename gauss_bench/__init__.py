@@ -65,15 +65,15 @@ _HOMES = {
     "Recommendation": "gauss_bench.api.recommend:Recommendation",
     "export": "gauss_bench.api.exchange:export",
     "import_model": "gauss_bench.api.exchange:import_model",
-    "Import": "gauss_bench.api.results:Import",
-    "Export": "gauss_bench.api.results:Export",
+    "Import": "gauss_bench.api.exchange:Import",
+    "Export": "gauss_bench.api.exchange:Export",
     "doctor": "gauss_bench.api.doctor:doctor",
     "Checkup": "gauss_bench.api.doctor:Checkup",
     "certify": "gauss_bench.reference.certify:certify",
     "compile_kernel": "gauss_bench.compiler.kernel:compile_kernel",
     "Kernel": "gauss_bench.compiler.kernel:Kernel",
-    "Simulation": "gauss_bench.api.results:Simulation",
-    "Kinematics": "gauss_bench.api.results:Kinematics",
+    "Simulation": "gauss_bench.api.simulate:Simulation",
+    "Kinematics": "gauss_bench.api.kinematics:Kinematics",
 }
 
 

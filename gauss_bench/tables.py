@@ -22,6 +22,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from gauss_bench.untrusted import BadInput
+
 FORMAT = 5
 APART = 4  # the first format in which what a clock decides lies in files of its own
 BASELINE_FORMAT = 3  # of the accuracy gate's baseline, which tells its own
@@ -35,7 +37,7 @@ ENDS = ("", "_low", "_high")  # of the names of a value and its spread
 Row = Mapping[str, Any]
 
 
-class TableError(ValueError):
+class TableError(BadInput, ValueError):
     """A file that cannot be read as the table it should be; the message names file and column."""
 
 

@@ -1,13 +1,16 @@
-"""Files and TOML of other people: opened without waiting, read up to a bound, and measured before they are parsed."""
+"""Files, TOML and words of other people: opened without waiting, measured before they are parsed, printed without harm."""
 
 import os
 import re
 import stat
 import tomllib
+import unicodedata
 from pathlib import Path
 from typing import Any
 
 DEEPEST = 20  # levels of one key, and brackets in each other; the grammar of linkage files needs 6
+UNPRINTABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")
+TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
 
 # Strings and comments are skipped whole. A quote that nothing closes ends the search: the parser refuses it too.
 TOKEN = re.compile(
@@ -20,6 +23,10 @@ TOKEN = re.compile(
     ''',
     re.VERBOSE | re.DOTALL,
 )
+
+
+class BadInput(Exception):
+    """What the user can mend: a faulty file, an unknown name, a number that cannot be used, a folder that cannot be written."""
 
 
 class TooDeep(tomllib.TOMLDecodeError):
@@ -80,3 +87,13 @@ def check_depth(text: str) -> None:
         if dots > DEEPEST or brackets > DEEPEST:
             line = text.count("\n", 0, token.start()) + 1
             raise TooDeep(f"tables or lists lie more than {DEEPEST} deep (at line {line})")
+
+
+def unprintable(x: str) -> bool:
+    """Tell whether a character drives a terminal, turns the direction of what follows, or stands for none."""
+    return x not in "\n\t" and (unicodedata.category(x) in UNPRINTABLE or unicodedata.bidirectional(x) in TURNING)
+
+
+def harmless(text: str) -> str:
+    """Return a text for people, with what drives a terminal written out."""
+    return "".join(x.encode("unicode_escape").decode() if unprintable(x) else x for x in text)

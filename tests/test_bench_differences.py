@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from gauss_bench.api.text import format_differences
+from gauss_bench.api.telling import render
 from gauss_bench.bench.differences import compare_times, differences
 from gauss_bench.cli import main
 from gauss_bench.tables import KEY, TableError, write_schema, write_table, write_text
@@ -52,7 +52,7 @@ def test_cases_of_one_run_alone_are_counted_and_not_judged(tmp_path: Path) -> No
     there = written(tmp_path / "there", [ROW, ROW | {"engine": "lagrange"}, ROW | {"engine": "schur"}])
     found = differences(here, there)
     assert (found.only_here, found.only_there, found.beyond) == (1, 2, ())
-    said = format_differences(found, there)
+    said = render("differences", found, there=there)
     assert f"0 of {found.compared}" in said
     assert "1 cases are here only" in said
     assert "2 cases are there only" in said

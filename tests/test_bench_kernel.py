@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.api.text import format_run
 from gauss_bench.bench.clock import Key, Measured, Missing, at_least, at_most, foreseen
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import growth
@@ -27,6 +26,7 @@ from gauss_bench.suites.read import read_suite, restrict
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, files_of, read_table, write_table
 from gauss_bench.trajectory import Status
+from gauss_bench.verbs.suites import format_run
 from tests.headlines import compared, with_raw_rows
 
 SUITE = read_suite("kernel")

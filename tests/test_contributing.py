@@ -94,6 +94,7 @@ def run(folder: Path, code: str) -> str:
 
 
 SCHEMA = """class MotorTable(Table, physics="type link stall drag"):
+    read: ClassVar = Motor.read
     type: Literal["motor"]
     link: Text
     stall: Number
@@ -171,17 +172,13 @@ print(*engines)
 
 @pytest.mark.slow
 def test_a_force_touches_its_keys_and_its_kind(tmp_path: Path) -> None:
-    """Keys in schema.py, what it is and comes to in model.py, a line in kinds.py; terms, formulations, kernels, adapters follow."""
+    """Keys in schema.py, what it is and comes to in model.py; terms, formulations, kernels, adapters follow."""
     package = copy_of_the_package(tmp_path)
     schema, model = package / "linkage" / "schema.py", package / "mechanism" / "model.py"
     insert(schema, "class CoulombFrictionTable(Table", SCHEMA)
     insert(schema, '    "coulomb_friction": CoulombFrictionTable,', '    "motor": MotorTable,\n')
-    union = '    | Annotated[CoulombFrictionTable, Tag("<coulomb_friction>")]'
-    insert(schema, union, '    | Annotated[MotorTable, Tag("<motor>")]\n')
+    insert(schema, "    Torque,\n", "    Motor,\n")
     insert(model, "@dataclass(frozen=True, eq=False)\nclass CoulombFriction:", KIND)
-    kinds = package / "linkage" / "kinds.py"
-    insert(kinds, "    Names,\n", "    Motor,\n")
-    insert(kinds, '    "coulomb_friction": CoulombFriction.read,', '    "motor": Motor.read,\n')
     assert "gauss" in run(tmp_path, USED)
 
 

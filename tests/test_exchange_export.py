@@ -317,7 +317,7 @@ def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: 
 
 
 def test_what_cannot_be_held_is_said_to_be_missed() -> None:
-    from gauss_bench.api.results import Tuning
+    from gauss_bench.api.exchange import Tuning
 
     good = Tuning("tuned", "rk4", 1e-3, 5.0, 4e-7, 4e-5, "certified", 1e-9, 1e-6, 1e-4)
     assert good.met

@@ -15,9 +15,9 @@ from typing import Any, get_args
 import pytest
 
 import gauss_bench
-from gauss_bench.linkage.digest import content_digest, physics_digest, source_digest
+from gauss_bench.linkage.digest import content_digest, source_digest
 from gauss_bench.linkage.load import built_in, document_of, load, load_document, merge
-from gauss_bench.linkage.schema import LinkageTable, Table, Text
+from gauss_bench.linkage.schema import LinkageTable, Table, Text, physics_digest
 from gauss_bench.reference.certificate import certificate_path, check_holds, read_certificate
 from tests.conftest import DATA
 

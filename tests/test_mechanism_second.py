@@ -22,9 +22,9 @@ from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.adaptive import dop853
 from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.linkage.digest import physics_digest
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load, load_document, merge
+from gauss_bench.linkage.schema import physics_digest
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference

@@ -27,9 +27,6 @@ MAY_ASK = (
     "papers/",
 )
 STILL = {
-    "api/driven.py": 8,
-    "api/history.py": 2,
-    "api/simulate.py": 1,
     "bench/agreement.py": 1,
     "bench/poses.py": 3,
     "report/pictures.py": 6,

@@ -288,14 +288,13 @@ def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> 
     package = copy_of_the_package(tmp_path)
     name, keys = KEYS[kind]
     (package / "mechanism" / f"{kind}.py").write_text(FILES[kind], encoding="utf-8")
-    schema, kinds = package / "linkage" / "schema.py", package / "linkage" / "kinds.py"
+    schema = package / "linkage" / "schema.py"
     physics = " ".join(["type", *(line.split(":")[0].strip() for line in keys.splitlines())])
-    table = f'class {name}Table(Table, physics="{physics}"):\n    type: Literal["{kind}"]\n    {keys}\n\n\n'
+    table = f'class {name}Table(Table, physics="{physics}"):\n    read: ClassVar = {name}.read\n'
+    table += f'    type: Literal["{kind}"]\n    {keys}\n\n\n'
     insert(schema, "class TableOverTime(Table", table)
-    other = ("CoulombFriction", "coulomb_friction") if kind == "magnet" else ("KnifeEdge", "knife_edge")
-    entry = f'Annotated[{other[0]}Table, Tag("<{other[1]}>")]'
-    insert(schema, entry, f'Annotated[{name}Table, Tag("<{kind}>")] | ')
-    insert(kinds, "FORCES: Mapping", f"from gauss_bench.mechanism.{kind} import {name}\n")
-    insert(kinds, f'    "{other[1]}": {other[0]}.read,', f'    "{kind}": {name}.read,\n')
+    other = '"coulomb_friction": CoulombFrictionTable' if kind == "magnet" else '"knife_edge": KnifeEdgeTable'
+    insert(schema, other, f'"{kind}": {name}Table, ')
+    insert(schema, "FORMAT = ", f"from gauss_bench.mechanism.{kind} import {name}\n")
     (tmp_path / "new.toml").write_text(f'format = "planar-linkage/2"\nname = "new"\n{LINKAGES[kind]}', encoding="utf-8")
     assert "gauss-native" in run(tmp_path, f"import sys\nsys.argv = ['', {kind!r}]\n{THROUGH}")

@@ -16,9 +16,9 @@ from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.closure import gauss_newton
-from gauss_bench.linkage.digest import physics_digest
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
+from gauss_bench.linkage.schema import physics_digest
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference import certify as certifying

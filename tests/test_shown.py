@@ -19,7 +19,7 @@ from PIL import Image
 
 import gauss_bench
 from gauss_bench.api.history import table
-from gauss_bench.api.results import Simulation
+from gauss_bench.api.simulate import Simulation
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.coordinates import position

@@ -1,13 +1,12 @@
 """The diagnosis of an engine on a linkage: the object that `gauss-bench diagnose --json` prints."""
 
 import time
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gauss_bench.advice import truth as truths
-from gauss_bench.api.results import OneRun, name_files
+from gauss_bench.api.simulate import OneRun, name_run
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
@@ -59,15 +58,9 @@ class Diagnosis(OneRun):
     runs: tuple[tuple[Status, str], ...]
     reference: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """The fields by name; plain."""
-        by_name = super().as_dict() | {"cause": str(self.cause), "part": self.part and str(self.part)}
-        by_name["parts"] = {str(k): x for k, x in self.parts.items()}
-        by_name["numbers"] = self.numbers and asdict(self.numbers)
-        by_name["explanations"] = [asdict(x) | {"cause": str(x.cause)} for x in self.explanations]
-        by_name["candidates"] = [asdict(x) | {"cause": str(x.cause)} for x in self.candidates]
-        by_name["runs"] = [{"status": str(status), "message": message} for status, message in self.runs]
-        return by_name
+    @property
+    def succeeded(self) -> bool:
+        return self.cause is not Cause.UNKNOWN
 
 
 def diagnose(
@@ -150,7 +143,7 @@ def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, tol
 
 def describe(mechanism: Mechanism, engine: str, choice: Choice, until: float, verdict: Verdict, reference: str) -> Diagnosis:
     return Diagnosis(
-        **name_files(mechanism, engine, choice),
+        **name_run(mechanism, engine, choice),
         until=until,
         cause=verdict.cause,
         part=verdict.cause.part,

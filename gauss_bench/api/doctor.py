@@ -9,14 +9,14 @@ without it or says what it lacks, and so does the checkup.
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.api.results import Result
 from gauss_bench.api.simulate import simulate
+from gauss_bench.api.telling import Result
 from gauss_bench.bench.provenance import environment
 from gauss_bench.compiler import user_cache
 from gauss_bench.engines import FOREIGN, get
@@ -72,9 +72,9 @@ class Checkup(Result):
     findings: tuple[Finding, ...]
     engines: tuple[Finding, ...]
 
-    def as_dict(self) -> dict[str, Any]:
-        """The fields by name, and within them each finding by its own."""
-        return asdict(self)
+    @property
+    def succeeded(self) -> bool:
+        return self.usable
 
 
 def doctor(told: Callable[[str], None] = lambda sentence: None) -> Checkup:

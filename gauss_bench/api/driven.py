@@ -12,12 +12,13 @@ from gauss_bench.linkage.closure import free_coordinates
 from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.errors import Fault, LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, load_sketched, merge
-from gauss_bench.linkage.references import drivers_of
+from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import value as value_of
-from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism, Prismatic, SlideDriver
+from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.untrusted import read_bytes
 
@@ -118,10 +119,8 @@ def _hold_start(document: dict[str, Any], scenario: str | None, hold: Sequence[s
         ChoiceError: what stands after the name is no number.
     """
     if hold is None:
-        scenarios = document.get("scenarios", {})
-        named = scenario or next(_driven_scenarios(document), None)
-        own = scenarios.get(named, {}) if isinstance(scenarios, dict) else {}
-        return dict.fromkeys(own.get("hold", [])) if isinstance(own, dict) and isinstance(own.get("hold", []), list) else {}
+        named = scenario or next(_driven_scenarios(document), "")
+        return dict.fromkeys(sequence(table(table(document, "scenarios"), named), "hold"))
     held: dict[str, float | None] = {}
     for text in hold:
         name, equals, value = text.partition("=")
@@ -167,9 +166,9 @@ def _motion_held(
     still: list[AngleDriver | SlideDriver] = []
     for name in start["angles"]:
         link, _ = mechanism.placed(name)
-        still.append(AngleDriver(name, constant(float(mechanism.q0[3 * link + 2]), 0.0), link))
-    for joint in mechanism.joints:
-        if isinstance(joint, Prismatic) and joint.name in start["slides"]:
+        still.append(AngleDriver(name, constant(float(angle_at(mechanism.q0, link)), 0.0), link))
+    for joint in mechanism.slides:
+        if joint.name in start["slides"]:
             still.append(SlideDriver(joint.name, constant(float(value_of(joint.motion, mechanism.q0)), 0.0), joint))
     return replace(mechanism, drivers=(*mechanism.drivers, *still), scenario=own.scenario, scenarios=own.scenarios)
 
@@ -182,12 +181,11 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
     """
     joints = moved.get("joints", {})
     if name in moved["links"]:
-        link, turn = own.placed(name)
-        start["angles"][name] = float(own.q0[3 * link + 2] + turn) if value is None else float(np.radians(value))
+        start["angles"][name] = _angle(own, name) if value is None else float(np.radians(value))
     elif name not in joints:
         raise ChoiceError(f"hold {name!r}: no such link or joint; there are {', '.join([*moved['links'], *joints])}")
     elif joints[name]["type"] == "prismatic":
-        slide = next(x for x in own.joints if isinstance(x, Prismatic) and x.name == name)
+        slide = next(x for x in own.slides if x.name == name)
         start["slides"][name] = float(value_of(slide.motion, own.q0)) if value is None else value
     elif len(joints[name]["at"]) > 2:
         raise ChoiceError(f"hold {name!r}: the pin joins {len(joints[name]['at'])} links; hold links by their names")
@@ -198,8 +196,7 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
             turn = None if value is None else value if one == "ground" else -value
             _hold(moved, own, other if one == "ground" else one, turn, start)
             return
-        (a, turn_a), (b, turn_b) = own.placed(one), own.placed(other)
-        angle = float(own.q0[3 * b + 2] + turn_b - own.q0[3 * a + 2] - turn_a) if value is None else float(np.radians(value))
+        angle = _angle(own, other) - _angle(own, one) if value is None else float(np.radians(value))
         moved["joints"] = {key: x for key, x in joints.items() if key != name}
         drawn = dict(moved.get("assembly", {}).get("sketch", {}))
         if name in drawn:
@@ -209,9 +206,14 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
         moved["welds"] = moved.get("welds", {}) | {f"{name}_held": weld}
 
 
+def _angle(mechanism: Mechanism, name: str) -> float:
+    """The angle [rad] of a link of the file at the start."""
+    body, turn = mechanism.placed(name)
+    return float(angle_at(mechanism.q0, body) + turn)
+
+
 def _driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
-    scenarios = x if isinstance(x := document.get("scenarios"), dict) else {}
-    return (k for k, x in scenarios.items() if isinstance(x, dict) and ("driver" in x or "drivers" in x))
+    return (name for name, x in items(document, "scenarios") if "driver" in x or "drivers" in x)
 
 
 def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
@@ -219,21 +221,15 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
 
     That is where the scenario's own driver of it starts, and without one where the linkage is assembled.
     """
-    links = [x.name for x in mechanism.whole.links]
-    slides = {joint.name: joint for joint in mechanism.joints if isinstance(joint, Prismatic)}
-    link, joint, between = table.get("link"), table.get("joint"), table.get("between")
+    link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
+    named = {AngleDriver: link, SlideDriver: joint, LengthDriver: "-".join(between)}
     for driver in mechanism.drivers:
-        same = isinstance(driver, AngleDriver) and driver.name == link
-        same |= isinstance(driver, LengthDriver) and between == [driver.a.name, driver.b.name]
-        if same or (isinstance(driver, SlideDriver) and driver.joint.name == joint):
+        if driver.name == named[type(driver)]:
             return float(driver.law(0.0)[0])
-    if link in links:
-        body, turn = mechanism.placed(str(link))
-        return float(mechanism.q0[3 * body + 2] + turn)
-    if joint in slides:
-        slide = slides[joint]
-        return float(value_of(slide.motion, mechanism.q0))
-    return None
+    if link in [x.name for x in mechanism.whole.links]:
+        return _angle(mechanism, str(link))
+    slide = next((x for x in mechanism.slides if x.name == joint), None)
+    return None if slide is None else float(value_of(slide.motion, mechanism.q0))
 
 
 def free_at_start(mechanism: Mechanism) -> list[str]:

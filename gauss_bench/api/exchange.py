@@ -1,7 +1,7 @@
 """Linkages out to other programs and in from them: what `gauss-bench export --json` and `import --json` print."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,7 @@ from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, Recommender
 from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import writable
-from gauss_bench.api.results import Export, Import, Tuning
-from gauss_bench.api.telling import Told, nobody
+from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.extras import MissingExtra, not_installed
 from gauss_bench.engines.variants import Variant
@@ -32,6 +31,98 @@ BUDGET = 60.0  # [s] to look for a step
 STEP = 1e-3  # [s] of a file where nothing is measured
 OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad]: what a step is to hold, by half
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
+
+
+@dataclass(frozen=True)
+class Tuning(Result):
+    """The step that was found for an exported file, and what was measured with it.
+
+    Attributes:
+        settings, integrator: of the engine.
+        step: [s]; until: how long was measured [s].
+        loops_open: largest gap of any joint [m, rad].
+        motion_error: largest error of any link's place or angle [m, rad].
+        truth: how the motion is known that it is measured against; known: how far that may be off [m, rad].
+        loops_wanted, motion_wanted: what was aimed at; a step is taken that needs half of it.
+    """
+
+    computed = ("met",)
+    settings: str
+    integrator: str
+    step: float
+    until: float
+    loops_open: float
+    motion_error: float
+    truth: str
+    known: float
+    loops_wanted: float
+    motion_wanted: float
+
+    @property
+    def met(self) -> bool:
+        """True if half of the aim is reached, and the truth is known to a tenth of it."""
+        known = self.known <= self.motion_wanted / 10
+        return known and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """For the head of a file."""
+        how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
+        held = "held with half of it" if self.met else "NOT HELD by any step that was tried"
+        return (
+            f"Measured over {self.until:g} s with {how}:",
+            f"joints open by {self.loops_open:.1e} (m, rad) at most, links off by {self.motion_error:.1e} (m, rad) at most.",
+            f"Errors are against a motion that is {self.truth}, and known to {self.known:.1e}.",
+            f"Aimed at: joints {self.loops_wanted:g}, links {self.motion_wanted:g}: {held}.",
+        )
+
+
+@dataclass(frozen=True)
+class Export(Result):
+    """A linkage, written for another program.
+
+    Attributes:
+        engine: kind of the file; what: in words.
+        mechanism, scenario: that it holds.
+        file: that was written; bytes: its size.
+        step: that it is written with [s].
+        left_out: what of the linkage file it does not hold.
+        tuning: how the step was found, or None.
+    """
+
+    engine: str
+    mechanism: str
+    scenario: str
+    file: str
+    what: str
+    bytes: int
+    step: float
+    left_out: tuple[str, ...]
+    tuning: Tuning | None
+
+    @property
+    def succeeded(self) -> bool:
+        return self.tuning is None or self.tuning.met
+
+
+@dataclass(frozen=True)
+class Import(Result):
+    """A linkage file, made of a model of another program.
+
+    Attributes:
+        model: the file that was read; kind: "MJCF" or "URDF".
+        file: that was written; name: of the linkage.
+        links, dof: how many it has.
+        left_out: what of the model it does not hold, or has otherwise.
+    """
+
+    model: str
+    kind: str
+    file: str
+    name: str
+    links: int
+    dof: int
+    left_out: tuple[str, ...]
 
 
 def export(

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.untrusted import read_start
 
 LOOKED_AT = 65_536  # bytes of a file, which tell its kind
@@ -92,16 +91,15 @@ def describe_files(
         source: that they are made from, which is never replaced.
 
     Raises:
-        ChoiceError: an ending that is not known, or a file that is asked for twice.
-        ExchangeError: as `writable`.
+        ExchangeError: an ending that is not known, a file that is asked for twice, or as `writable`.
     """
     files: dict[str, Path] = {}
     for name, path in asked.items():
         if path is None:
             continue
         if path.suffix.lower() not in kinds[name]:
-            raise ChoiceError(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
+            raise ExchangeError(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
         if path in files.values():
-            raise ChoiceError(f"--{name} {path}: is asked for twice")
+            raise ExchangeError(f"--{name} {path}: is asked for twice")
         files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)
     return files

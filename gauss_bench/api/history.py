@@ -11,12 +11,12 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.results import Simulation
+from gauss_bench.api.simulate import Simulation, point_levels
 from gauss_bench.engines.minimal.structure import Links, closed_from
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import AngleDriver, Mechanism, Prismatic, Torque
+from gauss_bench.mechanism.model import AngleDriver, Mechanism, Torque
 from gauss_bench.mechanism.parts import spread
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
 
@@ -53,14 +53,13 @@ def turn(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[
     """Angles of links, with their rates."""
     for i in which:
         for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
-            yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", level[:, 3 * i + 2])
+            yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", angle_at(level, i))
 
 
 def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
     """Places of observed points, with their rates."""
     for point in whole.observed_points:
-        levels = position(links.q, point), velocity(links.q, links.v, point), acceleration(links.q, links.v, links.a, point)
-        for letter, unit, level in zip(("", "v", "a"), LEVELS, levels, strict=True):
+        for letter, unit, level in zip(("", "v", "a"), LEVELS, point_levels(point, links), strict=True):
             for j, axis in enumerate("xy"):
                 yield Curve(Group.POINT, point.name, letter + axis, f"m{unit}", level[:, j])
 
@@ -79,7 +78,7 @@ def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]
 def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
     """Joint forces, then what drivers and constant torques exert."""
     mechanism = evaluator.mechanism
-    slides = {joint.name for joint in mechanism.joints if isinstance(joint, Prismatic)}
+    slides = {joint.name for joint in mechanism.slides}
     for name, components in metrics.joint_forces(evaluator, x).items():
         for key, values in components.items():
             if key != "moment" or name in slides:  # a pin has none

@@ -2,16 +2,15 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from gauss_bench.api.driven import driven, free_at_start
-from gauss_bench.api.results import Kinematics
-from gauss_bench.api.simulate import link_states, observe_names, point_states
-from gauss_bench.api.telling import Told, nobody
+from gauss_bench.api.simulate import States, link_states, observe_names, point_states
+from gauss_bench.api.telling import HIDDEN, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_changes, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
@@ -27,6 +26,55 @@ from gauss_bench.trajectory import Trajectory
 
 MOST_INTERVALS = 100_000
 LONGEST_WAY = 2e4  # [rad, m] of a driver: it is followed in parts of a fraction of a radian, some thousand a second
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics(Result):
+    """One linkage moved through a law, at k times.
+
+    Attributes:
+        status: "ok", or "stopped" where the motion ends before the law does; message: why.
+        method: "loop", "basic" or "native".
+        t: (k,) [s].
+        driver: of the first driver: angle [rad] (or distance [m]), speed, acceleration, each (k,); drivers: of each by name.
+        links, points: as in Simulation.
+        link_types: per link unit, how its pose follows from those before it.
+        loops: joints around each loop.
+        branch: how the linkage is assembled; branch_changes: where along the motion that changes.
+        iterations: (k,) of the search at each time, or None where they are not counted.
+        singular: limits and dead centres, or why they cannot be listed.
+        observed: {"points": names, "links": names} that are shown.
+        model: the driven linkage; trajectory: states of its links; shown: the points. They are not in dictionaries.
+    """
+
+    status: str
+    message: str
+    mechanism: str
+    scenario: str
+    method: str
+    t: Array
+    driver: dict[str, Array]
+    drivers: dict[str, dict[str, Array]]
+    links: States
+    points: States
+    loops: list[Any]
+    branch: Any
+    iterations: Any
+    singular: list[dict[str, Any]] | str
+    link_types: dict[str, str]
+    branch_changes: list[Any]
+    observed: dict[str, list[str]]
+    model: Mechanism = field(metadata=HIDDEN)
+    trajectory: Trajectory = field(metadata=HIDDEN)
+    shown: tuple[Point, ...] = field(metadata=HIDDEN)
+
+    @property
+    def succeeded(self) -> bool:
+        return self.status == "ok"
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        return (self.message,) if self.message else ()
 
 
 def observe(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
@@ -101,9 +149,9 @@ def kinematics(
         raise ChoiceError(str(error)) from error
     n = len(motion.q)
     states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
-    values = [driver.law(times[:n]) for driver in mechanism.drivers]
-    named = [dict(zip(("angle", "speed", "acceleration"), value, strict=True)) for value in values]
-    graph, whole_states = find_graph(mechanism), spread(mechanism, states)
+    levels = ("angle", "speed", "acceleration")
+    driven_by = {x.name: dict(zip(levels, x.law(times[:n]), strict=True)) for x in mechanism.drivers}
+    graph, links = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
         status=status,
         message=message,
@@ -111,10 +159,10 @@ def kinematics(
         scenario=mechanism.scenario,
         method=method,
         t=states.t,
-        driver=named[0],
-        drivers=dict(zip((d.name for d in mechanism.drivers), named, strict=True)),
-        links=link_states(mechanism.whole, whole_states),
-        points=point_states(chosen, whole_states),
+        driver=next(iter(driven_by.values())),
+        drivers=driven_by,
+        links=link_states(mechanism.whole, links),
+        points=point_states(chosen, links),
         loops=[loop.joints for loop in graph.loops],
         branch=branch_of(mechanism, inputs, mechanism.q0),
         iterations=motion.iterations,
@@ -122,6 +170,9 @@ def kinematics(
         link_types=_link_types(mechanism, graph),
         branch_changes=_changes(mechanism, inputs, states),
         observed=observe_names(mechanism, chosen),
+        model=mechanism,
+        trajectory=links,
+        shown=chosen,
     )
 
 
@@ -201,14 +252,6 @@ def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array)
 
 
 METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_motion, "native": native_motion}
-
-
-def states(result: Kinematics) -> Trajectory:
-    """The states (k, n) of a result of `kinematics`."""
-    links = result.links.values()
-    levels = (("x", "y", "theta"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-    q, v, a = (np.column_stack([link[key] for link in links for key in keys]) for keys in levels)
-    return Trajectory(np.asarray(result.t), q, v, a, len(q) - 1)
 
 
 def table(result: Kinematics) -> pd.DataFrame:

@@ -3,15 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gauss_bench.advice.answer import Answer, setting_said
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.recommending import BEATS, Better, Recommender
 from gauss_bench.api.exchange import tell_plainly
-from gauss_bench.api.results import Result
-from gauss_bench.api.telling import Told, nobody
+from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice
@@ -55,9 +54,14 @@ class Recommendation(Result):
     remarks: tuple[str, ...]
     complete: bool
 
-    def as_dict(self) -> dict[str, Any]:
-        """The fields by name; plain."""
-        return super().as_dict() | {"answers": [asdict(x) for x in self.answers]}
+    @property
+    def succeeded(self) -> bool:
+        return any(x.status == "ok" for x in self.answers)
+
+    @property
+    def text(self) -> str:  # type: ignore[override]
+        settings = [setting_of(x) if x.status == "ok" else "" for x in self.answers]
+        return render("recommend", self, units=UNITS, said=settings)
 
 
 def recommend(

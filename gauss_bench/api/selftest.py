@@ -1,15 +1,15 @@
 """The self-test, which shows whether the suite notices faults: what `gauss-bench selftest` prints."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
+from gauss_bench.api.telling import Answer, Told, nobody
 from gauss_bench.diagnosis.selftest import KINDS, SelfTest
 from gauss_bench.diagnosis.selftest import selftest as planted
 from gauss_bench.runs.offers import ChoiceError
 
 
-def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> SelfTest:
+def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
     """Plant known faults in memory and see whether the suite's own checks speak, and are silent where there is none.
 
     Args:
@@ -25,6 +25,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     return planted(only, told)
 
 
-def as_dict(selftest: SelfTest) -> dict[str, Any]:
-    """As `--json` prints it."""
-    return asdict(selftest) | {"planted": selftest.planted, "detected": selftest.detected, "passed": selftest.passed}
+def plant(only: Sequence[str], told: Told) -> Answer:
+    """Answer the command line."""
+    found = selftest(only, told)
+    return Answer(asdict(found) | {"planted": found.planted, "detected": found.detected, "passed": found.passed}, found.passed)

@@ -1,20 +1,23 @@
 """One linkage, one engine, one run: the object that `gauss-bench simulate --json` prints."""
 
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.results import Simulation, name_files
-from gauss_bench.api.telling import Told, nobody, tell
+from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, nobody, tell
+from gauss_bench.api.telling import Told as Hearing
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Judgement, advice, judge, remark, trusted_until
+from gauss_bench.judge import Evidence, Objection, advice, judge, remark, trusted_until
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.parts import spread
+from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.reference.store import find_certified
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.asked import affordable
@@ -32,11 +35,99 @@ from gauss_bench.runs.scrutiny import (
 )
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Status, Trajectory
+from gauss_bench.trajectory import Reference, Status, Told, Trajectory
 
 RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # what half the step can tell something of
 QUICKEST = 2e-8, 1e-4  # [s] of a step, compiled and interpreted, of the smallest linkage on a fast machine
 LIMIT = 600.0  # [s] that a worker may take where nothing else is asked for
+STATES = (("x", "y", "theta"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+States = dict[str, dict[str, Array]]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OneRun(Result):
+    """The result of one run of one linkage in one engine.
+
+    Attributes:
+        engine, mechanism, scenario, settings, integrator, stabilization: what was run.
+        step: of the integration [s].
+    """
+
+    engine: str
+    mechanism: str
+    scenario: str
+    settings: str
+    integrator: str
+    stabilization: str
+    step: float
+
+
+def name_run(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
+    """The fields of OneRun."""
+    what = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
+    return what | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Simulation(OneRun):
+    """A run at the k times asked for, with the fields of OneRun.
+
+    Attributes:
+        status: how it ended: "ok", "skip", "invalid" where it ended and the judge objects, else what went wrong.
+        message: why, or a remark on the run.
+        t: (k,) [s]; where the run failed, those that it reached and the last that it reached; empty, as all that follows, where it
+            reached none.
+        links: per link x, y [m] of its centre of mass, theta [rad], vx, vy, omega, ax, ay, alpha, each (k,).
+        points: per observed point x, y [m], vx, vy, ax, ay.
+        joints: per joint the constraint force fx, fy [N] on its second link and the moment [N m].
+        metrics: figures that need no truth, of the run until `until` [s], and its costs.
+        valid: whether the run came to its end and the judge has no objection.
+        objections: the judge's, each with its subject, value, limit and sentence; of a run that failed, to what it reached.
+        trusted_until: [s] up to where the judge has none; None where there is nothing to judge.
+        advice: what may mend a run that is not to be trusted, or an empty text.
+        observed: {"points": names, "links": names} that the file asks to look at.
+        drivers: per driver the torque [N m] or force [N] it exerts; left out of dictionaries where nothing is driven.
+        welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
+            out of dictionaries where there are none.
+        warnings: what the loader says of the file; left out of dictionaries where it says nothing.
+        asked_until: the last time asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They are
+            not in dictionaries; `gauss_bench.history` makes curves of them.
+    """
+
+    status: Status
+    message: str
+    t: Array
+    links: States
+    points: States
+    joints: States
+    metrics: dict[str, Any]
+    valid: bool
+    objections: tuple[Objection, ...]
+    observed: dict[str, list[str]]
+    trusted_until: float | None
+    advice: str
+    asked_until: float = field(metadata=HIDDEN)
+    model: Mechanism = field(metadata=HIDDEN)
+    trajectory: Trajectory | None = field(default=None, metadata=HIDDEN)
+    drivers: dict[str, Array] = field(default_factory=dict, metadata=UNLESS_EMPTY)
+    welds: States = field(default_factory=dict, metadata=UNLESS_EMPTY)
+    warnings: tuple[str, ...] = field(default=(), metadata=UNLESS_EMPTY)
+
+    @property
+    def succeeded(self) -> bool:
+        return self.status in (Status.OK, Status.SKIP)
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        return tuple(f"warning: {x}" for x in self.warnings)
+
+    def told(self) -> Told:
+        """The sentences of plots and animations on the run."""
+        how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
+        verdict = "" if self.valid else "; ".join(filter(None, (f"{self.status}: {self.message}", self.advice)))
+        end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
+        trusted = None if self.trusted_until is None or self.trusted_until >= end else self.trusted_until
+        return Told(f"{self.mechanism} / {self.scenario}", how, verdict, end, trusted)
 
 
 def simulate(
@@ -49,7 +140,7 @@ def simulate(
     step: float = 1e-3,
     at: list[float] | None = None,
     limit: float = LIMIT,
-    told: Told = nobody,
+    told: Hearing = nobody,
 ) -> Simulation:
     """The motion of a linkage (a built-in name or a file) in one engine, judged.
 
@@ -80,8 +171,10 @@ def simulate(
         raise ChoiceError("times must be numbers that are not negative")
     if not (np.isfinite(limit) and limit > 0):
         raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
+    asked: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": at[-1]}
+    asked |= {"model": mechanism, "observed": observe_names(mechanism)}
     if not offered.usable:
-        return describe(mechanism, engine, choice, offered.status, offered.reason, at[-1])
+        return Simulation(**asked, **_unjudged(mechanism, offered.status, offered.reason))
     affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
     wanted = sampling_through(choice.step, at, sample_spacing(mechanism, at[-1]))
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
@@ -95,117 +188,78 @@ def simulate(
         run = run_of(request, mechanism, limit, worker)
         trajectory, truth, finer = run.trajectory or run.reached, None, None
         if trajectory is not None and run.status in RAN:
-            truth = certified_until(mechanism, at[-1])
+            with suppress(OSError, ValueError):
+                truth = find_certified(mechanism, at[-1])
             if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
                 again = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
                 finer = at_samples(again, trajectory.t)
     finally:
         worker.stop()
-    return judge_run(mechanism, engine, choice, run, at, truth, finer, adaptive)
-
-
-def certified_until(mechanism: Mechanism, t_end: float) -> Reference | None:
-    """The certified motion of a linkage that nothing has been changed in, or None."""
-    try:
-        return find_certified(mechanism, t_end)
-    except (OSError, ValueError):
-        return None
-
-
-def judge_run(
-    mechanism: Mechanism,
-    engine: str,
-    choice: Choice,
-    run: Run,
-    at: list[float],
-    truth: Reference | None = None,
-    finer: Run | None = None,
-    adaptive: bool = False,
-) -> Simulation:
-    """The result of a run: at the times asked for or, where it failed, at those that it reached and at the last that it reached.
-
-    It is judged by the truth where that is known, else by what its repetition found.
-    """
     with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
-        return _judge(mechanism, engine, choice, run, at, truth, finer, adaptive)
-
-
-def _second(finer: Run | None) -> Reference | None:
-    """The findings of a repetition, in the place of a truth."""
-    return None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
+        return Simulation(**asked, **_judge(mechanism, choice, run, at, truth, finer, adaptive))
 
 
 def _judge(
     mechanism: Mechanism,
-    engine: str,
     choice: Choice,
     run: Run,
     at: list[float],
     truth: Reference | None,
     finer: Run | None,
     adaptive: bool,
-) -> Simulation:
+) -> dict[str, Any]:
+    """The fields of a run that was made: at the times asked for or, where it failed, at those that it reached and at its last.
+
+    It is judged by the truth where that is known, else by what its repetition found.
+    """
     trajectory = run.trajectory or run.reached
     if trajectory is None:
-        return describe(mechanism, engine, choice, run.status, run.message, at[-1])
+        return _unjudged(mechanism, run.status, run.message)
     try:
-        evaluator = Evaluator(mechanism)
         evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer, adaptive=adaptive)
         figures, verdict = measure(evidence, trajectory, run), judge(evidence)
-        until = float(trajectory.t[-1]) if verdict.valid else trusted_until(evaluator, trajectory, truth, _second(finer))
         last, status = float(trajectory.t[-1]), run.status
-        chosen = at_times(trajectory, at if run.trajectory else [*(x for x in at if x < last), last])
+        second = None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
+        until = last if verdict.valid else trusted_until(Evaluator(mechanism), trajectory, truth, second)
         if run.trajectory:
             status = Status.OK if verdict.valid else Status.INVALID
         sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
-        told = "; ".join(filter(None, (*sentences, undecided, remark(evidence))))
-        return describe(mechanism, engine, choice, status, told, at[-1], trajectory, chosen, verdict, figures, until, adaptive)
+        reached = at_times(trajectory, at if run.trajectory else [*(x for x in at if x < last), last])
+        return states_at(mechanism, reached) | {
+            "status": status,
+            "message": "; ".join(filter(None, (*sentences, undecided, remark(evidence)))),
+            "metrics": figures,
+            "valid": status is Status.OK and verdict.valid,
+            "objections": verdict.objections,
+            "trusted_until": until,
+            "advice": advice(verdict.objections, choice.step, choice.stabilization != "none", adaptive),
+            "trajectory": trajectory,
+        }
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
-        return describe(mechanism, engine, choice, Status.ERROR if run.trajectory else run.status, said, at[-1])
+        return _unjudged(mechanism, Status.ERROR if run.trajectory else run.status, said)
 
 
-def describe(
-    mechanism: Mechanism,
-    engine: str,
-    choice: Choice,
-    status: Status,
-    message: str,
-    asked_until: float,
-    whole: Trajectory | None = None,
-    chosen: Trajectory | None = None,
-    verdict: Judgement | None = None,
-    figures: dict[str, Any] | None = None,
-    until: float | None = None,
-    adaptive: bool = False,
-) -> Simulation:
-    """The result; without a trajectory its lists are empty."""
-    evaluator = Evaluator(mechanism)
-    chosen = chosen or empty(mechanism.n)
-    objections = verdict.objections if verdict else ()
-    forces = metrics.driving_forces(evaluator, chosen) if mechanism.drivers else None
-    told = spread(mechanism, chosen)
-    return Simulation(
-        **name_files(mechanism, engine, choice),
-        status=status,
-        message=message,
-        t=chosen.t,
-        links=link_states(mechanism.whole, told),
-        points=point_states(mechanism.whole.observed_points, told),
-        joints=metrics.joint_forces(evaluator, chosen),
-        metrics=figures or {},
-        valid=status is Status.OK and verdict is not None and verdict.valid,
-        objections=objections,
-        observed=observe_names(mechanism),
-        warnings=mechanism.warnings,
-        welds=metrics.weld_forces(evaluator, chosen),
-        trusted_until=until,
-        advice=advice(objections, choice.step, choice.stabilization != "none", adaptive),
-        asked_until=asked_until,
-        model=mechanism,
-        trajectory=whole,
-        drivers={} if forces is None else {driver.name: forces[:, k] for k, driver in enumerate(mechanism.drivers)},
-    )
+def _unjudged(mechanism: Mechanism, status: Status, message: str) -> dict[str, Any]:
+    """The fields of a run without a trajectory; its lists are empty."""
+    none = np.zeros((0, mechanism.n))
+    nothing = Trajectory(np.zeros(0), none, none, none, 0)
+    told = {"status": status, "message": message, "metrics": {}, "valid": False, "objections": (), "trusted_until": None}
+    return states_at(mechanism, nothing) | told | {"advice": ""}
+
+
+def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
+    """The fields that tell states and forces at the samples of a trajectory."""
+    evaluator, links = Evaluator(mechanism), spread(mechanism, x)
+    exerted = metrics.driving_forces(evaluator, x).T if mechanism.drivers else ()
+    return {
+        "t": x.t,
+        "links": link_states(mechanism.whole, links),
+        "points": point_states(mechanism.whole.observed_points, links),
+        "joints": metrics.joint_forces(evaluator, x),
+        "welds": metrics.weld_forces(evaluator, x),
+        "drivers": {driver.name: force for driver, force in zip(mechanism.drivers, exerted, strict=True)},
+    }
 
 
 def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
@@ -244,27 +298,26 @@ def at_times(trajectory: Trajectory, at: list[float]) -> Trajectory:
     return Trajectory(trajectory.t[k], trajectory.q[k], trajectory.v[k], trajectory.a[k], trajectory.steps)
 
 
-def empty(n: int) -> Trajectory:
-    none = np.zeros((0, n))
-    return Trajectory(np.zeros(0), none, none, none, 0)
+def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration (k, 2) of a point."""
+    return position(x.q, point), velocity(x.q, x.v, point), acceleration(x.q, x.v, x.a, point)
 
 
-def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, dict[str, Array]]:
+def link_states(mechanism: Mechanism, x: Trajectory) -> States:
     """Per link: centre of mass, angle (unwrapped) and their rates."""
-    keys = (("x", "y", "theta"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-    return {
-        link.name: {
-            key: values[:, 3 * i + j] for names, values in zip(keys, (x.q, x.v, x.a), strict=True) for j, key in enumerate(names)
-        }
-        for i, link in enumerate(mechanism.links)
-    }
+    states: States = {}
+    for i, link in enumerate(mechanism.links):
+        states[link.name] = {}
+        for keys, level in zip(STATES, (x.q, x.v, x.a), strict=True):
+            states[link.name] |= dict(zip(keys, bodies(level)[:, i].T, strict=True))
+    return states
 
 
-def point_states(points: tuple[Point, ...], x: Trajectory) -> dict[str, dict[str, Array]]:
+def point_states(points: tuple[Point, ...], x: Trajectory) -> States:
     """Per point: position, velocity, acceleration."""
-    states = {}
-    for p in points:
-        levels = position(x.q, p), velocity(x.q, x.v, p), acceleration(x.q, x.v, x.a, p)
-        pairs = zip((("x", "y"), ("vx", "vy"), ("ax", "ay")), levels, strict=True)
-        states[p.name] = {key: values[:, j] for keys, values in pairs for j, key in enumerate(keys)}
+    states: States = {}
+    for point in points:
+        states[point.name] = {}
+        for (along_x, along_y, _), level in zip(STATES, point_levels(point, x), strict=True):
+            states[point.name] |= {along_x: level[:, 0], along_y: level[:, 1]}
     return states

@@ -17,10 +17,10 @@ from typing import Any
 
 from gauss_bench.bench.provenance import package_versions
 from gauss_bench.linkage.digest import source_digest
-from gauss_bench.linkage.limits import harmless
+from gauss_bench.untrusted import BadInput, harmless
 
 
-class Busy(RuntimeError):
+class Busy(BadInput, RuntimeError):
     """Another run writes to the same journal."""
 
 

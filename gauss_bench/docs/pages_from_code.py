@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic_core import PydanticUndefined
 
-from gauss_bench.api.options import VERBS
+from gauss_bench.api.options import VERBS, add_options
 from gauss_bench.linkage import schema
 
 GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
@@ -56,8 +56,8 @@ def commands() -> str:
     """Every verb with its help."""
     os.environ["COLUMNS"] = "100"
     lines = []
-    for name, (summary, options) in VERBS.items():
-        verb = argparse.ArgumentParser(prog=f"gauss-bench {name}")
-        options(verb)
+    for name, table in VERBS.items():
+        verb, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), table["help"]
+        add_options(verb, table)
         lines += [f"## {name}", "", f"{summary[0].upper()}{summary[1:]}.", "", "```text", verb.format_help().rstrip(), "```", ""]
     return "\n".join(lines)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from importlib import import_module
 
 from gauss_bench.engines.base import Engine
+from gauss_bench.untrusted import BadInput
 
 FOREIGN = {
     "pinocchio": "gauss_bench.engines.pinocchio.adapter:Pinocchio",
@@ -21,6 +22,10 @@ RIVALS = {  # known to searches and whoever asks by name; suites leave them out:
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
 AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # by the suite's authors: none of them is a rival
+
+
+class UnknownEngine(BadInput, KeyError):
+    """There is no engine of that name; the message says which there are."""
 
 
 def _from(target: str) -> Callable[[], Engine]:
@@ -70,4 +75,4 @@ def get(name: str) -> Engine:
     for point in entry_points(group="gauss_bench.engines"):
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]
-    raise KeyError(f"unknown engine {name!r}; there are {', '.join(all_names())}")
+    raise UnknownEngine(f"unknown engine {name!r}; there are {', '.join(all_names())}")

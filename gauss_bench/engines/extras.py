@@ -2,6 +2,8 @@
 
 from importlib.util import find_spec
 
+from gauss_bench.untrusted import BadInput
+
 EXTRAS = {
     "pinocchio": "pinocchio",
     "exudyn": "exudyn",
@@ -16,7 +18,7 @@ EXTRAS = {
 }
 
 
-class MissingExtra(ImportError):
+class MissingExtra(BadInput, ImportError):
     """A library of an extra that what was asked for cannot do without."""
 
 

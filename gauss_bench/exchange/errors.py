@@ -1,5 +1,7 @@
 """The error of an exchange: a sentence that names the file, the element and the reason."""
 
+from gauss_bench.untrusted import BadInput
 
-class ExchangeError(ValueError):
+
+class ExchangeError(BadInput, ValueError):
     """A linkage that cannot be written in a format, or a file that cannot be read."""

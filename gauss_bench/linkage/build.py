@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.cylinders import write_out
-from gauss_bench.linkage.digest import physics_digest
 from gauss_bench.linkage.errors import BuildError
-from gauss_bench.linkage.kinds import CONSTRAINTS, FORCES
 from gauss_bench.linkage.references import drivers_of
-from gauss_bench.linkage.schema import SECOND
+from gauss_bench.linkage.schema import CONSTRAINTS, FORCES, SECOND, physics_digest
 from gauss_bench.linkage.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.mechanism import motion_laws
 from gauss_bench.mechanism.model import (
@@ -163,7 +161,8 @@ class Resolver:
         return [Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
     def force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
-        return FORCES[table["type"]](name, table, self)
+        found: Force | CoulombFriction = FORCES[table["type"]].read(name, table, self)
+        return found
 
     def slide(self, name: str) -> Prismatic:
         return next(j for j in self.joints if isinstance(j, Prismatic) and j.name == name)
@@ -245,7 +244,7 @@ def build_mechanism(
     """
     given, document = document, write_out(document)
     names = Resolver(document, number, apart)
-    constraints = [CONSTRAINTS[x["type"]](name, x, names) for name, x in document.get("constraints", {}).items()]
+    constraints = [CONSTRAINTS[x["type"]].read(name, x, names) for name, x in document.get("constraints", {}).items()]
     chosen = document["scenarios"][scenario]
     acting = [names.force(f, document["forces"][f]) for f in chosen.get("forces", [])]
     observe = document.get("observe", {})

@@ -1,13 +1,8 @@
-"""What a result depends on, as digests: the physics of a linkage, the numbers of a mechanism, and the sources that computed.
-
-A comment, a title or what is observed may change, a mass or a start may not. Which is which stands with every key in `schema.py`.
-"""
+"""What a result depends on, as digests: the numbers of a mechanism, and the sources that computed."""
 
 import hashlib
-import json
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -18,40 +13,6 @@ from gauss_bench.mechanism.motion_laws import MotionLaw
 
 PACKAGE = Path(__file__).parents[1]
 WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # of a mechanism: nothing is computed from these
-
-
-def physics_digest(document: dict[str, Any], scenario: str) -> str:
-    """SHA-256 of everything in a document, its scenario's override already merged, that the motion of the scenario follows from."""
-    from gauss_bench.linkage.schema import SECOND, LinkageTable  # the grammar, which no other digest needs, is dear to import
-
-    physics = _physics(LinkageTable.model_validate(document))
-    chosen = physics.pop("scenarios")[scenario]
-    acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
-    physics |= {"forces": acting, "scenario": chosen}
-    if document["format"] == SECOND:  # the first edition damps a shared pin between the neighbours in its list
-        _mark_shared(physics, acting)
-    return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
-
-
-def _mark_shared(physics: dict[str, Any], acting: dict[str, Any]) -> None:
-    """Say of pins through several links how they are damped, where they are."""
-    damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
-    if any(len(joint.get("at", ())) > 2 for joint in damped):
-        physics["damping"] = "between every two links of a pin"
-
-
-def _physics(item: Any) -> Any:
-    """The given keys of a table's physics, at every depth; numbers as one decimal text, however they are written."""
-    if hasattr(item, "model_fields_set"):  # a table of the grammar
-        given = {type(item).model_fields[name].alias or name: getattr(item, name) for name in item.model_fields_set}
-        return {key: _physics(value) for key, value in given.items() if key in item.physics}
-    if isinstance(item, dict):
-        return {key: _physics(value) for key, value in item.items()}
-    if isinstance(item, list):
-        return [_physics(value) for value in item]
-    if isinstance(item, float):
-        return str(Decimal(repr(item)).normalize() + 0)
-    return item
 
 
 def source_digest(*rooms: str, without: Collection[str] = ()) -> str:

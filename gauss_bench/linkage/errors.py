@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from gauss_bench.untrusted import BadInput
+
 
 @dataclass(frozen=True, order=True)
 class Fault:
@@ -14,7 +16,7 @@ class Fault:
         return f"{self.path}: {self.text}" if self.path else self.text
 
 
-class LinkageError(ValueError):
+class LinkageError(BadInput, ValueError):
     """A linkage file that cannot be used; `faults` lists every independent fault found."""
 
     def __init__(self, source: str, faults: list[Fault]):

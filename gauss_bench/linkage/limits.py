@@ -4,14 +4,13 @@ Looked at before anything else is, in one pass without recursion, so that what i
 scenario overrides is bounded as what it replaces.
 """
 
-import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
 from gauss_bench.linkage.errors import Fault
-from gauss_bench.untrusted import DEEPEST
+from gauss_bench.untrusted import DEEPEST, harmless, unprintable
 
 LONGEST_KEY = 200  # characters of a key
 LONGEST_TEXT = 10_000  # characters of a text
@@ -33,8 +32,6 @@ COUNTS = {  # entries of a table or list of that name
 SHOWN = 50  # faults that are told at once
 MOST = 5000  # entries of any other
 ENTRIES = 60_000  # of the whole file: the largest that is generated, 400 windows, has 20,000
-UNPRINTABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")
-TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
 
 
 @dataclass(frozen=True)
@@ -161,16 +158,6 @@ def _circle(points: dict[str, Any], name: str) -> list[str]:
         way[at] = None
         at = points[at].get("from") if isinstance(points.get(at), dict) else None
     return [*way] if isinstance(at, str) and at in way else []
-
-
-def unprintable(x: str) -> bool:
-    """Tell whether a character drives a terminal, turns the direction of what follows, or stands for none."""
-    return x not in "\n\t" and (unicodedata.category(x) in UNPRINTABLE or unicodedata.bidirectional(x) in TURNING)
-
-
-def harmless(text: str) -> str:
-    """A text for people, with what drives a terminal written out."""
-    return "".join(x.encode("unicode_escape").decode() if unprintable(x) else x for x in text)
 
 
 def _show(text: str) -> str:

@@ -1,10 +1,10 @@
-"""Checks the schema cannot make: names that must resolve, points that must be determined, keys that belong together.
+"""Checks that the schema cannot make: names that must resolve, points that must be determined, keys that belong together.
 
-Works on the raw document and passes over whatever the schema has already refused, so that all faults of a file come at once.
+Works on a document in which the schema has put None for every value that it refused: what is None is passed over, so that all
+faults of a file come at once. Places are told as `scenarios.*.hold[*]`: any key, any entry of a list; `~` stands for the keys.
 """
 
-from collections.abc import Iterator
-from decimal import Decimal
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +12,53 @@ from gauss_bench.linkage.cylinders import BARREL, ROD, write_out
 from gauss_bench.linkage.errors import Fault
 
 Document = dict[str, Any]
+Place = tuple[str, Any]  # path, value
+
 RADIAN_PAIRS = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank")
+DRIVERS = ("scenarios.*.driver", "scenarios.*.drivers[*]")
+COORDINATES = ("measure", *DRIVERS)  # tables that name one coordinate
+WITH_ANGLES = (*COORDINATES, "forces.*.over_time", "joints.*", "welds.*", "constraints.*", "forces.*", "scenarios.*.start")
+NAMED = {  # where names stand -> what they must be; "own" of links and points: not of the ground
+    "joints.*.at[*]": "point",
+    "joints.*.guide": "point",
+    "joints.*.block": "point",
+    "constraints.*.point": "own point",
+    "constraints.*.links[*]": "link",
+    "constraints.*.joint": "joint",
+    "forces.*.link": "link",
+    "forces.*.reaction": "link",
+    "forces.*.origin": "point",
+    "forces.*.between[*]": "point",
+    "forces.*.links[*]": "link",
+    "forces.*.joint": "joint",
+    "welds.*.points[*][*]": "point",
+    "assembly.angles.~": "own link",
+    "assembly.angles_deg.~": "own link",
+    "observe.points[*]": "point",
+    "observe.links[*]": "own link",
+    "measure.point": "own point",
+    "scenarios.*.forces[*]": "force",
+    "scenarios.*.start.angles.~": "own link",
+    "scenarios.*.start.angles_deg.~": "own link",
+    "scenarios.*.start.slides.~": "start slide",
+    "scenarios.*.start.points.~": "own point",
+    "scenarios.*.hold[*]": "link or joint",
+    **{f"{table}.link": "own link" for table in COORDINATES},
+    **{f"{table}.joint": "slide" for table in COORDINATES},
+    **{f"{table}.between[*]": "point" for table in COORDINATES},
+}
+APART = (  # lists whose entries must be, or be on, links that differ
+    "joints.*.at",
+    "forces.*.between",
+    "forces.*.links",
+    *(f"{table}.between" for table in COORDINATES),
+)
+TWICE = (  # tables, a key, and what it may not be given together with
+    ("links.*", "kg_per_m", "mass"),
+    ("welds.*", "origin", "points"),
+    ("scenarios.*", "drivers", "driver"),
+    *((table, key, f"{key}_deg") for table in WITH_ANGLES for key in RADIAN_PAIRS),
+)
 
 
 def table(value: Any, key: str) -> dict[str, Any]:
@@ -36,28 +82,59 @@ def drivers_of(scenario: dict[str, Any]) -> list[Any]:
     return [scenario["driver"]] if "driver" in scenario else sequence(scenario, "drivers")
 
 
+def places(document: Document, pattern: str) -> list[Place]:
+    """List the places of a pattern that a document has, with what stands there; None stands for nothing."""
+    found: list[Place] = [("", document)]
+    for part in pattern.replace("[*]", ".[*]").split("."):
+        step = {"*": _entries, "[*]": _entries, "~": _keys}.get(part)
+        if step is None:
+            found = [(f"{path}.{part}".lstrip("."), x[part]) for path, x in found if isinstance(x, dict) and part in x]
+        else:
+            found = [place for path, x in found for place in step(path, x)]
+    return [(path, x) for path, x in found if x is not None]
+
+
+def _entries(path: str, x: Any) -> Iterator[Place]:
+    if isinstance(x, dict):
+        return ((f"{path}.{key}", y) for key, y in x.items())
+    return ((f"{path}[{i}]", y) for i, y in enumerate(x if isinstance(x, list) else ()))
+
+
+def _keys(path: str, x: Any) -> Iterator[Place]:
+    return ((f"{path}.{key}", key) for key in (x if isinstance(x, dict) else ()))
+
+
 class Names:
-    """The names a document defines, and the faults of what refers to them."""
+    """The names that a document defines, and the faults of what refers to them."""
 
     def __init__(self, document: Document):
         self.document = document
         self.faults: list[Fault] = []
-        self.links = table(document, "links")
+        self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
         self.bodies = {name: _body(document, name) for name in self.links}
-        self.joints = table(document, "joints")
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
         self.points["ground"] = set(table(table(document, "ground"), "points"))
 
     def fault(self, path: str, text: str) -> None:
         self.faults.append(Fault(path, text))
 
-    def link(self, path: str, name: Any, ground: bool = True) -> None:
-        if isinstance(name, str) and name not in self.links and not (ground and name == "ground"):
-            self.fault(path, f"unknown link {name!r}")
+    def check(self, path: str, name: str, kind: str) -> None:
+        """Take a name for one of a kind of NAMED, or note the fault."""
+        known = {"link": {**self.links, "ground": None}, "own link": self.links, "force": self.forces}
+        if kind in ("point", "own point"):
+            self.point(path, name, ground=kind == "point")
+        elif kind in known:
+            if name not in known[kind]:
+                self.fault(path, f"unknown {kind.removeprefix('own ')} {name!r}")
+        elif kind == "link or joint":
+            if name not in self.links and name not in self.joints:
+                self.fault(path, f"unknown link or joint {name!r}")
+        elif name not in self.joints:
+            self.fault(path, f"unknown joint {name!r}")
+        elif kind != "joint" and table(self.joints, name).get("type") != "prismatic":
+            self.fault(path, "not a prismatic joint" if kind == "start slide" else f"joint {name!r} is not prismatic")
 
-    def point(self, path: str, reference: Any, ground: bool = True) -> None:
-        if not isinstance(reference, str):
-            return
+    def point(self, path: str, reference: str, ground: bool = True) -> None:
         link, dot, point = reference.partition(".")
         if not dot:
             self.fault(path, f"{reference!r} is not of the form 'link.point'")
@@ -69,103 +146,67 @@ class Names:
             self.fault(path, f"unknown point {point!r} of {link!r}")
 
     def different_links(self, path: str, references: list[Any]) -> None:
-        owners = [r.partition(".")[0] for r in references if isinstance(r, str)]
+        owners = [r.partition(".")[0] for r in references if r is not None]
         for name in sorted({x for x in owners if owners.count(x) > 1}):
             self.fault(path, f"the link {name!r} appears twice")
         for a, b in pairwise(sorted({*owners}, key=lambda x: self.bodies.get(x, x))):
             if self.bodies.get(a, a) == self.bodies.get(b, b):
                 self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
+    def turns_on_ground(self, path: str, link: str) -> None:
+        """Take a link that has a pin on the ground."""
+        pins = [{r.partition(".")[0] for r in at if r} for _, at in places(self.document, "joints.*.at")]
+        if link in self.links and not any({"ground", link} <= owners for owners in pins):
+            self.fault(path, f"link {link!r} has no revolute joint on the ground")
+
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Every fault of names and combinations; `stem` is the file's name without its ending, None where there is no file."""
-    if "cylinders" in document and not _are_tables(document):
-        return []  # which the schema has refused; whatever else is named may be theirs
     if spoilt := _cylinder_faults(document):
         return spoilt
     document = write_out(document)
     names = Names(document)
-    name = document.get("name")
-    if stem is not None and isinstance(name, str) and name != stem:
-        names.fault("name", f"{name!r} differs from the file's name {stem!r}")
-    _check_points(names)
-    _check_links(names)
-    _check_welds(names)
-    _check_joints(names)
-    _check_crank(names)
-    for key, entry in items(document, "constraints"):
-        if "point" in entry:
-            names.point(f"constraints.{key}.point", entry["point"], ground=False)
-        for i, link in enumerate(sequence(entry, "links")):
-            names.link(f"constraints.{key}.links[{i}]", link)
-    for key, entry in items(document, "forces"):
-        _check_force(names, f"forces.{key}", entry)
-    _check_assembly(names)
-    observe = table(document, "observe")
-    for i, point in enumerate(sequence(observe, "points")):
-        names.point(f"observe.points[{i}]", point)
-    for i, link in enumerate(sequence(observe, "links")):
-        names.link(f"observe.links[{i}]", link, ground=False)
-    if "measure" in document:
-        _check_measure(names, table(document, "measure"))
-    for key, entry in items(document, "scenarios"):
-        _check_scenario(names, f"scenarios.{key}", entry)
-    for path, entry in _angle_tables(document):
-        for key in RADIAN_PAIRS:
-            if key in entry and f"{key}_deg" in entry:
-                names.fault(f"{path}.{key}", f"given together with {key}_deg")
+    if stem is not None and document.get("name") not in (None, stem):
+        names.fault("name", f"{document['name']!r} differs from the file's name {stem!r}")
+    if "ground" in names.links:
+        names.fault("links.ground", "'ground' is a reserved name")
+    for pattern, kind in NAMED.items():
+        for path, name in places(document, pattern):
+            names.check(path, name, kind)
+    for pattern in APART:
+        for path, references in places(document, pattern):
+            names.different_links(path, references)
+    for pattern, key, other in TWICE:
+        for path, entry in places(document, pattern):
+            if key in entry and other in entry:
+                names.fault(f"{path}.{key}", f"given together with {other}")
+    for pattern, check in CHECKS.items():
+        for path, entry in places(document, pattern):
+            check(names, path, entry)
     return names.faults
-
-
-def _angle_tables(document: Document) -> Iterator[tuple[str, dict[str, Any]]]:
-    yield "measure", table(document, "measure")
-    yield from ((f"forces.{key}.over_time", table(entry, "over_time")) for key, entry in items(document, "forces"))
-    for group in ("joints", "welds", "constraints", "forces"):
-        yield from ((f"{group}.{key}", entry) for key, entry in items(document, group))
-    for key, entry in items(document, "scenarios"):
-        yield from ((f"scenarios.{key}.{part}", table(entry, part)) for part in ("driver", "start"))
-        yield from _driver_list(f"scenarios.{key}", entry)
-
-
-def _driver_list(path: str, scenario: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    drivers = sequence(scenario, "drivers")
-    return ((f"{path}.drivers[{i}]", x) for i, x in enumerate(drivers) if isinstance(x, dict))
 
 
 def _body(document: Document, name: str) -> str:
     """The link that a link is welded to in the end; its own name where it is not, or in a circle."""
-    welds = {weld["link"]: weld.get("to") for _, weld in items(document, "welds") if isinstance(weld.get("link"), str)}
+    welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
     seen = [name]
-    while isinstance(at := welds.get(seen[-1]), str) and at not in seen:
+    while (at := welds.get(seen[-1])) is not None and at not in seen:
         seen.append(at)
     return seen[-1]
-
-
-def _are_tables(document: Document) -> bool:
-    """Tell whether links, joints and cylinders are tables of tables, with parts that are."""
-    groups = [document.get(key, {}) for key in ("links", "joints", "cylinders")]
-    if not all(isinstance(x, dict) and all(isinstance(y, dict) for y in x.values()) for x in groups):
-        return False
-    return all(isinstance(x.get(part, {}), dict) for x in groups[2].values() for part in (BARREL, ROD))
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
     """List the faults that keep cylinders from being written out as links and joints, under their own names."""
     names = Names(document)
-    for key, cylinder in items(document, "cylinders"):
-        path, between = f"cylinders.{key}", sequence(cylinder, "between")
-        if len(between) != 2 or not all(isinstance(x, str) for x in between):
-            names.fault(f"{path}.between", "must be two points")
-            continue
+    for path, between in places(document, "cylinders.*.between"):
         for i, reference in enumerate(between):
-            names.point(f"{path}.between[{i}]", reference)
-        names.different_links(f"{path}.between", between)
+            names.point(f"{path}[{i}]", reference)
+        names.different_links(path, between)
+    for key, cylinder in items(document, "cylinders"):
+        path = f"cylinders.{key}"
         for part in (BARREL, ROD):
-            given = table(cylinder, part)
-            if ("mass" in given) == ("kg_per_m" in given):
+            if ("mass" in cylinder[part]) == ("kg_per_m" in cylinder[part]):
                 names.fault(f"{path}.{part}.mass", "give either mass or kg_per_m")
-            if not isinstance(given.get("length"), (int, float, Decimal)):
-                names.fault(f"{path}.{part}.length", "required: a number")
             for group in ("links", "joints"):
                 if f"{key}_{part}" in table(document, group):
                     names.fault(path, f"its {part} is called '{key}_{part}', and {group}.{key}_{part} is there already")
@@ -174,22 +215,19 @@ def _cylinder_faults(document: Document) -> list[Fault]:
     return names.faults
 
 
-def _check_points(names: Names) -> None:
-    owners = [("ground", table(names.document, "ground")), *((f"links.{k}", v) for k, v in items(names.document, "links"))]
-    for path, owner in owners:
-        points = table(owner, "points")
-        for key, value in points.items():
-            if not isinstance(value, dict):
-                continue
-            if ("r" in value) == ("xy" in value):
-                names.fault(f"{path}.points.{key}", "give either r (and deg) or xy")
-            if "deg" in value and "r" not in value:
-                names.fault(f"{path}.points.{key}.deg", "given without r")
-            base = value.get("from")
-            if isinstance(base, str) and base not in points:
-                names.fault(f"{path}.points.{key}.from", f"unknown point {base!r}")
-            elif _is_circular(points, key):
-                names.fault(f"{path}.points.{key}.from", "circular: the point refers to itself")
+def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
+    for key, value in points.items():
+        if not isinstance(value, dict):
+            continue
+        if ("r" in value) == ("xy" in value):
+            names.fault(f"{path}.{key}", "give either r (and deg) or xy")
+        if "deg" in value and "r" not in value:
+            names.fault(f"{path}.{key}.deg", "given without r")
+        base = value.get("from")
+        if base is not None and base not in points:
+            names.fault(f"{path}.{key}.from", f"unknown point {base!r}")
+        elif _is_circular(points, key):
+            names.fault(f"{path}.{key}.from", "circular: the point refers to itself")
 
 
 def _is_circular(points: dict[str, Any], key: str) -> bool:
@@ -203,119 +241,80 @@ def _is_circular(points: dict[str, Any], key: str) -> bool:
     return False
 
 
-def _check_links(names: Names) -> None:
-    if "ground" in names.links:
-        names.fault("links.ground", "'ground' is a reserved name")
-    for key, link in items(names.document, "links"):
-        path, bars = f"links.{key}", sequence(link, "bars")
-        for i, bar in enumerate(bars):
-            for end in bar if isinstance(bar, list) else []:
-                if isinstance(end, str) and end not in names.points[key]:
-                    names.fault(f"{path}.bars[{i}]", f"unknown point {end!r}")
-            if isinstance(bar, list) and len(bar) == 2 and bar[0] == bar[1]:
-                names.fault(f"{path}.bars[{i}]", "zero length")
-        if "mass" in link and "kg_per_m" in link:
-            names.fault(f"{path}.kg_per_m", "given together with mass")
-        masses = sequence(link, "point_masses")
-        for i, mass in enumerate(masses):
-            if isinstance(mass, dict) and isinstance(mass.get("point"), str) and mass["point"] not in names.points[key]:
-                names.fault(f"{path}.point_masses[{i}].point", f"unknown point {mass['point']!r} of {key!r}")
-        if "mass" not in link and "kg_per_m" not in link and not masses:
-            names.fault(f"{path}.mass", "neither mass nor kg_per_m is given")
-        if "kg_per_m" in link and not bars:
-            names.fault(f"{path}.kg_per_m", "needs bars")
-        if "inertia" not in link and not bars and not (masses and "mass" not in link):
-            names.fault(f"{path}.inertia", "required where there are no bars")
+def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
+    points, bars, masses = table(link, "points"), sequence(link, "bars"), sequence(link, "point_masses")
+    for i, bar in enumerate(bars):
+        for end in bar or ():
+            if end is not None and end not in points:
+                names.fault(f"{path}.bars[{i}]", f"unknown point {end!r}")
+        if bar and bar[0] is not None and bar[0] == bar[-1]:
+            names.fault(f"{path}.bars[{i}]", "zero length")
+    for place, point in places(link, "point_masses[*].point"):
+        if point not in points:
+            names.fault(f"{path}.{place}", f"unknown point {point!r} of {path.partition('.')[2]!r}")
+    if "mass" not in link and "kg_per_m" not in link and not masses:
+        names.fault(f"{path}.mass", "neither mass nor kg_per_m is given")
+    if "kg_per_m" in link and not bars:
+        names.fault(f"{path}.kg_per_m", "needs bars")
+    if "inertia" not in link and not bars and not (masses and "mass" not in link):
+        names.fault(f"{path}.inertia", "required where there are no bars")
 
 
-def _check_welds(names: Names) -> None:
+def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
     welded: set[str] = set()
-    for key, weld in items(names.document, "welds"):
-        path, link, to = f"welds.{key}", weld.get("link"), weld.get("to")
-        for side, name in (("link", link), ("to", to)):
-            if name == "ground":
-                names.fault(f"{path}.{side}", "what is welded to the ground does not move: make its points ground points")
-            else:
-                names.link(f"{path}.{side}", name)
-        if not isinstance(link, str) or not isinstance(to, str):
-            continue
-        if link in welded:
-            names.fault(f"{path}.link", f"link {link!r} is welded twice; it may be what others are welded to")
-        elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
-            names.fault(path, "welded in a circle")
-        welded.add(link)
-        pairs = sequence(weld, "points")
-        for i, pair in enumerate(pairs):
-            owners = [x.partition(".")[0] if isinstance(x, str) else "" for x in pair] if isinstance(pair, list) else []
-            if len(owners) == 2 and owners != [to, link]:
-                names.fault(f"{path}.points[{i}]", f"must be a point of {to!r} and the point of {link!r} that coincides with it")
-            for k, reference in enumerate(pair if isinstance(pair, list) else []):
-                names.point(f"{path}.points[{i}][{k}]", reference)
-        if pairs and "origin" in weld:
-            names.fault(f"{path}.origin", "given together with points")
-        if not pairs and "origin" not in weld:
-            names.fault(f"{path}.origin", "required where no points are given")
-        if len(pairs) == 2 and {"angle", "angle_deg"} & weld.keys():
-            names.fault(f"{path}.angle_deg", "given together with two pairs of points, which fix it")
+    for key, weld in items(names.document, path):
+        _check_weld(names, f"{path}.{key}", weld, welded)
 
 
-def _check_joints(names: Names) -> None:
-    for key, joint in items(names.document, "joints"):
-        path = f"joints.{key}"
-        references = sequence(joint, "at")
-        for i, reference in enumerate(references):
-            names.point(f"{path}.at[{i}]", reference)
-        names.different_links(f"{path}.at", references)
-        if joint.get("type") == "prismatic":
-            names.point(f"{path}.guide", joint.get("guide"))
-            names.point(f"{path}.block", joint.get("block"))
-            names.different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
+def _check_weld(names: Names, path: str, weld: dict[str, Any], welded: set[str]) -> None:
+    """A weld, of which none before it holds the links that are `welded`."""
+    link, to, pairs = weld.get("link"), weld.get("to"), sequence(weld, "points")
+    for side, name in (("link", link), ("to", to)):
+        if name == "ground":
+            names.fault(f"{path}.{side}", "what is welded to the ground does not move: make its points ground points")
+        elif name is not None:
+            names.check(f"{path}.{side}", name, "link")
+    if link is None or to is None:
+        return
+    if link in welded:
+        names.fault(f"{path}.link", f"link {link!r} is welded twice; it may be what others are welded to")
+    elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
+        names.fault(path, "welded in a circle")
+    welded.add(link)
+    for i, pair in enumerate(pairs):
+        if pair and None not in pair and [x.partition(".")[0] for x in pair] != [to, link]:
+            names.fault(f"{path}.points[{i}]", f"must be a point of {to!r} and the point of {link!r} that coincides with it")
+    if not pairs and "origin" not in weld:
+        names.fault(f"{path}.origin", "required where no points are given")
+    if len(pairs) == 2 and {"angle", "angle_deg"} & weld.keys():
+        names.fault(f"{path}.angle_deg", "given together with two pairs of points, which fix it")
 
 
-def _turns_on_ground(names: Names, link: str) -> bool:
-    for _, joint in items(names.document, "joints"):
-        owners = {r.partition(".")[0] for r in sequence(joint, "at") if isinstance(r, str)}
-        if {"ground", link} <= owners:
-            return True
-    return False
+def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
+    if joint.get("type") == "prismatic":
+        names.different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
 
 
-def _check_crank(names: Names) -> None:
-    crank = names.document.get("crank")
-    if isinstance(crank, str):
-        if crank not in names.links:
-            names.fault("crank", f"unknown link {crank!r}")
-        elif not _turns_on_ground(names, crank):
-            names.fault("crank", f"link {crank!r} has no revolute joint on the ground")
+def _check_crank(names: Names, path: str, crank: str) -> None:
+    names.check(path, crank, "own link")
+    names.turns_on_ground(path, crank)
 
 
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
-    for key in ("link", "reaction"):
-        names.link(f"{path}.{key}", force.get(key))
-    if "link" in force and force.get("link") == force.get("reaction", "ground"):
-        names.fault(f"{path}.reaction", "link and reaction are the same")
-    if isinstance(link := force.get("link"), str) and isinstance(other := force.get("reaction", "ground"), str) and link != other:
-        names.different_links(f"{path}.reaction", [link, other])
-    times = [row[0] for row in sequence(table(force, "over_time"), "rows") if isinstance(row, list) and len(row) == 2]
-    if all(isinstance(x, (int, float, Decimal)) for x in times) and any(b <= a for a, b in pairwise(times)):
-        names.fault(f"{path}.over_time.rows", "times must increase")
-    kind = force.get("type")
-    if kind in ("force", "axis_spring_damper"):
-        names.point(f"{path}.point", force.get("point"), ground=kind != "force")
-    if force.get("frame") != "body":
-        names.link(f"{path}.frame", force.get("frame"))
-    if "origin" in force:
-        names.point(f"{path}.origin", force.get("origin"))
+    kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
+    if "link" in force:
+        ends = [force["link"], force.get("reaction", "ground")]
+        if None not in ends and ends[0] == ends[1]:
+            names.fault(f"{path}.reaction", "link and reaction are the same")
+        elif None not in ends:
+            names.different_links(f"{path}.reaction", ends)
+    if force.get("point") is not None:
+        names.point(f"{path}.point", force["point"], ground=kind != "force")
+    if frame not in (None, "body"):
+        names.check(f"{path}.frame", frame, "link")
     if kind == "axis_spring_damper":
         names.different_links(f"{path}.origin", [force.get("point"), force.get("origin", "ground.")])
-    for key in ("between", "links"):
-        for i, reference in enumerate(sequence(force, key)):
-            (names.point if key == "between" else names.link)(f"{path}.{key}[{i}]", reference)
-        names.different_links(f"{path}.{key}", sequence(force, key))
-    joint = force.get("joint")
-    if isinstance(joint, str) and joint not in names.joints:
-        names.fault(f"{path}.joint", f"unknown joint {joint!r}")
-    elif isinstance(joint, str) and kind == "coulomb_friction":
+    if kind == "coulomb_friction" and joint in names.joints:
         pair = table(names.joints, joint).get("type")
         if pair == "revolute" and "radius" not in force:
             names.fault(f"{path}.radius", f"required: joint {joint!r} is revolute")
@@ -323,30 +322,47 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
             names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 
-def _check_assembly(names: Names) -> None:
-    assembly = table(names.document, "assembly")
-    for key in table(assembly, "sketch"):
-        if "." in key:
-            names.point(f"assembly.sketch.{key}", key)
-        elif key not in names.joints:
-            names.fault(f"assembly.sketch.{key}", f"unknown joint {key!r}")
-    _check_angles(names, "assembly", assembly)
+def _check_rows(names: Names, path: str, rows: list[Any]) -> None:
+    """The times of a table must increase."""
+    times = [row[0] for row in rows if row and row[0] is not None]
+    if any(b <= a for a, b in pairwise(times)):
+        names.fault(path, "times must increase")
 
 
-def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
-    for group in ("angles_deg", "angles"):
-        for link in table(owner, group):
-            names.link(f"{path}.{group}.{link}", link, ground=False)
-    for link in table(owner, "angles").keys() & table(owner, "angles_deg").keys():
-        names.fault(f"{path}.angles.{link}", "given together with angles_deg")
+def _check_sketch(names: Names, path: str, name: str) -> None:
+    names.check(path, name, "point" if "." in name else "joint")
+
+
+def _check_measure(names: Names, path: str, measure: dict[str, Any]) -> None:
+    _check_coordinate(names, path, measure, "link", "joint", "between", "point")
+    for key in {"angle", "angle_deg"} & measure.keys():
+        if "point" not in measure:
+            names.fault(f"{path}.{key}", "given without point")
+
+
+def _check_coordinate(names: Names, path: str, owner: dict[str, Any], *keys: str) -> None:
+    """The one coordinate that a driver or `measure` names by one of these keys."""
+    if len(owner.keys() & set(keys)) != 1:
+        names.fault(path, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
+
+
+def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
+    _check_coordinate(names, path, driver, "link", "joint", "between")
+    if driver.get("link") is not None:
+        names.turns_on_ground(f"{path}.link", driver["link"])
+    if "link" not in driver:
+        for key in {"start_deg", "travel_deg"} & driver.keys():
+            names.fault(f"{path}.{key}", "a length is driven: give metres without _deg")
+    if "between" in driver and "start" not in driver:
+        names.fault(f"{path}.start", "required: the length at the start")
+    if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
+        names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
     active = sequence(scenario, "forces")
     for i, force in enumerate(active):
-        if isinstance(force, str) and force not in table(names.document, "forces"):
-            names.fault(f"{path}.forces[{i}]", f"unknown force {force!r}")
-        elif isinstance(force, str) and force in active[:i]:
+        if force in names.forces and force in active[:i]:
             names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
     if "driver" in scenario and "start" in scenario:
         names.fault(
@@ -354,60 +370,16 @@ def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
             "given together with start: beside a start, what is driven stands in the list `drivers = [{ ... }]`, and the start "
             "holds what they leave free",
         )
-    if "driver" in scenario and "drivers" in scenario:
-        names.fault(f"{path}.drivers", "given together with driver")
-    driver = table(scenario, "driver")
-    for where, entry in [*([(f"{path}.driver", driver)] if driver else []), *_driver_list(path, scenario)]:
-        _check_driver(names, where, entry)
-    _check_start(names, f"{path}.start", table(scenario, "start"))
-    for i, held in enumerate(sequence(scenario, "hold")):
-        if isinstance(held, str) and held not in names.links and held not in names.joints:
-            names.fault(f"{path}.hold[{i}]", f"unknown link or joint {held!r}")
 
 
-def _check_measure(names: Names, measure: dict[str, Any]) -> None:
-    _check_coordinate(names, "measure", measure, ("link", "joint", "between", "point"))
-    names.point("measure.point", measure.get("point"), ground=False)
-    for key in {"angle", "angle_deg"} & measure.keys():
-        if "point" not in measure:
-            names.fault(f"measure.{key}", "given without point")
-
-
-def _check_coordinate(names: Names, path: str, owner: dict[str, Any], keys: tuple[str, ...]) -> None:
-    """The one coordinate that a driver or `measure` names by one of these keys."""
-    if len(owner.keys() & set(keys)) != 1:
-        names.fault(path, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
-    joint, between = owner.get("joint"), sequence(owner, "between")
-    names.link(f"{path}.link", owner.get("link"), ground=False)
-    if isinstance(joint, str) and joint not in names.joints:
-        names.fault(f"{path}.joint", f"unknown joint {joint!r}")
-    elif isinstance(joint, str) and table(names.joints, joint).get("type") != "prismatic":
-        names.fault(f"{path}.joint", f"joint {joint!r} is not prismatic")
-    for i, reference in enumerate(between):
-        names.point(f"{path}.between[{i}]", reference)
-    names.different_links(f"{path}.between", between)
-
-
-def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    link, between = driver.get("link"), sequence(driver, "between")
-    _check_coordinate(names, path, driver, ("link", "joint", "between"))
-    if isinstance(link, str) and link in names.links and not _turns_on_ground(names, link):
-        names.fault(f"{path}.link", f"link {link!r} has no revolute joint on the ground")
-    if "link" not in driver:
-        for key in ("start_deg", "travel_deg"):
-            if key in driver:
-                names.fault(f"{path}.{key}", "a length is driven: give metres without _deg")
-    if between and "start" not in driver:
-        names.fault(f"{path}.start", "required: the length at the start")
-    if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
-        names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
-    times = [row[0] for row in sequence(driver, "rows") if isinstance(row, list) and len(row) == 2]
-    if all(isinstance(x, (int, float)) for x in times) and any(b <= a for a, b in pairwise(times)):
-        names.fault(f"{path}.rows", "times must increase")
+def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
+    """A link's angle is given once."""
+    for link in table(owner, "angles").keys() & table(owner, "angles_deg").keys():
+        names.fault(f"{path}.angles.{link}", "given together with angles_deg")
 
 
 def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
-    crank = x if isinstance(x := names.document.get("crank"), str) else ""
+    crank = names.document.get("crank") or ""
     angles = {*table(start, "angles"), *table(start, "angles_deg")}
     by_crank = {"crank", "crank_deg"} & start.keys()
     if ({"speed"} | by_crank) & start.keys() and "crank" not in names.document:
@@ -415,21 +387,31 @@ def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
     if by_crank and crank in angles:
         names.fault(f"{path}.angles.{crank}", "the crank is held twice")
     _check_angles(names, path, start)
-    for joint in table(start, "slides"):
-        if joint not in names.joints:
-            names.fault(f"{path}.slides.{joint}", f"unknown joint {joint!r}")
-        elif table(names.joints, joint).get("type") != "prismatic":
-            names.fault(f"{path}.slides.{joint}", "not a prismatic joint")
-    for point in table(start, "points"):
-        names.point(f"{path}.points.{point}", point, ground=False)
-    held: dict[str, set[Any]] = {
+    held = {
         "speeds": angles | ({crank} if by_crank else set()),
-        "slide_speeds": {*table(start, "slides")},
-        "point_velocities": {*table(start, "points")},
+        "slide_speeds": table(start, "slides").keys(),
+        "point_velocities": table(start, "points").keys(),
     }
-    for group, coordinates in held.items():
-        for key in table(start, group):
-            if key not in coordinates:
-                names.fault(f"{path}.{group}.{key}", "a rate without its held coordinate")
-    if "speed" in start and not by_crank and crank not in angles:
-        names.fault(f"{path}.speed", "a rate without its held coordinate")
+    loose = [f"{group}.{key}" for group, coordinates in held.items() for key in table(start, group) if key not in coordinates]
+    loose += ["speed"] if "speed" in start and not by_crank and crank not in angles else []
+    for place in loose:
+        names.fault(f"{path}.{place}", "a rate without its held coordinate")
+
+
+CHECKS: dict[str, Callable[[Names, str, Any], None]] = {
+    "ground.points": _check_points,
+    "links.*.points": _check_points,
+    "links.*": _check_link,
+    "welds": _check_welds,
+    "joints.*": _check_joint,
+    "crank": _check_crank,
+    "forces.*": _check_force,
+    "forces.*.over_time.rows": _check_rows,
+    "assembly": _check_angles,
+    "assembly.sketch.~": _check_sketch,
+    "measure": _check_measure,
+    "scenarios.*": _check_scenario,
+    "scenarios.*.start": _check_start,
+    **dict.fromkeys(DRIVERS, _check_driver),
+    **{f"{driver}.rows": _check_rows for driver in DRIVERS},
+}

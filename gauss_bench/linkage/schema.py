@@ -6,12 +6,28 @@ A file that uses one of them must say so, so that a reader of the first does not
 Names that refer to each other, and everything geometric, are checked in `references.py` and `closure.py`.
 """
 
-from collections.abc import Iterator
+import copy
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from decimal import Decimal
+from functools import reduce
+from operator import or_
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
 
 from gauss_bench.linkage.errors import Fault
+from gauss_bench.mechanism.model import (
+    AxisSpringDamper,
+    CoulombFriction,
+    JointDamping,
+    KnifeEdge,
+    PointForce,
+    RotationalSpringDamper,
+    SpringDamper,
+    Torque,
+)
 
 FORMAT = "planar-linkage/1"
 SECOND = "planar-linkage/2"
@@ -53,9 +69,10 @@ class Table(BaseModel):
             raise TypeError(f"{cls.__name__}: each key is declared physics or other, once: {', '.join(sorted(wrong))}")
 
 
-def kind_of(key: str) -> Any:
-    """Discriminator on a table's `key`; tags are in angle brackets so that they can be told from keys in a path."""
-    return Discriminator(lambda value: f"<{value.get(key)}>" if isinstance(value, dict) else "<not a table>")
+def one_of(key: str, kinds: Mapping[str, Any]) -> Any:
+    """Return the type of a table whose `key` says which of these kinds it is."""
+    tagged: Any = reduce(or_, [Annotated[table, Tag(name)] for name, table in kinds.items()])
+    return Annotated[tagged, Discriminator(lambda x: str(x.get(key)) if isinstance(x, dict) else None)]
 
 
 class PointTable(Table, physics="r deg xy from"):
@@ -131,6 +148,7 @@ class PrismaticTable(Table, physics="type guide block angle_deg angle block_angl
 
 
 class KnifeEdgeTable(Table, physics="type point angle_deg angle"):
+    read: ClassVar = KnifeEdge.read
     type: Literal["knife_edge"]
     point: Text
     angle_deg: Number | None = None
@@ -165,21 +183,16 @@ class AgainstTable(Table, physics="share speed"):
     speed: Positive
 
 
-OverTime = Annotated[
-    Annotated[TableOverTime, Tag("<table law>")]
-    | Annotated[RampOverTime, Tag("<ramp>")]
-    | Annotated[StepOverTime, Tag("<step>")]
-    | Annotated[SineOverTime, Tag("<sine>")],
-    Discriminator(lambda v: {"table": "<table law>"}.get(str(v.get("law")), f"<{v.get('law')}>") if isinstance(v, dict) else "<>"),
-]
+OverTime = one_of("law", {"table": TableOverTime, "ramp": RampOverTime, "step": StepOverTime, "sine": SineOverTime})
 
 
 class VaryingTable(Table, physics="over_time against", second="over_time against"):
-    over_time: OverTime | None = None
+    over_time: OverTime | None = None  # type: ignore[valid-type]
     against: AgainstTable | None = None
 
 
 class TorqueTable(VaryingTable, physics="type link reaction value"):
+    read: ClassVar = Torque.read
     type: Literal["torque"]
     link: Text
     reaction: Text = "ground"
@@ -187,6 +200,7 @@ class TorqueTable(VaryingTable, physics="type link reaction value"):
 
 
 class ForceTable(VaryingTable, physics="type point value frame"):
+    read: ClassVar = PointForce.read
     type: Literal["force"]
     point: Text
     value: Pair
@@ -194,6 +208,7 @@ class ForceTable(VaryingTable, physics="type point value frame"):
 
 
 class SpringDamperTable(Table, physics="type between k c rest"):
+    read: ClassVar = SpringDamper.read
     type: Literal["spring_damper"]
     between: Couple
     k: Number = 0.0
@@ -202,6 +217,7 @@ class SpringDamperTable(Table, physics="type between k c rest"):
 
 
 class AxisSpringDamperTable(Table, physics="type point origin angle_deg angle k c rest"):
+    read: ClassVar = AxisSpringDamper.read
     type: Literal["axis_spring_damper"]
     point: Text
     origin: Text | None = None
@@ -213,6 +229,7 @@ class AxisSpringDamperTable(Table, physics="type point origin angle_deg angle k 
 
 
 class RotationalSpringDamperTable(Table, physics="type links k c rest_deg rest"):
+    read: ClassVar = RotationalSpringDamper.read
     type: Literal["rotational_spring_damper"]
     links: Couple
     k: Number = 0.0
@@ -222,12 +239,14 @@ class RotationalSpringDamperTable(Table, physics="type links k c rest_deg rest")
 
 
 class JointDampingTable(Table, physics="type joint c"):
+    read: ClassVar = JointDamping.read
     type: Literal["joint_damping"]
     joint: Text
     c: NotNegative
 
 
 class CoulombFrictionTable(Table, physics="type joint mu radius speed"):
+    read: ClassVar = CoulombFriction.read
     type: Literal["coulomb_friction"]
     joint: Text
     mu: NotNegative
@@ -274,7 +293,7 @@ class StartTable(Table, physics="crank_deg crank speed angles_deg angles slides 
 
 
 JOINTS = {"revolute": RevoluteTable, "prismatic": PrismaticTable}
-FORCES = {
+FORCES: dict[str, Any] = {
     "torque": TorqueTable,
     "force": ForceTable,
     "spring_damper": SpringDamperTable,
@@ -283,27 +302,10 @@ FORCES = {
     "joint_damping": JointDampingTable,
     "coulomb_friction": CoulombFrictionTable,
 }
-JointTable = Annotated[Annotated[RevoluteTable, Tag("<revolute>")] | Annotated[PrismaticTable, Tag("<prismatic>")], kind_of("type")]
-ForceEntry = Annotated[
-    Annotated[TorqueTable, Tag("<torque>")]
-    | Annotated[ForceTable, Tag("<force>")]
-    | Annotated[SpringDamperTable, Tag("<spring_damper>")]
-    | Annotated[AxisSpringDamperTable, Tag("<axis_spring_damper>")]
-    | Annotated[RotationalSpringDamperTable, Tag("<rotational_spring_damper>")]
-    | Annotated[JointDampingTable, Tag("<joint_damping>")]
-    | Annotated[CoulombFrictionTable, Tag("<coulomb_friction>")],
-    kind_of("type"),
-]
-CONSTRAINTS = {"knife_edge": KnifeEdgeTable}
-ConstraintTable = Annotated[Annotated[KnifeEdgeTable, Tag("<knife_edge>")], kind_of("type")]
-DriverTable = Annotated[
-    Annotated[ConstantLaw, Tag("<constant>")]
-    | Annotated[RiseLaw, Tag("<sine>")]
-    | Annotated[RiseLaw, Tag("<cosine>")]
-    | Annotated[RiseLaw, Tag("<poly345>")]
-    | Annotated[TableLaw, Tag("<table law>")],
-    Discriminator(lambda v: {"table": "<table law>"}.get(str(v.get("law")), f"<{v.get('law')}>") if isinstance(v, dict) else "<>"),
-]
+CONSTRAINTS: dict[str, Any] = {"knife_edge": KnifeEdgeTable}
+LAWS = {"constant": ConstantLaw, **dict.fromkeys(("sine", "cosine", "poly345"), RiseLaw), "table": TableLaw}
+JointTable, ForceEntry, ConstraintTable = (one_of("type", x) for x in (JOINTS, FORCES, CONSTRAINTS))
+DriverTable = one_of("law", LAWS)
 
 
 class ScenarioTable(Table, physics="forces driver drivers start", other="duration override hold", second="hold"):
@@ -311,8 +313,8 @@ class ScenarioTable(Table, physics="forces driver drivers start", other="duratio
     hold: list[Text] = []
     forces: list[Text] = []
     override: dict[str, Any] = {}
-    driver: DriverTable | None = None
-    drivers: Annotated[list[DriverTable], Field(min_length=1)] = []
+    driver: DriverTable | None = None  # type: ignore[valid-type]
+    drivers: Annotated[list[DriverTable], Field(min_length=1)] = []  # type: ignore[valid-type]
     start: StartTable | None = None
 
 
@@ -358,9 +360,9 @@ class LinkageTable(
     links: Annotated[dict[Name, LinkTable], Field(min_length=1)]
     welds: dict[Name, WeldTable] = {}
     cylinders: dict[Name, CylinderTable] = {}
-    joints: dict[Name, JointTable] = {}
-    constraints: dict[Name, ConstraintTable] = {}
-    forces: dict[Name, ForceEntry] = {}
+    joints: dict[Name, JointTable] = {}  # type: ignore[valid-type]
+    constraints: dict[Name, ConstraintTable] = {}  # type: ignore[valid-type]
+    forces: dict[Name, ForceEntry] = {}  # type: ignore[valid-type]
     assembly: AssemblyTable = AssemblyTable()
     observe: ObserveTable = ObserveTable()
     measure: MeasureTable | None = None
@@ -380,19 +382,28 @@ TEXTS = {
     "dict_type": "must be a table",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
+    "union_tag_not_found": "must be a table",
     "string_pattern_mismatch": "names have letters, digits and underscores only",
 }
 
 
-def schema_faults(document: dict[str, Any]) -> list[Fault]:
-    """Every fault of keys and values, each with its dotted path; of a file of the first edition also what belongs to the second."""
+def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
+    """Every fault of keys and values, by its dotted path, and the document with None for every value that is refused.
+
+    Of a file of the first edition it is also a fault that a key belongs to the second.
+    """
     try:
         read = LinkageTable.model_validate(document)
     except ValidationError as error:
-        return [Fault(_path(e["loc"]), _text(dict(e))) for e in error.errors(include_url=False)]
+        faults, sound = [], copy.deepcopy(document)
+        for e in error.errors(include_url=False):
+            place = _place(e["loc"], document)
+            faults.append(Fault(_path(place), _text(dict(e))))
+            _put_none(sound, place)
+        return faults, sound
     if read.format == SECOND:
-        return []
-    return [Fault(path, f"a key of {SECOND}, and the file says format = {FORMAT!r}") for path in _of_the_second(read)]
+        return [], document
+    return [Fault(path, f"a key of {SECOND}, and the file says format = {FORMAT!r}") for path in _of_the_second(read)], document
 
 
 def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
@@ -413,14 +424,28 @@ def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
             yield from _of_the_second(value, f"{path}[{i}]")
 
 
-def _path(loc: tuple[str | int, ...]) -> str:
-    path = ""
-    for part in loc:
-        if isinstance(part, int):
-            path += f"[{part}]"
-        elif not part.startswith("<") and part != "[key]":
-            path += f".{part}" if path else part
-    return path
+def _place(loc: tuple[str | int, ...], document: Any) -> list[Any]:
+    """The keys that lead to a fault; pydantic's location also names the kind of every table that one of its keys decides."""
+    place: list[Any] = []
+    for part in (x for x in loc if x not in ("<list>", "<table>", "[key]")):
+        if isinstance(document, (dict, list)):
+            there = part in document if isinstance(document, dict) else True
+            if there or part is loc[-1]:
+                place.append(part)
+                document = document[part] if there else None
+    return place
+
+
+def _put_none(document: Any, place: list[Any]) -> None:
+    *way, last = place
+    for part in way:
+        document = document[part]
+    if document is not None:
+        document[last] = None
+
+
+def _path(place: list[Any]) -> str:
+    return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in place).removeprefix(".")
 
 
 def _text(error: dict[str, Any]) -> str:
@@ -428,11 +453,43 @@ def _text(error: dict[str, Any]) -> str:
     if error["loc"] == ("format",) and kind == "literal_error":
         return f"unsupported format {error['input']!r}; this version reads {FORMAT!r} and {SECOND!r}"
     if kind == "union_tag_invalid":
-        tag, known = context["tag"].strip("<>"), context["expected_tags"].replace("<", "").replace(">", "").replace(" law", "")
-        return "must be a table" if tag == "not a table" or not tag else f"type {tag!r} is not one of {known}"
+        known = context["expected_tags"].replace("'", "")
+        return f"type {context['tag']!r} is not one of {known}"
     if kind in ("too_short", "too_long"):
         exact = context.get("min_length") == context.get("max_length") or error["loc"][-1] in ("value", "com", "gravity", "xy")
         count = context.get("min_length", context.get("max_length"))
         return f"must have {'' if exact else 'at least ' if kind == 'too_short' else 'at most '}{count} entries"
     message: str = error["msg"]
     return TEXTS.get(kind, message[0].lower() + message[1:])
+
+
+def physics_digest(document: dict[str, Any], scenario: str) -> str:
+    """SHA-256 of everything in a document, its scenario's override already merged, that the motion of the scenario follows from."""
+    physics = _physics(LinkageTable.model_validate(document))
+    chosen = physics.pop("scenarios")[scenario]
+    acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
+    physics |= {"forces": acting, "scenario": chosen}
+    if document["format"] == SECOND:  # the first edition damps a shared pin between the neighbours in its list
+        _mark_shared(physics, acting)
+    return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
+
+
+def _mark_shared(physics: dict[str, Any], acting: dict[str, Any]) -> None:
+    """Say of pins through several links how they are damped, where they are."""
+    damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
+    if any(len(joint.get("at", ())) > 2 for joint in damped):
+        physics["damping"] = "between every two links of a pin"
+
+
+def _physics(item: Any) -> Any:
+    """The given keys of a table's physics, at every depth; numbers as one decimal text, however they are written."""
+    if isinstance(item, Table):
+        given = {type(item).model_fields[name].alias or name: getattr(item, name) for name in item.model_fields_set}
+        return {key: _physics(value) for key, value in given.items() if key in item.physics}
+    if isinstance(item, dict):
+        return {key: _physics(value) for key, value in item.items()}
+    if isinstance(item, list):
+        return [_physics(value) for value in item]
+    if isinstance(item, float):
+        return str(Decimal(repr(item)).normalize() + 0)
+    return item

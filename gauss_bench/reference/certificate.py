@@ -20,7 +20,7 @@ from gauss_bench.linkage.load import built_in_folder
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
-from gauss_bench.untrusted import read_bytes
+from gauss_bench.untrusted import BadInput, read_bytes
 
 FORMAT = "gauss-bench certificate/1"
 MAX_BYTES = 1 << 28  # a thousand times a usual one
@@ -28,7 +28,7 @@ CERTIFICATES = "certificates"  # the folder beside a linkage file in which they 
 ARRAYS = ("t", "q", "v", "a", "multipliers", "error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a")
 
 
-class CertificateError(ValueError):
+class CertificateError(BadInput, ValueError):
     """A file that is no certificate, or not one of this linkage."""
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from gauss_bench.linkage.digest import source_digest
-from gauss_bench.linkage.limits import harmless
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import CertificateError, as_reference, certificate_path, check_holds, read_certificate
 from gauss_bench.trajectory import Reference
+from gauss_bench.untrusted import harmless
 
 FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor_v", "floor_a")
 

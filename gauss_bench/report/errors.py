@@ -1,5 +1,7 @@
 """Reasons for which a report is refused."""
 
+from gauss_bench.untrusted import BadInput
 
-class NoRun(ValueError):
+
+class NoRun(BadInput, ValueError):
     """A folder that holds no run."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, all_names, get, is_class
+from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.own_options import Known, OptionError, is_own
@@ -18,6 +18,7 @@ from gauss_bench.engines.variants import CHOSEN, Variant
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
+from gauss_bench.untrusted import BadInput
 
 LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
 SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
@@ -26,7 +27,7 @@ CALLED = ("version", "skip", "build")
 NOT_TOLD = "not told"
 
 
-class ChoiceError(ValueError):
+class ChoiceError(BadInput, ValueError):
     """A setting, integrator, stabilisation or time that cannot be had."""
 
 
@@ -158,7 +159,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         wanted = there if wanted is None else wanted
         for name in wanted:
             if name not in there and not is_class(name):
-                raise KeyError(f"unknown engine {name!r}; there are {', '.join(there)}")
+                raise UnknownEngine(f"unknown engine {name!r}; there are {', '.join(there)}")
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})

@@ -138,7 +138,7 @@ def _end_with_the_studio() -> None:
 
 def main() -> None:
     """Read one request, and do it."""
-    from gauss_bench.api.results import plain
+    from gauss_bench.api.telling import plain
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # a library that prints does not spoil the lines

@@ -27,7 +27,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from gauss_bench.api.results import plain
+from gauss_bench.api.telling import plain
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.load import find
 from gauss_bench.linkage.load import read as read_file

@@ -7,14 +7,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from gauss_bench.suites.schema import OnLinkages, Suite
-from gauss_bench.untrusted import parse_toml, read_bytes
+from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 
 FOLDER = Path(__file__).parent
 MAX_BYTES = 1_048_576  # of a suite: the longest has 4,000
 SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "hours", "parts"))
 
 
-class SuiteError(ValueError):
+class SuiteError(BadInput, ValueError):
     """A suite that cannot be read; the message names file, table and field."""
 
 

@@ -1,5 +1,7 @@
 """What a user can mend of a sweep."""
 
+from gauss_bench.untrusted import BadInput
 
-class SweepError(ValueError):
+
+class SweepError(BadInput, ValueError):
     """A sweep that cannot be run as it is asked for; the message names the option or the path of the file."""

@@ -1,0 +1,67 @@
+"""Files that show a linkage, a run or a motion, written once all of them could be made."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from gauss_bench.api.history import history, table
+from gauss_bench.api.kinematics import Kinematics
+from gauss_bench.api.kinematics import table as motion_table
+from gauss_bench.api.simulate import Simulation
+from gauss_bench.api.telling import Answer, tell
+from gauss_bench.mechanism.parts import spread
+from gauss_bench.report.drawings.animation import animate
+from gauss_bench.report.drawings.curves import curves
+from gauss_bench.report.drawings.drawing import draw
+from gauss_bench.report.drawings.pose import pose_links
+from gauss_bench.report.drawings.shown import film, picture
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.tables import write_bytes
+
+Files = Mapping[str, Path]
+
+
+def write(contents: Mapping[Path, str | bytes]) -> None:
+    """Write files, each in one move."""
+    for path, content in contents.items():
+        write_bytes(path, content if isinstance(content, bytes) else content.encode())
+        tell(f"{path}")
+
+
+def draw_linkage(answer: Answer, files: Files) -> None:
+    """Draw the linkage that a description is of, with the paths of its observed points."""
+    write({path: draw(*pose_links(answer.data["source"])) for path in files.values()})
+
+
+def draw_run(result: Simulation, files: Files) -> None:
+    """Write the plot, the animation and the table of a run."""
+    if result.trajectory is None:
+        tell("nothing was reached: no file is written")
+        return
+    shown, told = history(result), result.told()
+    contents: dict[Path, str | bytes] = {}
+    for name, path in files.items():
+        if name == "out":
+            contents[path] = table(shown)
+        elif name == "plot":
+            contents[path] = picture(path.suffix, told, shown)
+        else:
+            contents[path] = film(path.suffix, told, shown, result.model.whole, spread(result.model, result.trajectory))
+    write(contents)
+
+
+def draw_motion(result: Kinematics, files: Files) -> None:
+    """Write the plot, the animation and the table of a motion; a table that is called "csv" goes to stdout."""
+    whole, x, points = result.model.whole, result.trajectory, result.shown
+    contents: dict[Path, str | bytes] = {}
+    if "plot" in files and not points:
+        raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
+    for name, path in files.items():
+        if name == "plot":
+            contents[path] = curves(whole, x.t, x.q, x.v, x.a, points)
+        elif name == "animate":
+            contents[path] = animate(whole, x.t, x.q, points)
+        elif path.suffix:
+            contents[path] = motion_table(result).to_csv(index=False, lineterminator="\n")
+        else:
+            print(motion_table(result).to_csv(index=False, lineterminator="\n"), end="")
+    write(contents)

@@ -1,0 +1,67 @@
+"""Verbs that run many cases of one kind: settings of engines, numbers of a linkage, and how far engines go."""
+
+from argparse import Namespace
+
+from gauss_bench.advice.truth import NoTruth
+from gauss_bench.api.files import usable_folder, writable
+from gauss_bench.api.recommend import Recommendation, order_kinds
+from gauss_bench.api.recommend import recommend as recommend_settings
+from gauss_bench.api.telling import Answer, Told
+from gauss_bench.atlas import chart, survey, table
+from gauss_bench.bench.provenance import environment
+from gauss_bench.runs.asked import check_budget
+from gauss_bench.sweep.halving import text as half
+from gauss_bench.sweep.run import How, Where
+from gauss_bench.sweep.run import sweep as run_sweep
+from gauss_bench.sweep.summary import text
+from gauss_bench.tables import refuse_foreign, write_table, write_text
+
+
+def recommend(options: Namespace, told: Told) -> Recommendation | Answer:
+    """Find the cheapest setting of each engine, and write a program for each that holds the requirement."""
+    engines, files = options.engines or [], {}
+    for name in (engines or order_kinds()) if options.out else ():
+        files[name] = writable(options.out / f"{name}.py", options.replace, suffix=".py", source=options.linkage)
+    wanted = (options.position, options.angle, options.force, options.until)
+    try:
+        result = recommend_settings(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, told)
+    except NoTruth as reason:
+        return Answer(None, False, "", (f"{options.linkage}: nothing can be recommended: {reason}",))
+    for answer in result.answers:
+        if answer.snippet and answer.engine in files:
+            write_text(files[answer.engine], answer.snippet)
+            told(f"{files[answer.engine]}")
+    return result
+
+
+def sweep(options: Namespace, told: Told) -> Answer:
+    """Run one linkage with many numbers, and say what half the step changes."""
+    names = ("scenario", "settings", "integrator", "stabilization", "step", "until", "budget")
+    how, where = How(*(getattr(options, x) for x in names)), Where(options.backend, options.scheduler, options.jobs)
+    planned = (options.samples, options.sampling, options.seed)
+    engines = options.engines or ["gauss-native"]
+    summary = run_sweep(options.linkage, options.vary, options.out, engines, *planned, how, where, told)
+    ended = summary["engines"].values()
+    sound = all(x["half_the_step"] is None or x["half_the_step"]["ok"] for x in ended)
+    sound = sound and all(set(x["status"]) <= {"ok", "not_assembled"} for x in ended)
+    remarks = tuple(f"{name}: {half(x['half_the_step'])}" for name, x in summary["engines"].items())
+    return Answer(summary, sound, text(summary["engines"]), remarks)
+
+
+def atlas(options: Namespace, told: Told) -> Answer:
+    """Find how far each engine goes, and write the table, the chart and the page of it."""
+    for folder in filter(None, (options.out, options.into)):
+        usable_folder(folder)
+        refuse_foreign({folder / "atlas.csv": table.HEAD})
+    if options.out is not None:
+        refuse_foreign({options.out / name: chart.TITLE for name in ("atlas.svg", "index.html")})
+    chosen, along = survey.ways(options.engines), survey.axes(options.axes)
+    reaches = survey.survey(chosen, along, check_budget(options.budget, survey.BUDGET), options.jobs, told)
+    rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
+    for folder in filter(None, (options.out, options.into)):
+        told(f"{write_table('atlas', rows, folder)[0]}")
+    if options.out is not None:
+        for name, content in {"atlas.svg": chart.chart(reaches), "index.html": chart.page(reaches)}.items():
+            write_text(options.out / name, content)
+            told(f"{options.out / name}")
+    return Answer([table.row(x) for x in reaches], text=table.text(reaches))

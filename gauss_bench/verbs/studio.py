@@ -1,0 +1,16 @@
+"""The studio, whose libraries are an extra."""
+
+from argparse import Namespace
+from pathlib import Path
+
+from gauss_bench.api.telling import Answer, Told
+from gauss_bench.engines.extras import require
+
+
+def studio(options: Namespace, told: Told) -> Answer:
+    """Serve the studio's page until it is interrupted."""
+    for library in ("starlette", "uvicorn", "websockets", "tomlkit"):
+        require(library)
+    from gauss_bench.studio.server import serve  # which imports them
+
+    return Answer(None, serve(options.linkage, Path.cwd(), options.port, not options.no_browser, told) == 0, "")

@@ -1,0 +1,133 @@
+"""Suites: run, told on pages, and held against the committed baseline."""
+
+import shlex
+import sys
+from argparse import Namespace
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from gauss_bench.api.files import usable_folder
+from gauss_bench.api.programs import programs
+from gauss_bench.api.telling import Answer, Told, render
+from gauss_bench.bench import cases, gate
+from gauss_bench.bench.context import CASE_LIMIT
+from gauss_bench.bench.differences import accuracy_rows, compare_times, differences
+from gauss_bench.bench.measurements.search import search_linkage
+from gauss_bench.bench.provenance import check_publishable
+from gauss_bench.bench.runner import measure_all
+from gauss_bench.bench.runner import run as run_suite
+from gauss_bench.engines.extras import require
+from gauss_bench.linkage.load import load
+from gauss_bench.report.build import build_report, refuse_pages_of_others
+from gauss_bench.runs.apart import is_unaltered
+from gauss_bench.runs.asked import check_budget
+from gauss_bench.runs.first_builds import build_first
+from gauss_bench.runs.offers import ChoiceError, offers
+from gauss_bench.suites.read import join_entries, of_engines, read_suite, restrict, scenario_of
+from gauss_bench.tables import TABLES, read_environment
+
+LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
+ENTRIES = ("README.md", "index.html")
+Tables = Mapping[str, Sequence[Mapping[str, Any]]]
+
+
+def chosen_suite(options: Namespace, names: Sequence[str]) -> Any:
+    """The suites of these names as one, for the linkages and engines asked for.
+
+    Raises:
+        SuiteError, LinkageError, KeyError: what cannot be used; before anything is run.
+    """
+    suite = join_entries([read_suite(name) for name in names])
+    asked = getattr(options, "scenario", None)
+    chosen = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
+    offers(options.engines or [])
+    suite = restrict(suite, chosen) if chosen else suite
+    return of_engines(suite, options.engines) if options.engines else suite
+
+
+def run(options: Namespace, told: Told) -> Answer:
+    """Run suites, and write their tables and pages."""
+    usable_folder(options.out, LOCAL)
+    if options.report:
+        refuse_pages_of_others(options.out)
+    names = options.suite or ["quick"]
+    suite, limit = chosen_suite(options, names), check_budget(options.budget, CASE_LIMIT)
+    cases.as_asked(cases.cases(suite), options.until, options.steps)  # refused before anything is run
+    if options.against:
+        accuracy_rows(options.against)
+    if suite.steps and not suite.accuracy:  # about compiled code and nothing else
+        require("llvmlite")
+    if suite.hours:
+        print(f"{suite.title}: all of it takes up to {suite.hours:g} h on two quiet cores", file=sys.stderr, flush=True)
+    for engine in (x for part in suite.search for x in search_linkage(part)):
+        build_first(engine.name, engine.variants, told)
+    asked = (options.until, options.steps, limit)
+    tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)
+    pages = build_report(options.out, programs) if options.report else []
+    remarks = [str(path) for path in pages if path.name in ENTRIES]
+    if options.against:
+        found = differences(options.out, options.against)
+        remarks.append(render("differences", found, there=str(options.against)))
+    return Answer(tables, text=format_run(tables, options.out), notices=tuple(remarks))
+
+
+def format_run(tables: Tables, folder: Path) -> str:
+    """Say how the cases of a run ended, and which of its targets were missed."""
+    results, targets, missed = tables.get("results", ()), 0, []
+    for name, rows in tables.items():
+        keys = [c.name for c in TABLES[name].columns[: TABLES[name].keys] if c.kind == "text"]
+        for row in (x for x in rows if isinstance(x.get("met"), bool)):
+            targets += 1
+            if not row["met"]:
+                missed.append(" ".join(str(row[key]) for key in keys if row.get(key)))
+    counts = sorted(Counter(str(row["status"]) for row in results).items())
+    valid = sum(bool(row.get("valid")) for row in results)
+    return render("run", counts, valid=valid, targets=targets, missed=missed, folder=str(folder))
+
+
+def report(options: Namespace, told: Told) -> Answer:
+    """Write the pages of a run, or say what it found otherwise than another."""
+    if options.publish:
+        check_publishable(options.out)
+    if options.against:
+        folders = options.out, options.against
+        accuracy, (compared, moved) = differences(*folders), compare_times(*folders)
+        where = [read_environment(x) for x in folders]
+        told_of = {"accuracy": accuracy, "compared": compared, "times": moved, "where": where}
+        rows = {True: [x.row for x in moved if x.matters], False: [x.row for x in moved if not x.matters]}
+        return Answer(told_of, text=render("changes", told_of, matters=rows[True], rest=rows[False]))
+    return Answer(build_report(options.out, programs, told))
+
+
+def check(options: Namespace, told: Told) -> Answer:
+    """Hold the accuracy cases against the baseline, or write a new one."""
+    asked = cases.cases(chosen_suite(options, ["gate"]))
+    chosen = asked
+    if not options.accept and not options.baseline.exists():
+        raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
+    baseline = None if options.accept else gate.read_baseline(options.baseline)
+    if baseline is not None and (options.linkages or options.engines):  # of a part, what can be held against something
+        chosen = gate.is_known(asked, baseline)
+        if not chosen:
+            named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)
+            raise ChoiceError(f"{options.baseline} has no figure of {named}; --accept REASON writes them there")
+        if len(chosen) < len(asked):
+            told(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
+    alter = partial(gate.scale_inertia, options.plant_inertia) if options.plant_inertia else is_unaltered
+    rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
+    figures = gate.facts(rows, references)
+    if baseline is None:
+        changed, refused = gate.accept(figures, options.baseline, options.accept)
+        remarks = tuple(f"not accepted, because it failed: {reason}" for reason in refused)
+        text = f"{options.baseline}: {changed} figures new or changed"
+        return Answer({"changed": changed, "refused": refused}, not refused, text, remarks)
+    verdicts = gate.compare(figures, gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked}))
+    failed = [*gate.failures(verdicts)]
+    again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
+    told_of = {"passed": not failed, "verdicts": [vars(v) for v in verdicts]}
+    lines = [str(v) for v in verdicts if v.outcome != "ok"]
+    text = render("check", told_of, lines=lines, again=shlex.join([*again, "--baseline", str(options.baseline)]))
+    return Answer(told_of, not failed, text)
