@@ -197,7 +197,7 @@ def fronts(run: Run) -> dict[str, list[Setting]]:
     ways: dict[str, list[Setting]] = {}
     for one in own:
         ways.setdefault(way_of(one.engine, one.settings), []).append(one)
-    lines = {way: front(some) for way, some in ways.items()}
+    lines = {way: [Setting(**x) for x in front([vars(y) for y in some], "seconds", "position")] for way, some in ways.items()}
 
     def time(way: str) -> tuple[float, str]:
         held = cheapest(lines[way], FIRST)

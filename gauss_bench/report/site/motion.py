@@ -55,7 +55,7 @@ def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
     return (mechanism, trace) if abs(abs(turn) - 2 * np.pi) < 1e-6 else None
 
 
-def draw(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
+def turning(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """A linkage's SVG whose parts carry numbers, and where every part is in each state [px, degrees]."""
     motion = turn_frames(run, name)
     if motion is None:
@@ -119,18 +119,3 @@ def carry(mechanism: Mechanism, link: int, local: Array, states: Array, canvas: 
         return [f'<g transform="translate({x:.2f} {y:.2f})">', *shapes, "</g>"]
     x, y = canvas.offset(np.asarray(local))
     return [f'<g data-link="{link}" data-x="{x:.2f}" data-y="{y:.2f}">', *shapes, "</g>"]
-
-
-def turning(run: Run, name: str, title: str) -> tuple[Markup, dict[str, Any]] | None:
-    """The player with a slider for the crank's angle, and its data; None where there is no turn of the crank."""
-    drawing = draw(run, name)
-    if drawing is None:
-        return None
-    svg, data = drawing
-    text = Markup(
-        '<section class="player" id="turn" aria-label="Turn the crank"><div class="stage"><div class="pair">{}</div></div>'
-        '<div class="controls"><button type="button" data-play>Play</button>'
-        '<input type="range" min="0" max="360" step="1" value="60" aria-label="Crank angle of {} in degrees">'
-        "<output>60°</output></div></section>"
-    ).format(svg, title)
-    return text, data

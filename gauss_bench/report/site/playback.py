@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
@@ -103,7 +102,7 @@ def label_of(row: Row) -> str:
     return f"{row['engine']} {said}".strip() + ("" if row["status"] == "ok" else " (not valid)")
 
 
-def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, Any]] | None:
+def side_by_side(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """The player of two stored runs and its data; None where fewer than two are stored."""
     motion = turn_frames(run, name)
     try:
@@ -120,7 +119,7 @@ def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, 
         return None
     drawn = unwrap_angles(motion[1]) if motion else states
     canvas = canvas_of(mechanism, drawn)
-    svg = Markup(inline(svg_of(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair"))
+    svg = inline(svg_of(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair")
     data: dict[str, Any] = {"times": [round(float(t), 6) for t in times]}
     if motion:
         assert mechanism.crank is not None
@@ -130,7 +129,7 @@ def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, 
     else:
         data["poses"] = np.round(in_pixels(canvas, states), 2).swapaxes(0, 1).tolist()
         data["runs"] = [_straight(x, canvas) for x in runs]
-    return controls(svg, runs, canvas.scale, len(times)), data
+    return stage(svg, runs, canvas.scale, len(times)), data
 
 
 def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, str, str]:
@@ -192,34 +191,11 @@ def _short(x: float) -> float:
     return short(x, DIGITS)
 
 
-def controls(svg: Markup, runs: Sequence[Played], scale: float, frames: int) -> Markup:
+def stage(svg: str, runs: Sequence[Played], scale: float, frames: int) -> dict[str, Any]:
     """Two stages, who is on them, the factor and the time; at first as large a factor as leaves both runs on the stage."""
     a = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     b = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if a == 0 else 0)
-    labels, reach = [x.label for x in runs], scale * max(float(runs[i].off.max()) for i in (a, b))
+    reach = scale * max(float(runs[i].off.max()) for i in (a, b))
     begun = max((x for x in MAGNIFIED if x * reach <= REACH), default=MAGNIFIED[0])
-
-    def choice(which: str, chosen: int) -> Markup:
-        options = Markup("").join(
-            Markup('<option value="{}"{}>{}</option>').format(i, Markup(" selected") if i == chosen else "", x)
-            for i, x in enumerate(labels)
-        )
-        return Markup('<label>{} <select data-run="{}">{}</select></label>').format(
-            "Left" if which == "a" else "Right", which, options
-        )
-
-    factors = Markup("").join(
-        Markup('<option value="{}"{}>{} times</option>').format(x, Markup(" selected") if x == begun else "", f"{x:,}")
-        for x in MAGNIFIED
-    )
-    twice = [
-        Markup('<div class="pair" data-side="{}">{}<p></p></div>').format(x, Markup(str(svg).replace('id="', f'id="{x}-')))
-        for x in "ab"
-    ]
-    return Markup(
-        '<section class="player" id="pair" aria-label="Two engines side by side">'
-        '<div class="stage">{}{}</div><div class="controls">{}{}'
-        "<label>Difference <select data-factor>{}</select></label></div>"
-        '<div class="controls"><button type="button" data-play>Play</button>'
-        '<input type="range" min="0" max="{}" step="1" value="{}" aria-label="Time"><output></output></div></section>'
-    ).format(*twice, choice("a", a), choice("b", b), factors, frames - 1, frames - 1)
+    labels = [*enumerate(x.label for x in runs)]
+    return {"svg": svg, "labels": labels, "first": (a, b), "factors": MAGNIFIED, "begun": begun, "last": frames - 1}
