@@ -1,7 +1,7 @@
 """The kernel suite: targets are held the right way round, a miss is told, and its report needs its tables alone."""
 
-import re
 import math
+import re
 from pathlib import Path
 from typing import Any
 

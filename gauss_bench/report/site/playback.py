@@ -21,12 +21,15 @@ import numpy as np
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.content import short
-from gauss_bench.report.drawings.drawing import Canvas
+from gauss_bench.report.drawings.canvas import Canvas
+from gauss_bench.report.drawings.drawing import canvas_of
+from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import KEYS, Row, Run, group_rows, number
-from gauss_bench.report.site.motion import canvas_of, in_pixels, svg_of, turn_frames, unwrap_angles
+from gauss_bench.report.site.motion import in_pixels, svg_of, turn_frames
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
@@ -117,14 +120,13 @@ def side_by_side(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], di
     runs = play_runs(run, name, scenario, links, times)
     if len(runs) < 2:
         return None
-    drawn = unwrap_angles(motion[1]) if motion else states
+    drawn = motion[1] if motion else states
     canvas = canvas_of(mechanism, drawn)
     svg = inline(svg_of(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair")
     data: dict[str, Any] = {"times": [round(float(t), 6) for t in times]}
     if motion:
-        assert mechanism.crank is not None
-        turn = Turn(drawn, mechanism.crank)
-        data["crank"] = [round(float(x), 6) for x in states[:, 3 * mechanism.crank + 2]]
+        turn = Turn(mechanism, drawn)
+        data["crank"] = [round(float(x), 6) for x in crank_angles(mechanism, states)]
         data["runs"] = [_along(x, turn, states, canvas) for x in runs]
     else:
         data["poses"] = np.round(in_pixels(canvas, states), 2).swapaxes(0, 1).tolist()
@@ -141,12 +143,12 @@ def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, 
 class Turn:
     """States (k, n) of a turn of a crank, angles unwrapped."""
 
+    mechanism: Mechanism
     states: Array
-    crank: int
 
     def at(self, crank: Array) -> Array:
         """States (k, n) at angles (k,) [rad] of the crank; links that turn with it are at most a turn off."""
-        own = self.states[:, 3 * self.crank + 2]
+        own = crank_angles(self.mechanism, self.states)
         sense = np.sign(own[-1] - own[0])
         place = np.mod((crank - own[0]) * sense, 2 * np.pi)
         return np.stack([np.interp(place, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
@@ -154,17 +156,16 @@ class Turn:
 
 def _along(x: Played, turn: Turn, truth: Array, canvas: Canvas) -> dict[str, Any]:
     """A run that the page carries along the turn."""
-    crank = x.ahead[:, turn.crank, 2]
-    k = len(crank)
-    own = (truth[:k] + x.ahead.reshape(k, -1)).reshape(k, -1, 3)
-    rest = own - turn.at(truth[:k, 3 * turn.crank + 2] + crank).reshape(own.shape)
+    ahead = x.ahead.reshape(len(x.ahead), -1)
+    own = truth[: len(ahead)] + ahead
+    rest = (own - turn.at(crank_angles(turn.mechanism, own))).reshape(x.ahead.shape)
     rest[..., 2] = (rest[..., 2] + np.pi) % (2 * np.pi) - np.pi
     shown = differences(canvas, rest)
     more: dict[str, Any] = {"rest": np.round(shown, 2).swapaxes(0, 1).tolist()} if np.abs(shown).max(initial=0.0) > SEEN else {}
     gap = differences(canvas, x.gap)
     if np.abs(gap).max(initial=0.0) * MAGNIFIED[-1] > SEEN:
         more["gap"] = _list(gap)
-    return _describe(x) | {"ahead": [_short(a) for a in crank]} | more
+    return _describe(x) | {"ahead": [_short(a) for a in crank_angles(turn.mechanism, ahead)]} | more
 
 
 def _straight(x: Played, canvas: Canvas) -> dict[str, Any]:
