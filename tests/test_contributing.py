@@ -186,7 +186,7 @@ SECTION = '''"""What the weather was."""
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Finding, Section, Table, Text, columns, text_cell
+from gauss_bench.report.content import Finding, Section, Table, Text, text_cell
 from gauss_bench.report.rows import Run
 
 PLACE = 95
@@ -199,9 +199,9 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def section(run: Run) -> Section:
-    head, numeric = columns(("place", "sky", "temperature"), 2)
-    rows = tuple(tuple(text_cell(row[x]) for x in ("place", "sky", "temperature")) for row in run.table("weather"))
-    return Section("Weather", "weather", (Text("Looked up by hand."), Table("Weather", head, rows, numeric)))
+    head = ("place", "sky", "temperature")
+    rows = tuple(tuple(text_cell(row[x]) for x in head) for row in run.table("weather"))
+    return Section("Weather", "weather", (Text("Looked up by hand."), Table("Weather", head, rows, frozenset({2}))))
 '''
 TABLE = """
 [tables.weather]

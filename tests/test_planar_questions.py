@@ -29,10 +29,6 @@ MAY_ASK = (
 STILL = {
     "bench/agreement.py": 1,
     "bench/poses.py": 3,
-    "report/pictures.py": 6,
-    "report/site/engine.py": 1,
-    "report/site/motion.py": 7,
-    "report/site/playback.py": 3,
 }
 
 

@@ -10,8 +10,9 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.poses import keep, play, poses, true_poses
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.report.build import build_report, read_run
+from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.site.motion import canvas_of, in_pixels, turn_frames, unwrap_angles
+from gauss_bench.report.site.motion import in_pixels, turn_frames
 from gauss_bench.report.site.playback import side_by_side
 from gauss_bench.tables import KEY, read_table, write_schema, write_table
 from gauss_bench.terms import Array
@@ -21,7 +22,7 @@ LATE, OPEN = 0.01, 2e-3  # [rad], [m]
 CASE = {"mechanism": "four_bar", "scenario": "torque", "settings": "default", "stabilization": "none", "step": 1e-3, "t_end": 0.5}
 TURN = turn_frames(Run(), "four_bar")
 assert TURN is not None
-MECHANISM, STATES = TURN[0], unwrap_angles(TURN[1])
+MECHANISM, STATES = TURN
 HALF = len(STATES) // 2  # states of half a turn
 LINK = 1  # the coupler, which is pulled off in the run that opens
 

@@ -136,8 +136,8 @@ def test_blocks_stay_on_their_guides(name: str) -> None:
     svg = animate(mechanism, t, q)
     parts = (np.arange(len(t) - 1) + 0.5) / (len(t) - 1)
     lines, blocks = [], []
-    for group in (film(svg), *groups(svg).values()):
-        carried = group is not film(svg) and group.find(f"{SVG}animateTransform") is not None
+    for group in film(svg).findall(f"{SVG}g"):
+        carried = group.find(f"{SVG}animateTransform") is not None
         for path in (x for x in group.findall(f"{SVG}path") if x.get("stroke-dasharray") == "9 3 2 3"):
             line = numbers(path.attrib["d"])
             lines.append([carry(group, x, parts) if carried else np.tile(x, (len(parts), 1)) for x in line])

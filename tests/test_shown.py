@@ -28,7 +28,6 @@ from gauss_bench.report.drawings.drawing import draw, fit
 from gauss_bench.report.drawings.forces import marks
 from gauss_bench.report.drawings.history import GAP, apart, plot
 from gauss_bench.report.drawings.pose import pose_links
-from gauss_bench.report.drawings.raster import pixels
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.trajectory import Group, Told
 
@@ -97,7 +96,7 @@ def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
     assert trace is not None
     states = trace[::20]
     canvas = fit(mechanism, trace)
-    found = {mark.name: mark for mark in marks(mechanism, states, canvas.at)}
+    found = {mark.name: mark for mark in marks(mechanism, states, canvas)}
     for spring in (x for x in mechanism.forces if isinstance(x, SpringDamper)):
         mark = found[spring.name]
         length = np.hypot(*(mark.reach[0, 1] - mark.reach[0, 0])) * mark.stretch
@@ -218,17 +217,6 @@ def test_a_film_ends_where_trust_does(failing: Simulation, driven: Simulation) -
     assert set(re.findall(r"\w+://[^\"' )<]+", whole)) <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
     pictures = Image.open(io.BytesIO(film(".gif", driven.told(), history, driven.model, driven.trajectory)))
     assert getattr(pictures, "n_frames", 0) == 80
-
-
-def test_pixels_are_those_of_the_drawing() -> None:
-    head = '<svg xmlns="http://www.w3.org/2000/svg" width="40" height="20"><rect width="100%" height="100%" fill="#ffffff"/>'
-    picture = pixels(head + '<g transform="translate(20 10) rotate(90)"><path d="M-5 -20H5V0Z" fill="#ff0000"/></g></svg>', 1.0)
-    assert picture.size == (40, 20)
-    assert picture.getpixel((38, 8)) == (255, 0, 0)
-    assert picture.getpixel((2, 8)) == (255, 255, 255)
-    for strange in ('<ellipse rx="3"/>', '<path d="M0 0C1 1 2 2 3 3"/>', '<g transform="skewX(3)"/>'):
-        with pytest.raises(ValueError, match="no drawing of ours"):
-            pixels(head + strange + "</svg>")
 
 
 def test_files_are_written_whole_or_not_at_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

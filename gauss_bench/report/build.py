@@ -1,22 +1,18 @@
 """Builds the report of a run: README.md, a summary beside the rows for the forge, and the site for the browser.
 
-What both say is the tree of `sections`: each file is a section, each room a chapter, in the order of their PLACE. A section names
-the tables that it reads, and has one function of the run (in the room `linkage` of the run and a linkage) and, where it has
-something to tell at the top, another one for its findings. Built twice from the same folder, every file comes out the same byte
-for byte.
+What both say comes from `sections`, in the order of their PLACE: a file names the tables that it reads, and has a function of the
+run for its section, one for its findings, or both. Built twice from the same folder, every file comes out the same byte for byte.
 """
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
-from gauss_bench.report import sections as room
-from gauss_bench.report.content import AUTHORS, Finding, Findings, Section, Text, count, itemise
+from gauss_bench.report import sections
+from gauss_bench.report.content import Finding
 from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.parts import parts_of
-from gauss_bench.report.rows import Run, ok, order
+from gauss_bench.report.rows import Run, order
 from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
@@ -25,17 +21,9 @@ from gauss_bench.tables import TABLES, files_of, format_of, read_environment, re
 HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"  # every report's own
 
 
-def all_parts(package: ModuleType = room) -> Iterator[ModuleType]:
-    """Every section and chapter of a room, at every depth."""
-    for module in parts_of(package):
-        yield module
-        if hasattr(module, "__path__"):
-            yield from all_parts(module)
-
-
 def tables_read() -> tuple[str, ...]:
     """The tables that the sections read, each once."""
-    return tuple(dict.fromkeys(name for module in all_parts() for name in getattr(module, "TABLES", ())))
+    return tuple(dict.fromkeys(name for module in parts_of(sections) for name in getattr(module, "TABLES", ())))
 
 
 def read_run(folder: Path) -> Run:
@@ -53,51 +41,9 @@ def read_run(folder: Path) -> Run:
     return Run(read_environment(folder), tables)
 
 
-def sections(run: Run) -> tuple[Section, ...]:
-    """Everything the report says, in order."""
-    return (first(run), *(part for module in parts_of(room) if (part := _section(module, run)) is not None))
-
-
-def _section(module: ModuleType, run: Run) -> Section | None:
-    """A section, or a chapter with the sections of its room."""
-    if not hasattr(module, "__path__"):
-        return _making(module.section(run)) if hasattr(module, "section") else None
-    if module.__name__.endswith(".linkage"):
-        chapters = []
-        for name in run.linkages:
-            inside = [
-                part for m in parts_of(module) if hasattr(m, "section") and (part := _making(m.section(run, name))) is not None
-            ]
-            chapters.append(Section(name, name, parts=tuple(inside)))
-    else:
-        chapters = [part for m in parts_of(module) if (part := _section(m, run)) is not None]
-    if not chapters and not module.NOTHING:
-        return None
-    return Section(module.TITLE, module.ANCHOR, () if chapters else (Text(module.NOTHING),), tuple(chapters))
-
-
-def _making(section: Any) -> Section | None:
-    assert section is None or isinstance(section, Section)
-    return section
-
-
-def first(run: Run) -> Section:
-    """The opening of the summary: its subject, its authors, and what the run found."""
-    engines = sorted({row["engine"] for row in run.results})
-    fine = sum(ok(row) for row in run.results)
-    scope = (
-        f"The run has {count(len(run.results), 'case')} of {count(len(engines), 'engine')} on {count(len(run.linkages), 'linkage')}"
-        f" ({itemise(f'`{name}`' for name in run.linkages)}); {fine} ended ok."
-        if run.results
-        else "The run has no cases."
-    )
-    said = Findings(tuple(all_findings(run)))
-    return Section("Findings", "findings", (Text(AUTHORS), Text(scope), *((said,) if said.items else ())))
-
-
 def all_findings(run: Run) -> Iterator[Finding]:
     """All findings of the sections, in their order."""
-    for module in all_parts():
+    for module in parts_of(sections):
         if hasattr(module, "findings"):
             yield from module.findings(run)
 

@@ -1,28 +1,32 @@
-"""Parts of a section, the same for the forge and for the browser: sentences, lists, tables, pictures; and how numbers print.
+"""Parts of a section, the same for the forge and for the browser: sentences, lists, tables, figures; and how numbers print.
 
-Number formats are fixed, so that two runs differ in a line only where a number does.
+What a table shows is data: `layouts.toml` names for each column its head, how a value prints, and the value's key in a row. Number
+formats are fixed, so that two runs differ in a line only where a number does.
 """
 
 import math
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 from gauss_bench.report.rows import KEYS, Row, group_rows, is_known, label, number, ok, own_steps
 
 NOTHING = "-"
-RANGE = "range"
-NOTE = (
-    "Times are lower quartiles of interleaved rounds, and the median of the processes that raced; a range is where a second race "
-    "of as many processes falls, or, in one process alone, that from the 5 to the 95 percent point of the rounds."
-)
-BELOW_LEGEND = "`< x` means below x, the reference's own error bar or the floor of rounded parameters: it cannot be told from 0."
 AUTHORS = (
     "This report compares ways to compute the motion of closed-loop planar linkages: formulations of the suite's own, and other "
     "engines through adapters, all from the same file and the same start. **The authors of the suite also wrote the `gauss` "
     "formulation it compares**; it passes through the same gate, the same clock and the same tables as every other row, and the "
     "rows where it loses are printed like those where it wins."
 )
+TONES = {
+    **dict.fromkeys(("holds", "pass", "ok"), "good"),
+    **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
+    **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
+}
+ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells that are no numbers
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class Table:
     Attributes:
         title: one line above, which also anchors a diff.
         numeric: indices of right-aligned columns.
-        folded: whether the forge's page hides it until asked.
+        folded: whether a page hides it until asked.
         note: what abbreviations mean.
     """
 
@@ -56,7 +60,7 @@ class Table:
     numeric: frozenset[int] = frozenset()
     folded: bool = False
     note: str = ""
-    kind: Literal["table"] = "table"
+    kind = "table"
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class Text:
     """A paragraph; `code` and **strong** are understood."""
 
     text: str
-    kind: Literal["text"] = "text"
+    kind = "text"
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class Bullets:
     """A list of sentences."""
 
     items: tuple[str, ...]
-    kind: Literal["bullets"] = "bullets"
+    kind = "bullets"
 
 
 @dataclass(frozen=True)
@@ -82,14 +86,6 @@ class Finding:
     title: str
     text: str
     tone: str = ""
-
-
-@dataclass(frozen=True)
-class Findings:
-    """The findings of a run, sentence by sentence."""
-
-    items: tuple[Finding, ...]
-    kind: Literal["findings"] = "findings"
 
 
 @dataclass(frozen=True)
@@ -111,17 +107,31 @@ class Chart:
     toggles: tuple[str, ...] = ()
     shown: tuple[str, ...] = ()
     small: bool = False
-    kind: Literal["chart"] = "chart"
+    kind = "chart"
 
     def table(self) -> Table:
         """The numbers that are drawn."""
-        rows = tuple(tuple(_figure(row.get(column)) for column in self.head) for row in self.rows)
         numeric = {i for i, c in enumerate(self.head) if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
+        kinds = [".4g" if i in numeric else "text" for i in range(len(self.head))]
+        rows = tuple(tuple(make_cell(row, *x) for x in zip(kinds, self.head, strict=True)) for row in self.rows)
         return Table(f"{self.title}: numbers", tuple(self.head.values()), rows, frozenset(numeric))
 
     def data(self) -> dict[str, Any]:
         """The data that the page draws."""
         return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown)}
+
+
+Block = Text | Bullets | Table | Chart
+
+
+@dataclass(frozen=True)
+class Section:
+    """A title with its blocks and sections below it."""
+
+    title: str
+    anchor: str
+    blocks: tuple[Block, ...] = ()
+    parts: tuple["Section", ...] = ()
 
 
 def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -152,30 +162,6 @@ def short(x: float, digits: int) -> float:
     return int(value) if value.is_integer() and abs(value) < 10**digits else value
 
 
-def _figure(x: Any) -> Cell:
-    if isinstance(x, bool):
-        return Cell("yes" if x else "no")
-    if isinstance(x, (int, float)):
-        return Cell(f"{x:.4g}", float(x)) if is_known(x) else Cell(NOTHING)
-    return Cell(str(x) if x not in ("", None) else NOTHING, str(x or ""))
-
-
-Block = Text | Bullets | Table | Findings | Chart
-
-
-@dataclass(frozen=True)
-class Section:
-    """A title with its blocks and, for a linkage, sections below it."""
-
-    title: str
-    anchor: str
-    blocks: tuple[Block, ...] = ()
-    parts: tuple["Section", ...] = field(default=())
-
-
-Line = Callable[[Row], tuple[Cell, ...]]
-
-
 def error(x: float) -> str:
     """Two digits of an error."""
     return f"{x:.1e}" if is_known(x) else NOTHING
@@ -189,11 +175,14 @@ def times(x: float) -> str:
     return f"{x:.{decimals}f}"
 
 
-def microseconds(seconds: float) -> str:
-    if not is_known(seconds):
-        return NOTHING
-    x = 1e6 * seconds
-    return f"{x:.2f}" if x < 10 else f"{x:.1f}" if x < 100 else f"{x:.0f}"
+def duration(seconds: float) -> str:
+    """Three digits with a unit."""
+    unit, factor = next(((u, f) for u, f in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)) if seconds * f >= 1), ("ns", 1e9))
+    return f"{times(seconds * factor)} {unit}" if is_known(seconds) else NOTHING
+
+
+def small(x: float) -> str:
+    return f"{x:.0e}"
 
 
 def itemise(words: Iterable[str]) -> str:
@@ -206,140 +195,119 @@ def count(n: int, word: str) -> str:
     return f"{n} {word}" if n == 1 else f"{n} {word}s"
 
 
-def text_cell(value: Any, tone: str = "") -> Cell:
-    text = str(value) if value not in ("", None) else NOTHING
-    return Cell(text, text, tone)
-
-
-def engine_cell(row: Row) -> Cell:
-    return text_cell(row["engine"], "engine")
-
-
-def error_cell(row: Row, column: str, bar: float = 0.0) -> Cell:
-    """An error, or the reference's error bar where it is below that."""
-    x, limit = number(row, column), bar
-    if not is_known(x):
-        return Cell(NOTHING)
-    if abs(x) < limit:
-        return Cell(f"< {limit:.0e}", limit, "below")
-    return Cell(error(x), x)
-
-
-def ratio_cells(row: Row, name: str) -> tuple[Cell, Cell]:
-    """A ratio and its spread low..high."""
-    x, low, high = (number(row, f"{name}{end}") for end in ("", "_low", "_high"))
-    spread = f"{times(low)}..{times(high)}" if is_known(low) and is_known(high) else NOTHING
-    return Cell(times(x), x if is_known(x) else ""), Cell(spread, low if is_known(low) else "")
-
-
-def time_cell(row: Row, column: str) -> Cell:
-    x = number(row, column)
-    return Cell(microseconds(x), x if is_known(x) else "")
-
-
-def step_cell(row: Row) -> Cell:
-    """The step [s], or that the integrator chose it."""
-    step = number(row, "step")
-    return Cell("own", 0.0) if (ok(row) and own_steps(row)) or not step > 0 else Cell(f"{step:g}", step)
-
-
-def status_cell(row: Row) -> Cell:
-    """A cell with the end of a case, and whether it may count."""
-    if row["status"] == "skip":
-        return Cell("skip", "skip", "warn")
-    if row["status"] not in ("ok", "invalid"):
-        return Cell(row["status"], row["status"], "bad")
-    if row["control"]:
-        return Cell("control", "control", "warn")
-    return Cell("ok", "ok", "good") if row["valid"] else Cell("not valid", "not valid", "bad")
-
-
-def columns(head: Sequence[str], first_numeric: int, last_text: int = 0) -> tuple[tuple[str, ...], frozenset[int]]:
-    """Head and the indices of its numeric columns: from `first_numeric` up to the last `last_text` columns."""
-    return tuple(head), frozenset(range(first_numeric, len(head) - last_text))
-
-
-def exact_cell(row: Row, column: str) -> Cell:
-    """An error, which may be zero."""
-    return Cell("0", 0.0) if number(row, column) == 0 else error_cell(row, column)
-
-
-def texts(row: Row, *keys: str) -> tuple[Cell, ...]:
-    return tuple(text_cell(row.get(key, "")) for key in keys)
-
-
-def counts(row: Row, *keys: str) -> tuple[Cell, ...]:
-    """Whole numbers, and others as short as they are."""
-    return tuple(Cell(f"{number(row, key):g}", number(row, key)) if is_known(row.get(key)) else Cell("-") for key in keys)
-
-
-def duration(seconds: float) -> str:
-    """Three digits with a unit."""
-    unit, factor = next(((u, f) for u, f in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)) if seconds * f >= 1), ("ns", 1e9))
-    return f"{times(seconds * factor)} {unit}" if is_known(seconds) else "-"
-
-
-def time_of(row: Row, column: str = "seconds") -> Cell:
-    x = number(row, column)
-    return Cell(duration(x), x if is_known(x) else "")
-
-
-def span(row: Row, low: str = "seconds_low", high: str = "seconds_high") -> Cell:
-    a, b = number(row, low), number(row, high)
-    return Cell(f"{duration(a)}..{duration(b)}", a) if is_known(a) and is_known(b) else Cell("-")
-
-
-def goal(row: Row, written: Callable[[float], str] = times) -> tuple[Cell, Cell]:
-    """A target and whether it is met; nothing where there is none."""
-    x = number(row, "target")
-    if not is_known(x):
-        return Cell("-"), Cell("-")
-    return Cell(written(x), x), Cell("yes", "yes", "good") if row.get("met") else Cell("no", "no", "bad")
-
-
-def small(x: float) -> str:
-    return f"{x:.0e}"
-
-
-def remark(row: Row) -> Cell:
-    status = str(row.get("status", "ok") or "ok")
-    message = str(row.get("message", ""))
-    return text_cell(message) if status == "ok" else text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
-
-
-def table_with_title(
-    title: str, head: tuple[str, ...], first: int, rows: Sequence[Row], line: Line, last_text: int = 1, folded: bool = False
-) -> Table:
-    """A table of lines, numbers from column `first` on, the last `last_text` columns text again."""
-    names, numeric = columns(head, first, last_text)
-    note = NOTE if {"spread", RANGE} & set(head) else ""
-    return Table(title, names, tuple(line(row) for row in rows), numeric, folded, note)
-
-
-def part(
-    title: str, words: str, rows: Sequence[Row], head: tuple[str, ...], first: int, line: Line, shown: Sequence[Row] | None = None
-) -> Section | None:
-    """A section of a table; where only some rows are `shown`, another one, folded, has all of them."""
-    if not rows:
-        return None
-    blocks: list[Block] = [Text(words), table_with_title(title, head, first, rows if shown is None else shown, line)]
-    if shown is not None and len(shown) < len(rows):
-        blocks.append(table_with_title(f"{title}: all of it", head, first, rows, line, folded=True))
-    return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
+def run_of_numbers(values: Sequence[float], written: Callable[[float], str] = times) -> str:
+    low, high = written(min(values)), written(max(values))
+    return low if low == high else f"{low} to {high}"
 
 
 def list_unmeasured(rows: Sequence[Row], column: str) -> str:
     """A sentence about the linkages that a figure leaves out, each with its reason; nothing where it leaves out none."""
-    told = {str(r["mechanism"]) for r in rows if is_known(r.get(column))}
+    told = {str(r.get("mechanism")) for r in rows if is_known(r.get(column))}
     missing = [r for r in rows if r.get("mechanism") and str(r["mechanism"]) not in told]
     reasons = group_rows(missing, lambda r: str(r.get("message") or "no reason was told"))
     said = [f"{itemise(dict.fromkeys(str(r['mechanism']) for r in some))} ({why})" for why, some in reasons.items()]
     return f" Left out: {'; '.join(said)}." if said else ""
 
 
-def run_of_numbers(values: Sequence[float]) -> str:
-    low, high = times(min(values)), times(max(values))
-    return low if low == high else f"{low} to {high}"
+def text_cell(value: Any, tone: str = "") -> Cell:
+    text = str(value) if value not in ("", None) else NOTHING
+    return Cell(text, text, tone)
+
+
+def print_as(form: str) -> Callable[[float], str]:
+    """How a known number prints: by a name of FORMS, or as Python formats it."""
+    return FORMS.get(form) or (lambda x: format(x, form))
+
+
+FORMS: Mapping[str, Callable[[float], str]] = {
+    "error": error,
+    "exact": lambda x: error(x) if x else "0",
+    "times": times,
+    "time": duration,
+    "percent": lambda x: f"{100 * x:.0f} %",
+    "mm": lambda x: f"{1e3 * x:g}",
+    "error mm": lambda x: error(1e3 * x),
+}
+
+
+def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
+    """A value of a row as a table shows it.
+
+    Args:
+        kind: one of ASIDE, "figure" (text in a column of numbers), "met", "step", or the form of a number (`print_as`); after
+            "range " that of its two ends.
+        bar: the column of the error bar below which a number cannot be told from 0.
+    """
+    match kind.split(maxsplit=1):
+        case ["text" | "figure" | "verdict" | "engine" | "formula"]:
+            own = kind if kind in ("engine", "formula") else TONES.get(str(row.get(key)), "") if kind == "verdict" else ""
+            return text_cell(row.get(key, ""), row.get(f"{key}_tone", own))
+        case ["remark"]:
+            return remark(row)
+        case ["status"]:
+            return status_cell(row)
+        case ["met"]:
+            known, met = is_known(row.get("target")), row.get(key)
+            return Cell(NOTHING) if not known else text_cell("yes", "good") if met else text_cell("no", "bad")
+        case ["step"] if key in row and (not number(row, key) > 0 or (ok(row) and own_steps(row))):
+            return Cell("own", 0.0)
+        case ["step"]:
+            return make_cell(row, "g", key)
+        case ["range", form]:
+            low, high = number(row, f"{key}_low"), number(row, f"{key}_high")
+            known = is_known(low) and is_known(high)
+            return Cell(f"{print_as(form)(low)}..{print_as(form)(high)}", low) if known else Cell(NOTHING)
+    x, least = number(row, key), number(row, bar)
+    if abs(x) < least:
+        return Cell(f"< {least:.0e}", least, "below")
+    return Cell(print_as(kind)(x), x) if is_known(x) else Cell(NOTHING)
+
+
+def status_cell(row: Row) -> Cell:
+    """A cell with the end of a case, and whether it may count."""
+    fine = "control" if row["control"] else "ok" if row["valid"] else "not valid"
+    status = fine if row["status"] in ("ok", "invalid") else str(row["status"])
+    return text_cell(status, TONES.get(status, "bad"))
+
+
+def remark(row: Row) -> Cell:
+    status, message = str(row.get("status", "ok") or "ok"), str(row.get("message", ""))
+    return text_cell(message) if status == "ok" else text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
+
+
+@cache
+def layouts() -> dict[str, Any]:
+    """Name -> title, columns, and where they are needed words before, note, folded."""
+    return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
+
+
+def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", **more: Any) -> Table:
+    """A table of rows; `more` stands in the place of {names} in its title and head, or is another `folded`."""
+    layout = layouts()[name]
+    columns = layout["columns"]
+    folded = more.pop("folded", layout.get("folded", False))
+    head = tuple(x[0].format(**more) for x in columns)
+    lines = tuple(tuple(make_cell(row, *x[1:]) for x in columns) for row in rows)
+    numeric = frozenset(i for i, x in enumerate(columns) if x[1] not in ASIDE)
+    note = note or layouts()["notes"].get(layout.get("note", ""), layout.get("note", ""))
+    return Table(title or layout["title"].format(**more), head, lines, numeric, folded, note)
+
+
+def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
+    """The words of a table and the table; nothing without rows."""
+    words = [Text(layouts()[name]["words"])] if "words" in layouts()[name] else []
+    return [*words, lay_out(name, rows, **more)] if rows else []
+
+
+def part(name: str, rows: Sequence[Row], shown: Sequence[Row] | None = None) -> Section | None:
+    """A section of a table; where only some rows are `shown`, another one, folded, has all of them."""
+    blocks = blocks_of(name, rows if shown is None else shown)
+    if not rows:
+        return None
+    title = layouts()[name]["title"]
+    if shown is not None and len(shown) < len(rows):
+        blocks.append(lay_out(name, rows, f"{title}: all of it", folded=True))
+    return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
 
 
 def tie(rows: list[Row], best: Row, value: Callable[[Row], float]) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from statistics import median
 
 from gauss_bench.reach import Requirement, reach, trial_of
-from gauss_bench.report.content import NOTHING, Cell, Table, columns, duration, error, small, text_cell, times
+from gauss_bench.report.content import NOTHING, Cell, Table, duration, error, small, text_cell, times
 from gauss_bench.report.pages import markdown_cell
 from gauss_bench.report.rows import Row, Run, group_rows, over_time
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest, cheapest_stored, multiples
@@ -72,8 +72,8 @@ def first_table(run: Run, position: float = FIRST) -> Table | None:
         ends = dict.fromkeys(times(x) for x in (min(ways[way]), max(ways[way]))) if ways[way] else (NOTHING,)
         lines.append((*cells, Cell(f"{sum(way in x for x in held.values())} of {len(held)}"), Cell(" to ".join(ends))))
     figures = (f"{x}: {y}" for x in shown for y in ("error [m]", "time", "multiple"))
-    head, numeric = columns(("engine", *figures, "holds on", "multiples"), 1)
-    return Table(title(run, position), head, tuple(lines), numeric)
+    head = ("engine", *figures, "holds on", "multiples")
+    return Table(title(run, position), head, tuple(lines), frozenset(range(1, len(head))))
 
 
 def why_not(rows: Sequence[Row], position: float) -> str:

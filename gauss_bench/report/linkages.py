@@ -2,6 +2,7 @@
 
 import hashlib
 import tomllib
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
     return document_of(name)
 
 
+@lru_cache(maxsize=64)
 def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
     """As `pose.posed`, of a linkage of a run.
 

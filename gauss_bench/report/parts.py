@@ -6,6 +6,6 @@ from types import ModuleType
 
 
 def parts_of(package: ModuleType) -> list[ModuleType]:
-    """The sections and chapters of a room, in order."""
+    """The sections of a room, in order."""
     names = (module.name for module in iter_modules(package.__path__))
     return sorted((import_module(f"{package.__name__}.{name}") for name in names), key=lambda m: (m.PLACE, m.__name__))

@@ -15,16 +15,18 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import Mechanism, Revolute
+from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.report.content import itemise
-from gauss_bench.report.drawings.animation import STYLE, Film, bars, carry, film_runs, follow
-from gauss_bench.report.drawings.drawing import Canvas, links, pin_shape, pivots
+from gauss_bench.report.drawings.animation import STYLE, Film, film_runs
+from gauss_bench.report.drawings.canvas import Canvas, make_part
+from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linkage_parts
+from gauss_bench.report.drawings.pose import crank_angles
 from gauss_bench.report.first_table import FIRST, mark, renew, way_of
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.linkage import front
-from gauss_bench.report.site.motion import canvas_of, turn_frames, unwrap_angles
+from gauss_bench.report.site.motion import turn_frames
 from gauss_bench.report.site.playback import Played, Turn, play_runs, truth_of
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
 from gauss_bench.tables import write_text
@@ -39,7 +41,7 @@ WIDER = 100.0  # times that loops are drawn open, in both runs alike
 SPACING = math.radians(8)  # of the crank between two drawn poses
 OPEN = 1.0  # [px] from which a joint is drawn open
 RED = "#c62828"
-GAP, TOP, LINE = 20.0, 20.0, 26.0  # between the halves, above them, and a line of words [px]
+GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # between the halves, above them, a line of words, and all words [px]
 COARSEST = 1e-2  # [m] a larger error is of no use on a linkage of half a metre
 SIZE, PLOT = (900.0, 430.0), (104.0, 22.0, 640.0, 366.0)  # of the chart [px]: all of it; left, top, right and bottom of its axes
 SHAPES = (
@@ -56,39 +58,36 @@ def motion_picture(run: Run) -> str:
     """Return two stored runs of one linkage side by side, their loops drawn open WIDER times as far as they are."""
     motion = turn_frames(run, LINKAGE)
     assert motion is not None, f"{LINKAGE}'s crank comes round"
-    mechanism, _ = motion
-    turn = Turn(unwrap_angles(motion[1]), mechanism.crank or 0)
+    mechanism, turn = motion
     names = [link.name for link in mechanism.links]
     found = truth_of(run, LINKAGE, SCENARIO, names)
     assert found is not None, "no true motion is stored"
     times, truth = found
     by_label = {x.label: x for x in play_runs(run, LINKAGE, SCENARIO, names, times)}
     chosen = [by_label[x] for x in PLAYED]
-    t = spread_times(times, truth[:, 3 * turn.crank + 2])
-    states = [open_wider(x, turn, times, truth, t) for x in chosen]
-    canvas = canvas_of(mechanism, np.vstack([turn.states, *states]))
-    _, still, _ = pose_in(run, LINKAGE)
+    t = spread_times(times, crank_angles(mechanism, truth))
+    states = [open_wider(x, Turn(mechanism, turn), times, truth, t) for x in chosen]
+    canvas = canvas_of(mechanism, np.vstack([turn, *states]))
+    still = [*linkage_parts(mechanism, pose_in(run, LINKAGE)[1][None], None, canvas, forces=False)]
     parts = []
     for i, (one, name, own) in enumerate(zip(chosen, NAMES, states, strict=True)):
-        words = (f"{name}", f"a joint opens by {length(widest(mechanism, one, truth, times))} at most")
+        opens = f"a joint opens by {length(widest(mechanism, one, truth, times))} at most"
         film, slower = film_runs(t, own, canvas)
         parts += [
             f'<g transform="translate({i * (canvas.width + GAP):.0f} {TOP:.0f})">',
-            *pivots(mechanism, canvas),
+            *(part.draw() for part in still if part.link == GROUND and part.local is None),
             '<g class="motion-film">',
             *film_parts(mechanism, film, canvas),
             '</g><g class="motion-still" display="none">',
-            *links(mechanism, still, canvas),
+            *(part.draw() for part in still if part.title),
             "</g>",
-            words_at(canvas.width / 2, canvas.height, words[0], "middle", INK, 21),
-            words_at(canvas.width / 2, canvas.height + LINE, words[1], "middle", size=18),
+            words_at(canvas.width / 2, canvas.height, name, "middle", INK, 21),
+            words_at(canvas.width / 2, canvas.height + LINE, opens, "middle", size=18),
             "</g>",
         ]
     said = f"openings drawn {WIDER:g} times as wide, time {slower:g} times as slow"
-    width, height = 2 * canvas.width + GAP, canvas.height + TOP + 3 * LINE
-    parts.append(
-        f'<text x="{width / 2:.0f}" y="{height - 14:.0f}" text-anchor="middle" font-size="16" fill="{MUTED}">{said}</text>'
-    )
+    width, height = 2 * canvas.width + GAP, canvas.height + TOP + WORDS
+    parts.append(words_at(width / 2, height - 14, said, "middle", size=16))
     rows = itemise(f"{x.label} at a step of 1 ms" for x in chosen)
     title = f"The four-bar of this suite, the same start and torque, in two engines: {rows}; the rows of table poses"
     return svg(title, width, height, parts, STYLE)
@@ -104,32 +103,27 @@ def spread_times(times: Array, crank: Array) -> Array:
 
 def open_wider(run: Played, turn: Turn, times: Array, truth: Array, t: Array) -> Array:
     """Return states (k, n) of a run at times t, its gaps WIDER times as large; between stored poses they are interpolated."""
-    crank = PchipInterpolator(times, truth[:, 3 * turn.crank + 2] + run.ahead[:, turn.crank, 2])(t)
-    gap = PchipInterpolator(times, run.gap.reshape(len(times), -1), axis=0)(t)
-    closed = turn.at(crank)
-    whole = 2 * np.pi * np.round((crank - closed[:, 3 * turn.crank + 2]) / (2 * np.pi))
-    closed[:, 3 * turn.crank + 2] += whole  # the other links only swing, and keep their angles
-    return np.asarray(closed + WIDER * gap)
+    closed, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))
+    crank = PchipInterpolator(times, crank_angles(turn.mechanism, truth + closed))(t)
+    states = turn.at(crank)
+    angle = crank_angles(turn.mechanism, states)  # a view: the other links only swing, and keep their angles
+    angle += 2 * np.pi * np.round((crank - angle) / (2 * np.pi))
+    return np.asarray(states + WIDER * PchipInterpolator(times, gap, axis=0)(t))
 
 
 def widest(mechanism: Mechanism, run: Played, truth: Array, times: Array) -> float:
     """Return how far the ends of a joint stand apart at most in the stored poses up to UNTIL [m]."""
     shown = times <= UNTIL
-    closed, opened = (x.reshape(len(truth), -1)[shown] for x in (truth, truth + run.gap.reshape(len(truth), -1)))
+    closed, opened = truth[shown], (truth + run.gap.reshape(len(truth), -1))[shown]
     # the truth is stored in few digits: what that leaves open is taken off
-    apart = [[position(q, j.a) - position(q, j.b) for q in (opened, closed)] for j in revolutes(mechanism)]
+    apart = [[position(q, j.a) - position(q, j.b) for q in (opened, closed)] for j in mechanism.joints]
     return max(float(np.hypot(*(one - other).T).max()) for one, other in apart)
-
-
-def revolutes(mechanism: Mechanism) -> list[Revolute]:
-    return [joint for joint in mechanism.joints if isinstance(joint, Revolute)]
 
 
 def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str]:
     """The links, and every joint by both of its ends where it is open, with a red line between them."""
-    for i, link in enumerate(mechanism.links):
-        yield from carry(link, i, film, canvas, bars(mechanism, i, canvas))
-    for joint in revolutes(mechanism):
+    yield from (film.draw(link_part(mechanism, i, film.states, canvas)) for i in range(len(mechanism.links)))
+    for joint in mechanism.joints:
         a, b = (canvas.at(position(film.states, end)) for end in (joint.a, joint.b))
         ends = [a]
         if np.abs(a - b).max() > OPEN:
@@ -137,8 +131,7 @@ def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str
             tracks = zip(("x1", "y1", "x2", "y2"), (*a.T, *b.T), strict=True)
             moved = "".join(animated(k, values, film) for k, values in tracks)
             yield f'<line stroke="{RED}" stroke-width="5" stroke-linecap="round">{moved}</line>'
-        for end in ends:
-            yield from follow(end, film, [pin_shape(0, 0)])
+        yield from (film.draw(make_part([PIN], end)) for end in ends)
 
 
 def animated(attribute: str, values: Array, film: Film) -> str:
@@ -197,7 +190,7 @@ def fronts(run: Run) -> dict[str, list[Setting]]:
     ways: dict[str, list[Setting]] = {}
     for one in own:
         ways.setdefault(way_of(one.engine, one.settings), []).append(one)
-    lines = {way: front(some) for way, some in ways.items()}
+    lines = {way: [Setting(**x) for x in front([vars(y) for y in some], "seconds", "position")] for way, some in ways.items()}
 
     def time(way: str) -> tuple[float, str]:
         held = cheapest(lines[way], FIRST)

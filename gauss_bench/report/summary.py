@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.content import (
     AUTHORS,
+    NOTHING,
     Block,
     Bullets,
     Cell,
@@ -18,14 +19,10 @@ from gauss_bench.report.content import (
     Section,
     Table,
     Text,
-    columns,
     count,
-    engine_cell,
-    error_cell,
-    exact_cell,
     itemise,
+    lay_out,
     status_cell,
-    step_cell,
     text_cell,
     times,
 )
@@ -34,7 +31,6 @@ from gauss_bench.report.rows import (
     Row,
     Run,
     end_bar,
-    end_column,
     end_error,
     group_rows,
     is_known,
@@ -103,35 +99,23 @@ def _said(finding: Finding) -> str:
 def _linkage(run: Run, name: str) -> Section:
     """Engines and settings on a linkage, one row each."""
     rows = run.of(name)
-    unit = measure(rows)
-    head = (
-        "engine",
-        "settings",
-        "same state",
-        "usable",
-        "least error by",
-        "step [s]",
-        f"error, {unit}",
-        "drift [m, rad]",
-        "energy [J]",
-    )
-    lines = [_best(some) for some in group_rows(rows, lambda r: (r["engine"], r["settings"])).values()]
-    names, numeric = columns(head, 2)
-    return Section(name, name, (Table(", ".join(sorted({str(r["scenario"]) for r in rows})), names, tuple(lines), numeric - {4}),))
+    least = [_best(some) for some in group_rows(rows, lambda r: (r["engine"], r["settings"])).values()]
+    title = ", ".join(sorted({str(r["scenario"]) for r in rows}))
+    return Section(name, name, (lay_out("least", least, title, unit=measure(rows)),))
 
 
-def _best(rows: Sequence[Row]) -> tuple[Cell, ...]:
+def _best(rows: Sequence[Row]) -> Row:
+    """The case of least error of those that may be used, with its choices; where there is none, how all of them ended."""
     usable = [r for r in rows if may_rank(r)]
-    best = min((r for r in usable if is_known(end_error(r))), key=end_error, default=None)
-    accelerations = [x for r in rows if is_known(x := number(r, "acceleration_error_median"))]
-    same = {"x": min(accelerations, default=math.nan)}
-    first = (engine_cell(rows[0]), text_cell(rows[0]["settings"]), error_cell(same, "x"), Cell(f"{len(usable)} of {len(rows)}"))
-    if best is None:
+    known = [r for r in usable if is_known(end_error(r))]
+    same = min((x for r in rows if is_known(x := number(r, "acceleration_error_median"))), default=math.nan)
+    shared = {"acceleration_error_median": same, "usable": f"{len(usable)} of {len(rows)}"}
+    if not known:
         ended = dict.fromkeys(status_cell(r).text for r in rows)
-        return (*first, Cell(itemise(ended)), *[Cell("-")] * 4)
+        return {k: rows[0][k] for k in ("engine", "settings", "status")} | shared | {"by": itemise(ended)}
+    best = min(known, key=end_error)
     choice = " ".join(str(best[k]) for k in ("integrator", "stabilization") if best[k] not in ("", "none"))
-    error = error_cell(best, end_column(best), end_bar(best))
-    return (*first, Cell(choice), step_cell(best), error, exact_cell(best, "position_drift"), exact_cell(best, "energy_error"))
+    return {**best, **shared, "by": choice, "end_error": end_error(best), "end_bar": end_bar(best)}
 
 
 def _cheapest(run: Run) -> Section | None:
@@ -143,16 +127,16 @@ def _cheapest(run: Run) -> Section | None:
     blocks: list[Block] = [Text(SEARCHED)]
     for (required, accuracy, unit), some in sorted(group_rows(rows, lambda r: (r["required"], r["accuracy"], r["unit"])).items()):
         by = {(r["engine"], r["mechanism"]): r for r in some}
-        ended = {name: {r["engine"]: number(r, "seconds") for r in some if _end_date(r, name)} for name in names}
-        over = {name: multiples(seconds) for name, seconds in ended.items()}
-        lines = [
-            (text_cell(mark(run, engine)), *(_multiple(run, by.get((engine, name)), over[name].get(engine)) for name in names))
-            for engine in sorted({r["engine"] for r in some if r["status"] != "skip"})
-        ]
-        head, numeric = columns(("engine", *names), 1)
-        blocks.append(
-            Table(f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {over_time(run)}", head, tuple(lines), numeric)
-        )
+        lines = []
+        over = {
+            name: multiples({e: number(r, "seconds") for (e, x), r in by.items() if x == name and r["status"] == "ok"})
+            for name in names
+        }
+        for engine in sorted({r["engine"] for r in some if r["status"] != "skip"}):
+            cells = [_multiple(run, by.get((engine, name)), over[name].get(engine)) for name in names]
+            lines.append((text_cell(mark(run, engine)), *cells))
+        title = f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {over_time(run)}"
+        blocks.append(Table(title, ("engine", *names), tuple(lines), frozenset(range(1, 1 + len(names)))))
     return Section("The cheapest way of each engine", "cheapest", tuple(blocks))
 
 
@@ -163,13 +147,9 @@ SEARCHED = (
 )
 
 
-def _end_date(row: Row, mechanism: str) -> bool:
-    return bool(row["mechanism"] == mechanism and row["status"] == "ok")
-
-
 def _multiple(run: Run, row: Row | None, x: float | None) -> Cell:
     if row is None:
-        return Cell("-")
+        return Cell(NOTHING)
     if x is None:
         found = answer_of(run, row)
         return Cell(found.words if found.kind in TRIED else str(found.kind))

@@ -10,39 +10,17 @@ joints stay together as long as no link turns much from one kept state to the ne
 Whoever asks for less motion, or prints, sees the start instead, with the names of its parts.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from xml.sax.saxutils import escape
 
 import numpy as np
 
-from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Revolute
-from gauss_bench.report.drawings.drawing import (
-    BEYOND,
-    Canvas,
-    block_shape,
-    dot_shape,
-    fit,
-    free_corner,
-    guide_line,
-    guide_shape,
-    guides,
-    joints,
-    link_shape,
-    links,
-    names_of,
-    page,
-    paths,
-    pin_shape,
-    pivots,
-    rail,
-    scale_bar,
-    scale_line,
-    slides,
-)
-from gauss_bench.report.drawings.forces import Mark, marks
-from gauss_bench.report.drawings.lettering import LETTER, obstacles
+from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.report.drawings.canvas import Canvas, Part, page
+from gauss_bench.report.drawings.drawing import canvas_of, free_corner, linkage_parts, names_of, paths, scale_bar, scale_line
+from gauss_bench.report.drawings.lettering import LETTER
+from gauss_bench.report.drawings.pose import unwrap_angles
 from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 
@@ -51,8 +29,9 @@ FRAMES = 60  # least number of kept steps, where there are as many
 SLOWEST = 4.0  # [s] a loop takes at least: a shorter motion is slowed down to be seen
 REST = 0.8  # [s] at the end of a motion that does not return to where it began
 SAME = 0.5  # [px, degrees] the end of a motion is its beginning
-HELD = 0.005  # [px] below what is written: does not move
+HELD = 0.005  # [px, degrees] below what is written: does not move
 STYLE = "@media print,(prefers-reduced-motion:reduce){.motion-film{display:none}.motion-still{display:inline}}"
+HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin="round"'  # keeps a name legible over bars
 
 
 def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = ()) -> str:
@@ -68,21 +47,20 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     shown = replace(mechanism, observed_points=tuple(points))
     kept = thin(t, q)
     states = q[kept]
-    rails = [end for joint in slides(shown) if joint.guide.link != GROUND for end in rail(joint, states, 0.0)]
-    canvas = fit(shown, states, (*points, *rails))
+    canvas = canvas_of(shown, states)
     film, slower = film_runs(t[kept], states, canvas)
-    swept = np.vstack([obstacles(shown, x, canvas.at, _ground_guides(shown, states, canvas)) for x in states])
-    acting = marks(shown, film.states, canvas.at)
+    moving = [*linkage_parts(shown, film.states, None, canvas, letters={p.name: _letter(p) for p in points})]
+    still = [*linkage_parts(shown, states[:1], states, canvas)]
+    swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
     length, bar = scale_line(canvas, swept)
     parts = [
         f"<style>{STYLE}</style>",
-        *pivots(shown, canvas),
         *paths(points, states, canvas),
         '<g class="motion-film">',
-        *moving(shown, film, canvas, acting),
-        "</g>",
-        '<g class="motion-still" display="none">',
-        *still(shown, states, canvas, length, bar),
+        *map(film.draw, moving),
+        '</g><g class="motion-still" display="none">',
+        *(part.draw() for part in still),
+        *names_of(shown, states[0], canvas, still, length, bar),
         "</g>",
         *scale_bar(length, bar),
         *pace(slower, canvas, np.vstack([swept, bar[None]])),
@@ -113,16 +91,21 @@ class Film:
     states: Array
     timing: str
 
-    def track(self, kind: str, values: Iterable[str]) -> str:
-        """An animation of the transform of the element it stands in; a second one applies within the first."""
-        more = 'additive="sum" ' if kind != "translate" else ""
-        return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
+    def draw(self, part: Part) -> str:
+        """A part carried, turned and stretched; a second transform applies within the first."""
+        tracks = []
+        for kind, values, digits in (("translate", part.place, 2), ("rotate", part.turn, 2), ("scale", part.stretch, 4)):
+            if np.ptp(values, axis=0).max() > (1e-4 if kind == "scale" else HELD) or (part.title and kind != "scale"):
+                said = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
+                more = "" if kind == "translate" else 'additive="sum" '
+                said = said.replace(";", " 1;") + " 1" if kind == "scale" else said
+                tracks.append(f'<animateTransform attributeName="transform" type="{kind}" {more}values="{said}" {self.timing}/>')
+        return part.draw(inside="".join(tracks))
 
 
 def film_runs(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     """A film of states q (f, n) at times t (f,) on a canvas, and how many times slower than the motion it runs."""
-    states = q.copy()
-    states[:, 2::3] = np.unwrap(q[:, 2::3], axis=0)
+    states = unwrap_angles(q)
     slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
     seconds = (t - t[0]) * slower
     if not _returns(states, canvas):
@@ -135,93 +118,16 @@ def film_runs(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
 
 
 def _returns(states: Array, canvas: Canvas) -> bool:
-    way = states[-1] - states[0]
-    turn = np.degrees(way[2::3])
-    shift = np.hypot(way[0::3], way[1::3]) * canvas.scale
+    way = (states[-1] - states[0]).reshape(-1, 3)
+    turn = np.degrees(way[:, 2])
+    shift = np.hypot(way[:, 0], way[:, 1]) * canvas.scale
     return bool(shift.max(initial=0) < SAME and np.abs(turn - 360 * np.round(turn / 360)).max(initial=0) < SAME)
 
 
-def _ground_guides(mechanism: Mechanism, states: Array, canvas: Canvas) -> list[Array]:
-    return [guide_line(j, states[0], states, canvas) for j in slides(mechanism) if j.guide.link == GROUND]
-
-
-def moving(mechanism: Mechanism, film: Film, canvas: Canvas, acting: Sequence[Mark]) -> list[str]:
-    """Guides, links with the guides and blocks they carry, what acts on them, pins, and points with their names."""
-    shapes = [part for line in _ground_guides(mechanism, film.states, canvas) for part in guide_shape(line, grounded=True)]
-    blocks = {joint.block.link for joint in slides(mechanism)}
-    for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
-        shapes += carry(
-            mechanism.links[i], i, film, canvas, [*slide_parts(mechanism, i, film, canvas), *bars(mechanism, i, canvas)]
-        )
-    shapes += [part for mark in acting for part in mark_points(mark, film)]
-    pins = {joint.joint: joint.a for joint in mechanism.joints if isinstance(joint, Revolute)}
-    pin_ways = [canvas.at(position(film.states, p)) for p in pins.values()]
-    shapes += [part for way in pin_ways for part in follow(way, film, [pin_shape(0, 0)])]
-    for point in mechanism.observed_points:
-        way = canvas.at(position(film.states, point))
-        on_pin = any(np.abs(way - other).max() < SAME for other in pin_ways)
-        shapes += follow(way, film, [dot_shape(0, 0, on_pin), *_name(point)])
-    return shapes
-
-
-def bars(mechanism: Mechanism, i: int, canvas: Canvas) -> list[str]:
-    link = mechanism.links[i]
-    return link_shape(link, {name: canvas.offset(x - link.com) for name, x in link.points.items()}, i == mechanism.crank)
-
-
-def slide_parts(mechanism: Mechanism, i: int, film: Film, canvas: Canvas) -> list[str]:
-    """Guides and blocks fixed in link i, in its frame."""
-    shapes = []
-    for joint in slides(mechanism):
-        if joint.guide.link == i:
-            ends = rail(joint, film.states, BEYOND / canvas.scale)
-            shapes += guide_shape(canvas.offset(np.array([end.local for end in ends])), grounded=False)
-        if joint.block.link == i:
-            shapes.append(block_shape(canvas.offset(joint.block.local), joint.angle - joint.turn))
-    return shapes
-
-
-def _name(point: Point) -> list[str]:
-    """The name of a point beside it, with a halo that keeps it legible over bars."""
+def _letter(point: Point) -> str:
+    """The name of a point beside it."""
     name = escape(point.name.partition(".")[2] or point.name)
-    halo = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin="round"'
-    return [f'<text x="8" y="-8" fill="{INK}" font-style="italic" {halo}>{name}</text>'] if name else []
-
-
-def carry(link: Link, i: int, film: Film, canvas: Canvas, shapes: Sequence[str]) -> list[str]:
-    """Shapes in the frame of link i, moved with it."""
-    where = [f"{x:.2f} {y:.2f}" for x, y in canvas.at(film.states[:, 3 * i : 3 * i + 2])]
-    turns = [f"{x:.2f}" for x in -np.degrees(film.states[:, 3 * i + 2])]
-    start = f'<g transform="translate({where[0]}) rotate({turns[0]})"><title>{escape(link.name)}</title>'
-    return [start, film.track("translate", where), film.track("rotate", turns), *shapes, "</g>"]
-
-
-def follow(way: Array, film: Film, shapes: Sequence[str]) -> list[str]:
-    """Shapes around the origin, moved along pixels (f, 2) without turning."""
-    where = [f"{x:.2f} {y:.2f}" for x, y in way]
-    start = f'<g transform="translate({where[0]})">'
-    track = [film.track("translate", where)] if np.ptp(way, axis=0).max() > HELD else []
-    return [start, *track, *shapes, "</g>"]
-
-
-def mark_points(mark: Mark, film: Film) -> list[str]:
-    """A mark carried, turned and stretched as it acts."""
-    where = [f"{x:.2f} {y:.2f}" for x, y in mark.place]
-    start = f'<g transform="translate({where[0]}) rotate({mark.turn[0]:.2f})">'
-    tracks = [film.track("translate", where), film.track("rotate", [f"{x:.2f}" for x in mark.turn])]
-    if np.ptp(mark.stretch) > 1e-4:
-        tracks.append(film.track("scale", [f"{x:.4f} 1" for x in mark.stretch]))
-    return [start, *tracks, *mark.shapes, "</g>"]
-
-
-def still(mechanism: Mechanism, states: Array, canvas: Canvas, length: float, bar: Array) -> list[str]:
-    """The first state as it is drawn elsewhere, with names."""
-    q, acting = states[0], marks(mechanism, states[:1], canvas.at)
-    avoid = obstacles(mechanism, q, canvas.at, [guide_line(j, q, states, canvas) for j in slides(mechanism)])
-    avoid = np.vstack([avoid, *(mark.reach for mark in acting)])
-    names = names_of(mechanism, q, canvas, avoid, acting, length, bar)
-    parts = [*guides(mechanism, q, states, canvas), *links(mechanism, q, canvas), *(mark.standing for mark in acting)]
-    return [*parts, *joints(mechanism, q, canvas), *names]
+    return f'<text x="8" y="-8" fill="{INK}" font-style="italic" {HALO}>{name}</text>' if name else ""
 
 
 def pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:

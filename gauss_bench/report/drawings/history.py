@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from scipy.optimize import isotonic_regression
 
 from gauss_bench.report.palette import CONTROL, CRANK, CRANK_EDGE, CURVES, GRID, INK, MUTED
 from gauss_bench.report.plotting import STYLE
@@ -175,15 +176,10 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 def apart(wanted: Array, gap: float, tall: float) -> Array:
     """Places (k,) in the order of those wanted, as near to them as a distance `gap` allows."""
     order = np.argsort(wanted, kind="stable")
-    blocks: list[tuple[float, int]] = []  # mean of the places wanted less their own offsets, and how many
-    for rank, y in enumerate(wanted[order]):
-        blocks.append((float(y) - gap * rank, 1))
-        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
-            (a, m), (b, n) = blocks[-2:]
-            blocks[-2:] = [((a * m + b * n) / (m + n), m + n)]
-    flat = np.concatenate([np.full(n, x) for x, n in blocks]) if blocks else np.zeros(0)
+    offsets = gap * np.arange(len(wanted))
+    flat = isotonic_regression(wanted[order] - offsets).x if len(wanted) else np.zeros(0)
     room = tall - gap * (len(wanted) - 1)
     flat = np.clip(flat, 0.0, room) if room >= 0 else np.full(len(flat), room / 2)
     placed = np.empty(len(wanted))
-    placed[order] = flat + gap * np.arange(len(wanted))
+    placed[order] = flat + offsets
     return placed

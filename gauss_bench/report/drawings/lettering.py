@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
+from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.report.palette import CRANK_EDGE, INK, MUTED
 from gauss_bench.terms import Array
 
@@ -17,7 +17,7 @@ TALL = 13.0  # [px] of a name
 FAR = 22.0  # [px] clearance of a link's name beyond which a place is as good as any
 NEAR = 8.0  # [px] the same of names that belong to one spot, which they should not leave
 EDGE = 3.0  # [px] between a name and the picture's edge, or another name
-
+WAYS = np.stack([np.cos(turns := np.linspace(0, 2 * np.pi, 24, endpoint=False)), -np.sin(turns)], axis=-1)  # all round
 
 Pixels = Callable[[Array], Array]
 
@@ -52,11 +52,9 @@ def lettering(
     """
     boxes = list(taken)
     texts = []
-    turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     for name, where in _points(mechanism, q, at):
-        ways = np.stack([np.cos(turns), -np.sin(turns)], axis=-1)
-        reach = width_of(name) / 2 - 4.0
-        places = [where + r * way + np.array([reach * way[0], 0.0]) for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in ways]
+        wide = np.array([width_of(name) / 2 - 4.0, 0.0])
+        places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in WAYS]
         texts.append(_text(name, _best(places, name, segments, boxes, size, NEAR)[0], INK, 'font-style="italic"'))
     for name, middles in _links(mechanism, q, at):
         texts.append(_text(name, _best(middles, name, segments, boxes, size)[0], MUTED, ""))
@@ -73,38 +71,15 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
     middles = lines.mean(axis=1)
     centre = middles.mean(axis=0)
     around = float(np.hypot(*(middles - centre).T).max(initial=0.0))
-    half = width_of(name) / 2
-    turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    ways = np.stack([np.cos(turns), -np.sin(turns)], axis=-1)
+    wide = np.array([width_of(name) / 2, 0.0])
     spots = [centre] if around > 0 else [a + part * (b - a) for a, b in lines for part in (0.5, 0.35, 0.65)]
     reach = around + 11.0
-    return [spot + (reach + more) * way + np.array([half * way[0], 0.0]) for more in (0.0, 6.0) for spot in spots for way in ways]
+    return [spot + (reach + more) * way + wide * way for more in (0.0, 6.0) for spot in spots for way in WAYS]
 
 
 def _text(name: str, place: Array, colour: str, style: str) -> str:
     x, y = place[0], place[1] + 4.5
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" fill="{colour}" {style}>{escape(name)}</text>'.replace(" >", ">")
-
-
-def obstacles(mechanism: Mechanism, q: Array, at: Pixels, guides: Sequence[Array]) -> Array:
-    """(k, 2, 2) lines a name should keep away from: bars, feet, blocks and guides."""
-    lines = []
-    for a, b in guides:
-        along = (b - a) / max(float(np.hypot(*(b - a))), 1e-9)
-        right = np.array([-along[1], along[0]])
-        lines += [[a + side * right, b + side * right] for side in (11, 17)]
-    for i, link in enumerate(mechanism.links):
-        where = {name: at(position(q, mechanism.point(i, name))) for name in link.points}
-        names = list(where)
-        lines += [[where[a], where[b]] for a, b in link.bars or list(zip(names, names[1:] or names, strict=False))]
-    for joint in mechanism.joints:
-        if isinstance(joint, Prismatic):
-            x = at(position(q, joint.block))
-            lines += [[x + np.array([-18, side]), x + np.array([18, side])] for side in (-14, 0, 14)]
-        else:
-            feet = [at(p.local) for p in (joint.a, joint.b) if p.link == GROUND]
-            lines += [[x, x + np.array([dx, 26])] for x in feet for dx in (-14, 0, 14)]
-    return np.array(lines, dtype=float)
 
 
 def _points(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, Array]]:

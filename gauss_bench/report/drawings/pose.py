@@ -58,3 +58,16 @@ def full_turn(mechanism: Mechanism) -> Array | None:
             return None
         states.append(q)
     return np.array(states)
+
+
+def unwrap_angles(states: Array) -> Array:
+    """States (k, n) whose angles go on where they pass half a turn."""
+    states = states.copy()
+    states[:, 2::3] = np.unwrap(states[:, 2::3], axis=0)
+    return states
+
+
+def crank_angles(mechanism: Mechanism, states: Array) -> Array:
+    """The angles (k,) [rad] of the crank at states (k, n)."""
+    assert mechanism.crank is not None
+    return states[:, 3 * mechanism.crank + 2]

@@ -1,15 +1,17 @@
 """A run in one file: its curves as SVG or PNG, or the linkage moving as SVG, as GIF, or with all curves on a page of its own."""
 
+import io
 from pathlib import Path
 
 import jinja2
 import numpy as np
+import vl_convert
+from PIL import Image
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.animation import SLOWEST, animate, thin
 from gauss_bench.report.drawings.drawing import draw_at, fit
 from gauss_bench.report.drawings.history import LEFT, RIGHT, WIDTH, plot
-from gauss_bench.report.drawings.raster import gif
 from gauss_bench.report.palette import inline
 from gauss_bench.report.plotting import png, svg
 from gauss_bench.terms import Array
@@ -48,8 +50,14 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
     shown = np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1)
     trace = q[thin(t, q)]
     canvas = fit(mechanism, q)
-    frames = [draw_at(mechanism, q[k], trace, canvas) for k in shown]
-    return gif(frames, max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE)
+    drawn = (vl_convert.svg_to_png(draw_at(mechanism, q[k], trace, canvas), scale=1.0, ppi=72) for k in shown)
+    pictures = [Image.open(io.BytesIO(x)).convert("RGB") for x in drawn]
+    first = pictures[0].quantize(128)
+    kept = [picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures]
+    seconds = max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE
+    buffer = io.BytesIO()
+    kept[0].save(buffer, "GIF", save_all=True, append_images=kept[1:], duration=round(1000 * seconds), loop=0, optimize=True)
+    return buffer.getvalue()
 
 
 def _page(told: Told, history: History, moving: str, t: Array) -> str:

@@ -2,72 +2,22 @@
 
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import (
-    RANGE,
-    Cell,
-    Finding,
-    Section,
-    Text,
-    count,
-    counts,
-    itemise,
-    list_unmeasured,
-    ratio_cells,
-    remark,
-    run_of_numbers,
-    table_with_title,
-    text_cell,
-    texts,
-    times,
-)
+from gauss_bench.report.content import Finding, Section, Text, blocks_of, count, itemise, list_unmeasured, run_of_numbers, times
 from gauss_bench.report.rows import Row, Run, costs, is_known, number, plain
 
 PLACE = 20
 TABLES = ("kernel_claim",)
-CLAIM = (
-    "The papers solve for n - m accelerations where Lagrange's multipliers solve for n + m unknowns, and say that this is cheaper. "
-    "Here nothing else differs: one eliminator, one search for pivots and one code generator serve both formulations, and both "
-    "race in one process, which is repeated in several, because where code and data happen to lie moves such a ratio by a few per "
-    "cent. A ratio, time with n + m over time with n - m unknowns, is the median of the processes, its range where a second race "
-    "falls in 99 of 100 cases; above 1 is the papers' gain, and a verdict is **open** where the range covers 1. Operations, "
-    "divisions and the longest chain of dependent operations (in cycles) are those of one acceleration with its guards; projected: "
-    "steps that end on the constraints; batch: many trajectories in the lanes of a vector. What a step takes in seconds, and both "
-    "formulations in numpy, stand in the linkages' chapters."
-)
 WAYS = {"": "a step", "projected_": "a step with projection", "batch_": "a step in a batch"}  # how columns begin -> in words
-HEAD = (
-    *("linkage", "n", "rows", "n - m", "n + m"),
-    *("operations, Gauss", "Lagrange", "divisions, Gauss", "Lagrange", "chain, Gauss", "Lagrange"),
-    *(x for way in ("step", "projected", "batch") for x in (way, RANGE, "verdict")),
-    *("processes", "remark"),
-)
+VERDICTS = ("holds", "open", "reversed")
 
 
 def section(run: Run) -> Section:
-    """Every linkage, and what follows."""
-    rows = run.table("kernel_claim")
-    if not rows:
-        return Section("Is the paper right?", "claim", (Text("The run raced no compiled formulations."),))
-    ordered = sorted(rows, key=lambda r: (number(r, "unknowns_gauss"), number(r, "unknowns_lagrange"), str(r["mechanism"])))
-    lines = table_with_title("n - m unknowns against n + m", HEAD, 1, ordered, list_claims)
-    return Section("Is the paper right?", "claim", (Text(CLAIM), lines))
+    rows = sorted(run.table("kernel_claim"), key=lambda r: (*(number(r, f"unknowns_{x}") for x in UNKNOWNS), str(r["mechanism"])))
+    blocks = blocks_of("kernel_claim", rows) or [Text("The run raced no compiled formulations.")]
+    return Section("Is the paper right?", "claim", tuple(blocks))
 
 
-VERDICTS = {"holds": "good", "open": "warn", "reversed": "bad"}
-
-
-def list_claims(row: Row) -> tuple[Cell, ...]:
-    """Both formulations of a linkage."""
-    kinds = ("operations", "divisions", "critical")
-    costs = counts(row, *(f"{kind}_{x}" for kind in kinds for x in ("gauss", "lagrange")))
-    raced = (cell for way in WAYS for cell in (*ratio_cells(row, f"{way}ratio"), _verdict(row, way)))
-    unknowns = counts(row, "n", "rows", "unknowns_gauss", "unknowns_lagrange")
-    return (*texts(row, "mechanism"), *unknowns, *costs, *raced, *counts(row, "processes"), remark(row))
-
-
-def _verdict(row: Row, way: str) -> Cell:
-    verdict = str(row.get(f"{way}verdict", ""))
-    return text_cell(verdict, VERDICTS.get(verdict, ""))
+UNKNOWNS = ("gauss", "lagrange")
 
 
 def findings(run: Run) -> Iterator[Finding]:

@@ -3,52 +3,40 @@
 import re
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, itemise, text_cell
+from gauss_bench.report.content import Finding, Section, Table, Text, blocks_of, count, itemise, lay_out
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, ok
 
 PLACE = 80
 TABLES = ("results", "untimed")
 NUMBER = re.compile(r"\d[\d.e+-]*")
+NONE = "None: every case of the run ended and is valid."
+SHARED = "Cases that ended for the same reason share a line; none of them is in a figure or a ranking."
 
 
 def section(run: Run) -> Section:
     failed = [row for row in run.results if not ok(row)]
-    invalid = [row | {"message": row.get("flag", "")} for row in map(dict, run.results) if ok(row) and not row["valid"]]
-    lost = [row for row in run.table("untimed") if row["status"] != "skip"]
-    if not failed and not invalid and not lost:
-        return Section("Skipped and failed cases", "failures", (Text("None: every case of the run ended and is valid."),))
-    blocks: list[Block] = [Text("Cases that ended for the same reason share a line; none of them is in a figure or a ranking.")]
-    for skipped, title in ((False, "Failed"), (True, "Skipped: not modelled, with the adapter's reason")):
-        rows = [row for row in failed if (row["status"] == "skip") == skipped]
-        if rows:
-            blocks.append(reasons(title, rows))
-    if invalid:
-        blocks.append(reasons("Ended, but not valid: the judge's reason", invalid, "not valid"))
-    if lost:
-        blocks.append(costs(lost))
-    return Section("Skipped and failed cases", "failures", tuple(blocks))
+    kinds = {
+        "Failed": [row for row in failed if row["status"] != "skip"],
+        "Skipped: not modelled, with the adapter's reason": [row for row in failed if row["status"] == "skip"],
+        "Ended, but not valid: the judge's reason": [
+            {**row, "message": row.get("flag", ""), "status": "not valid"} for row in run.results if ok(row) and not row["valid"]
+        ],
+    }
+    tables = [reasons(title, rows) for title, rows in kinds.items() if rows]
+    lost = blocks_of("untimed", [row for row in run.table("untimed") if row["status"] != "skip"])
+    blocks = (Text(SHARED), *tables, *lost) if tables or lost else (Text(NONE),)
+    return Section("Skipped and failed cases", "failures", blocks)
 
 
-def costs(lost: list[Row]) -> Table:
-    """Cost samples that could not be taken, with the engine's sentence."""
-    head, numeric = columns(("engine", "linkage", "settings", "integrator", "quantity", "sentence"), 5, last_text=1)
-    keys = ("mechanism", "settings", "integrator", "quantity", "message")
-    lines = [(text_cell(x.get("engine", ""), "engine"), *(text_cell(x.get(key, "")) for key in keys)) for x in lost]
-    return Table("Costs that could not be measured", head, tuple(lines), numeric)
-
-
-def reasons(title: str, rows: Sequence[Row], word: str = "") -> Table:
+def reasons(title: str, rows: Sequence[Row]) -> Table:
     """One line per engine, status and sentence, whatever its numbers."""
-    head, numeric = columns(("engine", "status", "where", "cases", "sentence"), 3, last_text=1)
     lines = []
-    for (engine, status, _), group in group_rows(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).items():
-        message = group[0]["message"] + (" (numbers of the first)" if len({r["message"] for r in group}) > 1 else "")
-        tone = "warn" if status == "skip" else "bad"
-        cases = Cell(str(len(group)), float(len(group)))
-        lines.append(
-            (text_cell(engine, "engine"), text_cell(word or status, tone), text_cell(where(group)), cases, text_cell(message))
-        )
-    return Table(f"{title} ({count(len(rows), 'case')})", head, tuple(lines), numeric)
+    for group in group_rows(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).values():
+        first = group[0]
+        message = first["message"] + (" (numbers of the first)" if len({r["message"] for r in group}) > 1 else "")
+        tone = "warn" if first["status"] == "skip" else "bad"
+        lines.append({**first, "status_tone": tone, "where": where(group), "cases": len(group), "message": message})
+    return lay_out("failures", lines, what=title, cases=count(len(rows), "case"))
 
 
 def where(rows: Sequence[Row]) -> str:
@@ -63,14 +51,12 @@ def where(rows: Sequence[Row]) -> str:
 
 def findings(run: Run) -> Iterator[Finding]:
     rows = [row for row in run.results if row["status"] not in ("ok", "invalid", "skip")]
+    said = []
+    for (name, status), group in group_rows(rows, lambda r: (r["engine"], r["status"])).items():
+        row = group[0]
+        sentence = " ".join(str(row["message"]).split()).rstrip(".").replace("`", "") or "no message"
+        example = f'{row["mechanism"]} {row["scenario"]} ("{sentence}")'
+        said.append(f"`{name}` {status} in {count(len(group), 'case')}, such as {example}")
     if rows:
-        groups = group_rows(rows, lambda r: (r["engine"], r["status"])).items()
-        why = "; ".join(f"`{name}` {status} in {count(len(group), 'case')}, {_first(group)}" for (name, status), group in groups)
-        text = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory: {why}."
+        text = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory: {'; '.join(said)}."
         yield Finding("Failed cases", text, "bad")
-
-
-def _first(group: list[Row]) -> str:
-    row = group[0]
-    sentence = " ".join(str(row["message"]).split()).rstrip(".").replace("`", "") or "no message"
-    return f'such as {row["mechanism"]} {row["scenario"]} ("{sentence}")'

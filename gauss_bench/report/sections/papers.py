@@ -2,128 +2,53 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from gauss_bench.report.content import Block, Cell, Finding, Section, Table, Text, columns, count, error, itemise, text_cell
-from gauss_bench.report.rows import Row, Run, group_rows, is_known, number
+from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, count, error, itemise, lay_out, layouts
+from gauss_bench.report.rows import Row, Run, group_rows, number
 
 PLACE = 70
 TABLES = ("audit",)
 SAID = {"ok": "right as printed", "misprint": "misprinted", "not given": "left out", "unreadable": "unreadable in our text"}
-WORDS = (
-    "The suite stands on three papers. Every statement of theirs that can be computed is computed here: as printed and, where that "
-    "fails, as it should read, both against a truth that knows neither. Whether a line holds follows from the two discrepancies. "
-    "Lines that fail for one and the same reason have one **cause** and are one mistake. **Wrong** is what fails as a statement, "
-    "**misprint** a slip whose meaning is clear, **loose** what holds under a condition that is not stated, **not given** what is "
-    "left out and assumed here. The papers were read as texts extracted from their pages: **unreadable** is what fails in our text "
-    "by a mark that the extraction is likely to have lost or added, and is not held against the paper."
-)
-NOTE = "Off: discrepancy of the form when computed; what it is and why the tolerance is what it is stands in `audit.csv`."
-BY_HAND = "Single numbers that follow from the forms, for a reader who wants to check one."
-TONES = {"ok": "good", "wrong": "bad", "misprint": "warn", "loose": "warn"}
 
 
 def section(run: Run) -> Section:
-    if not run.table("audit"):
+    audit = run.table("audit")
+    if not audit:
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
-    blocks: list[Block] = [Text(WORDS), Text(summary(run.table("audit")))]
-    for paper, rows in group_rows(run.table("audit"), lambda row: str(row["paper"])).items():
+    blocks: list[Block] = [Text(layouts()["audit"]["words"]), Text(summary(audit))]
+    for paper, rows in group_rows(audit, lambda row: str(row["paper"])).items():
         off = [row for row in rows if row["verdict"] != "ok" or not row["stands"]]
-        sound = [row for row in rows if row not in off]
         told = [str(rows[0][key]) for key in ("cited", "assumed") if rows[0].get(key)]
         blocks.append(Text(f"**{paper}.** {' '.join(told)}"))
-        if any(row.get("cause") for row in off):
-            blocks.append(reasons(f"{paper}: causes", off))
-        if off:
-            blocks.append(faulty(f"{paper}: what is not right as printed", off))
-        if sound:
-            blocks.append(right(f"{paper}: what is right as printed", sound))
-    numbers = [row for row in run.table("audit") if row["example"]]
-    if numbers:
-        blocks += [Text(BY_HAND), by_hand(numbers)]
+        blocks += [
+            *blocks_of("audit_causes", reasons(off), paper=paper),
+            *([lay_out("audit", map(judge_row, off), paper=paper)] if off else []),
+            *blocks_of("audit_right", [row for row in rows if row not in off], paper=paper),
+        ]
+    blocks += blocks_of("audit_numbers", [row for row in audit if row["example"]])
     return Section("The papers, audited", "papers", tuple(blocks))
 
 
 def summary(rows: Sequence[Row]) -> str:
     """Count how many lines and causes of each paper came out how; name each verdict that disagrees with its measurement."""
-    parts = [
-        f"{paper}: {count(len(group), 'line')}; {verdicts(group)}."
-        for paper, group in group_rows(rows, lambda row: str(row["paper"])).items()
-    ]
+    papers = group_rows(rows, lambda row: str(row["paper"]))
+    parts = [f"{paper}: {count(len(group), 'line')}; {verdicts(group)}." for paper, group in papers.items()]
     fallen = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
     return " ".join(parts) + (f" **Verdicts that the measurement contradicts: {itemise(fallen)}.**" if fallen else "")
 
 
-def verdict_cell(row: Row) -> Cell:
-    if not row["stands"]:
-        return text_cell(f"{row['verdict']}, contradicted: {row['faults']}", "bad")
-    return text_cell(row["verdict"], TONES.get(str(row["verdict"]), ""))
+def judge_row(row: Row) -> Row:
+    """A row whose verdict says, where it does not stand, what contradicts it."""
+    return row if row["stands"] else {**row, "verdict": f"{row['verdict']}, contradicted: {row['faults']}", "verdict_tone": "bad"}
 
 
-def off_cell(row: Row, column: str) -> Cell:
-    x = number(row, column)
-    return Cell("0" if x == 0 else error(x), x if is_known(x) else "")
-
-
-def reasons(title: str, rows: Sequence[Row]) -> Table:
+def reasons(rows: Sequence[Row]) -> list[Row]:
     """Each cause once, with the lines that fail for it."""
-    head, numeric = columns(("cause", "verdict", "lines", "where", "why it fails", "may the extract be at fault?"), 2, last_text=3)
-    cells = tuple(
-        (
-            text_cell(cause),
-            text_cell(SAID.get(str(group[0]["verdict"]), group[0]["verdict"]), TONES.get(str(group[0]["verdict"]), "")),
-            Cell(str(len(group)), len(group)),
-            text_cell(", ".join(dict.fromkeys(str(row["equation"]) for row in group))),
-            text_cell(group[0]["cause_text"]),
-            text_cell(group[0]["doubt"]),
-        )
-        for (_, cause), group in causes(rows).items()
-    )
-    return Table(title, head, cells, numeric)
-
-
-def faulty(title: str, rows: Sequence[Row]) -> Table:
-    names = ("equation", "what", "cause", "printed", "right", "verdict", "printed off", "right off", "tolerance", "remark")
-    head, numeric = columns(names, 6, last_text=1)
-    lines = tuple(
-        (
-            *(text_cell(row[key]) for key in ("equation", "name", "cause")),
-            *(text_cell(row[key], "formula") for key in ("printed", "intended")),
-            verdict_cell(row),
-            *(off_cell(row, key) for key in ("printed_off", "intended_off", "tolerance")),
-            text_cell(row["sentence"]),
-        )
-        for row in rows
-    )
-    return Table(title, head, lines, numeric, note=NOTE)
-
-
-def right(title: str, rows: Sequence[Row]) -> Table:
-    head, numeric = columns(("equation", "what", "printed", "off", "tolerance", "remark"), 3, last_text=1)
-    lines = tuple(
-        (
-            *(text_cell(row[key]) for key in ("equation", "name")),
-            text_cell(row["printed"], "formula"),
-            *(off_cell(row, key) for key in ("printed_off", "tolerance")),
-            text_cell(row["sentence"]),
-        )
-        for row in rows
-    )
-    return Table(title, head, lines, numeric, folded=True, note=NOTE)
-
-
-def by_hand(rows: Sequence[Row]) -> Table:
-    head, numeric = columns(("paper", "equation", "what", "number", "as printed", "as it should read", "truth"), 4)
-    lines = tuple(
-        (
-            *(text_cell(row[key]) for key in ("paper", "equation", "name", "example")),
-            *(value_cell(number(row, key)) for key in ("example_printed", "example_intended", "example_true")),
-        )
-        for row in rows
-    )
-    return Table("Numbers to check by hand", head, lines, numeric)
-
-
-def value_cell(x: float) -> Cell:
-    return Cell(f"{x:.7g}", x) if is_known(x) else Cell("-")
+    found = []
+    for group in causes(rows).values():
+        verdict, where = str(group[0]["verdict"]), ", ".join(dict.fromkeys(str(row["equation"]) for row in group))
+        said = {"verdict": SAID.get(verdict, verdict), "verdict_tone": TONES.get(verdict, "")}
+        found.append({**group[0], **said, "lines": len(group), "where": where})
+    return found
 
 
 def findings(run: Run) -> Iterator[Finding]:

@@ -4,30 +4,11 @@ Every figure is the searched best of its engine; what was searched, with which b
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from gauss_bench.reach import ERRORS, Kind, Reach, Requirement
-from gauss_bench.report.content import (
-    RANGE,
-    Block,
-    Cell,
-    Finding,
-    Section,
-    Text,
-    count,
-    counts,
-    error_cell,
-    goal,
-    itemise,
-    ratio_cells,
-    small,
-    table_with_title,
-    text_cell,
-    texts,
-    time_of,
-    times,
-)
+from gauss_bench.report.content import Block, Finding, Section, Text, blocks_of, count, itemise, lay_out, layouts, small, times
 from gauss_bench.report.reaches import answer
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, over_time
 from gauss_bench.report.site.settings import multiples
@@ -35,40 +16,8 @@ from gauss_bench.report.site.settings import multiples
 PLACE = 15
 TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)
 TABLES = ("search_winners", "search_space", "search_knobs")
-SEARCH = (
-    "For every linkage, requirement and engine: of all variants of the engine (integrator, stabilisation, solver, iterations, "
-    "flags) the cheapest whose error stays within the requirement at every beat of the run. Errors depend on no clock; of "
-    "the variants that pass, those near the cheapest race in one process, which is repeated in several: where code and data happen "
-    "to lie moves a time by several per cent for the life of a process. Whoever is as fast as the fastest in a quarter of the "
-    "processes ties with it, and of those that tie the first of the engine's file wins. "
-    "Generation and compilation are not timed. A time is the median over the processes of lower quartiles of their rounds; **times "
-    "the fastest** is over the least of all engines' times, whoever made it; **ratio** is to the suite's own compiled way that is "
-    "marked **base**: above 1 the engine is slower. "
-    "Remarks say what of the suite's own runs in Python inside that time. Engines marked **own** are by the suite's "
-    "authors. A range is where a second race of as many processes falls in 99 of 100 cases, whichever of those that tie is named "
-    "then."
-)
-HEAD = (
-    *("linkage", "within", "engine", "variant", "integrator", "stabilization"),
-    *(
-        "step [s] or tolerance",
-        "steps",
-        "error",
-        "time",
-        "times the fastest",
-        "ratio",
-        RANGE,
-        "target",
-        "met",
-        "tried",
-        "passing",
-        "remark",
-    ),
-)
 KINDS = ("position", "end", "angle", "force")
 OK = "ok"
-SPACE = ("engine", "variant", "integrator", "stabilization", "chosen by the search", "other knobs")
-KNOBS = ("engine", "knob", "meaning", "source")
 
 
 def section(run: Run) -> Section | None:
@@ -76,24 +25,39 @@ def section(run: Run) -> Section | None:
     rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
-    blocks: list[Block] = [Text(SEARCH), Text(scope(rows))]
+    blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope(rows))]
     for kind, group in group_rows(rows, lambda r: str(r["required"])).items():
-        title, line = f"Searched best, by error of {ERRORS.get(kind, kind)}", with_base(run, group)
-        blocks.append(table_with_title(title, HEAD, 6, in_order(group), line, 1, folded=kind not in ("position", "end")))
-    if space := run.table("search_space"):
-        blocks.append(
-            table_with_title(f"The space: {count(len(space), 'variant')}", SPACE, len(SPACE), space, variant, folded=True)
-        )
-    if knobs := run.table("search_knobs"):
-        blocks.append(table_with_title("Knobs, and where each is documented", KNOBS, len(KNOBS), knobs, knob, folded=True))
+        shown = list_winners(run, group)
+        blocks.append(lay_out("search", shown, kind=ERRORS.get(kind, kind), folded=kind not in ("position", "end")))
+    space = run.table("search_space")
+    blocks += blocks_of("search_space", space, variants=count(len(space), "variant"))
+    blocks += blocks_of("search_knobs", run.table("search_knobs"))
     return Section("The searched best of every engine", "search", tuple(blocks))
 
 
-def in_order(rows: Sequence[Row]) -> list[Row]:
-    return sorted(
-        rows,
-        key=lambda r: (str(r["mechanism"]), -number(r, "accuracy"), number(r, "seconds") if is_known(r.get("seconds")) else 1e9),
-    )
+def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
+    """Rows of winners with who is the fastest at each requirement, who is the authors' own, and what there is to say."""
+    over: dict[tuple[Any, ...], float] = {}
+    for place, some in group_rows(rows, lambda r: (r["mechanism"], number(r, "accuracy"))).items():
+        over |= multiples({(*place, r["engine"]): number(r, "seconds") for r in some if r["status"] == OK})
+    found = []
+    for row in rows:
+        marks = [mark for mark, is_so in (("own", row["engine"] in run.own_engines), ("base", row.get("own"))) if is_so]
+        is_ok = row["status"] == OK
+        said = {
+            "within": f"{small(number(row, 'accuracy'))} {row['unit']}",
+            "name": f"{row['engine']} ({', '.join(marks)})" if marks else row["engine"],
+            "size": next((number(row, x) for x in ("step", "tolerance") if is_known(row.get(x))), math.nan),
+            "over": over.get((row["mechanism"], number(row, "accuracy"), row["engine"]), math.nan),
+            "said": in_python(row) if is_ok else answer_of(run, row).words,
+            "said_tone": "" if is_ok else "warn",
+        }
+        found.append({**row, **said})
+
+    def order(row: Row) -> tuple[str, float, float]:
+        return str(row["mechanism"]), -number(row, "accuracy"), number(row, "seconds") if is_known(row.get("seconds")) else 1e9
+
+    return sorted(found, key=order)
 
 
 def scope(rows: Sequence[Row]) -> str:
@@ -115,50 +79,9 @@ def answer_of(run: Run, row: Row) -> Reach:
     return answer(run, str(row["mechanism"]), str(row["engine"]), [Requirement(str(row["required"]), number(row, "accuracy"))])
 
 
-def with_base(run: Run, rows: Sequence[Row]) -> Callable[[Row], tuple[Cell, ...]]:
-    """The line of a winner, which knows who is the fastest at each requirement and who is the authors' own."""
-    over: dict[tuple[Any, ...], float] = {}
-    for place, some in group_rows(rows, lambda r: (r["mechanism"], r["required"], number(r, "accuracy"))).items():
-        over |= multiples({(*place, r["engine"]): number(r, "seconds") for r in some if r["status"] == OK})
-
-    def line(row: Row) -> tuple[Cell, ...]:
-        x = over.get((row["mechanism"], row["required"], number(row, "accuracy"), row["engine"]), math.nan)
-        marks = [mark for mark, is_so in (("own", row["engine"] in run.own_engines), ("base", row.get("own"))) if is_so]
-        return _winner(run, row, f" ({', '.join(marks)})" if marks else "", x)
-
-    return line
-
-
-def _winner(run: Run, row: Row, mark: str, over: float) -> tuple[Cell, ...]:
-    size = next((number(row, x) for x in ("step", "tolerance") if is_known(row.get(x))), None)
-    return (
-        text_cell(row["mechanism"]),
-        Cell(f"{small(number(row, 'accuracy'))} {row['unit']}", number(row, "accuracy")),
-        text_cell(f"{row['engine']}{mark}", "engine"),
-        *texts(row, "settings", "integrator", "stabilization"),
-        Cell("-") if size is None else Cell(f"{size:.3g}", size),
-        *counts(row, "steps"),
-        error_cell(row, "error"),
-        time_of(row),
-        Cell(times(over), over) if is_known(over) else Cell("-"),
-        *ratio_cells(row, "ratio"),
-        *goal(row),
-        *counts(row, "evaluations", "passing"),
-        text_cell(in_python(row)) if row["status"] == OK else text_cell(answer_of(run, row).words, "warn"),
-    )
-
-
 def in_python(row: Row) -> str:
     """Return what of the suite's own runs in Python inside a time, in words; empty where nothing does."""
     return f"in Python: {row['in_python']}" if row.get("in_python") else ""
-
-
-def variant(row: Row) -> tuple[Cell, ...]:
-    return (text_cell(row["engine"], "engine"), *texts(row, "settings", "integrator", "stabilization", "size", "options"))
-
-
-def knob(row: Row) -> tuple[Cell, ...]:
-    return (text_cell(row["engine"], "engine"), *texts(row, "knob", "meaning", "source"))
 
 
 def findings(run: Run) -> Iterator[Finding]:

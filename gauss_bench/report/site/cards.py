@@ -1,14 +1,18 @@
 """Four questions that a reader has first, each with one sentence, one number and one small figure out of stored rows."""
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
+from typing import Any
 
 from gauss_bench.report.content import Chart, count, error, times
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok, plain
 from gauss_bench.report.site.charts import FLOOR, bars
 
 HOLDS = 1e-4  # [m, rad] a loop that opens by less is called held: a tenth of a millimetre
+CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # words of each
 STEP = 1e-3  # [s] that engines are compared at as shipped
 
 
@@ -25,10 +29,13 @@ class Card:
     more: str
 
 
-def small(
-    name: str, title: str, description: str, spec: dict[str, object], rows: list[dict[str, object]], head: dict[str, str]
-) -> Chart:
-    return Chart(f"card-{name}", title, description, spec, tuple(rows), head, small=True)
+def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **look: Any) -> Card:
+    """A card of CARD's words, with a figure of rows; none without rows."""
+    words = CARD[name]
+    spec = bars(rows, words["axis"], **look)
+    head = {"name": words["rows"], "y": words["column"], **({"low": "least", "high": "largest"} if "low" in str(rows[:1]) else {})}
+    drawn = Chart(f"card-{name}", words["title"], words["description"], spec, tuple(rows), head, small=True) if rows else None
+    return Card(words["question"], sentence, number, unit or words["unit"], drawn, words["page"], words["more"])
 
 
 def as_shipped(run: Run) -> dict[str, Row]:
@@ -67,24 +74,7 @@ def loops(run: Run) -> Card | None:
         f"{where['mechanism']} ({where['integrator']})."
     )
     rows = [{"name": name, "y": max(x, FLOOR)} for name, x in sorted(drift.items(), key=lambda x: x[1])]
-    spec = bars(rows, "largest opening of any loop [m, rad]", logarithmic=True, rule=HOLDS)
-    drawn = small(
-        "loops",
-        "Loops as shipped",
-        "Largest residual of the constraints; the dashed line is 0.1 mm.",
-        spec,
-        rows,
-        {"name": "engine", "y": "largest opening [m, rad]"},
-    )
-    return Card(
-        "Do loops hold by default?",
-        sentence,
-        f"{len(held)} of {len(drift)}",
-        "engines keep them shut",
-        drawn,
-        "engines.html",
-        "Engines, and what holds their loops",
-    )
+    return make_card("loops", sentence, f"{len(held)} of {len(drift)}", rows, logarithmic=True, rule=HOLDS)
 
 
 def gauss_or_lagrange(run: Run) -> Card | None:
@@ -103,23 +93,7 @@ def gauss_or_lagrange(run: Run) -> Card | None:
         {"name": str(r["mechanism"]), "y": number(r, "ratio"), "low": number(r, "ratio_low"), "high": number(r, "ratio_high")}
         for r in rows
     ]
-    drawn = small(
-        "gauss",
-        "Lagrange's time over Gauss's",
-        "Median of several processes, and where a second race falls; right of the dashed line Gauss is faster.",
-        bars(shown, "time of a step, Lagrange / Gauss (logarithmic)", logarithmic=True, rule=1.0, written="~g"),
-        shown,
-        {"name": "linkage", "y": "ratio", "low": "least", "high": "largest"},
-    )
-    return Card(
-        "Gauss or Lagrange?",
-        sentence,
-        times(middle),
-        "times as fast, in the middle",
-        drawn,
-        "papers.html#claim",
-        "The claim, linkage by linkage",
-    )
+    return make_card("gauss", sentence, times(middle), shown, logarithmic=True, rule=1.0, written="~g")
 
 
 def paper(run: Run) -> Card | None:
@@ -135,57 +109,29 @@ def paper(run: Run) -> Card | None:
         f"and {len(wrong)} wrong as statements; the others are slips, left out, loose or unreadable in our text."
     )
     kinds = group_rows(rows, lambda r: str(r["verdict"]))
-    shown = [
-        {"name": "right as printed" if k == "ok" else k, "y": len(v)} for k, v in sorted(kinds.items(), key=lambda x: -len(x[1]))
-    ]
-    drawn = small(
-        "paper",
-        "Statements by verdict",
-        "Each was computed as printed and held against the truth.",
-        bars(shown, "statements"),
-        shown,
-        {"name": "verdict", "y": "statements"},
-    )
-    return Card(
-        "Is the paper right?",
-        sentence,
-        f"{len(fine)} of {len(rows)}",
-        "statements hold as printed",
-        drawn,
-        "papers.html",
-        "Every line, as printed and as it should read",
-    )
+    ordered = sorted(kinds.items(), key=lambda x: -len(x[1]))
+    shown = [{"name": "right as printed" if kind == "ok" else kind, "y": len(some)} for kind, some in ordered]
+    return make_card("paper", sentence, f"{len(fine)} of {len(rows)}", shown)
 
 
 def trust(run: Run) -> Card | None:
-    """The card "Why trust this?"."""
+    """The card "Why trust this?": digits of certificates, or the widest bar of a run without them."""
     rows = [r for r in run.table("certificates") if r["status"] == "ok" and is_known(r.get("digits"))]
     bars_of = [r for r in run.table("references") if is_known(r.get("error_bar_q"))]
-    drawn = None
     if rows:
         least = min(rows, key=lambda r: number(r, "digits"))
-        figure, unit = f"{number(least, 'digits'):g}", "digits at least"
         sentence = (
             "Errors are measured against motions that two independent pipelines agree on: "
-            f"{count(len(rows), 'scenario')} to at least {figure} digits, the fewest on {least['mechanism']}."
+            f"{count(len(rows), 'scenario')} to at least {number(least, 'digits'):g} digits, the fewest on {least['mechanism']}."
         )
         kinds = group_rows(sorted(rows, key=lambda r: -number(r, "digits")), lambda r: f"{number(r, 'digits'):g} digits")
-        shown = [{"name": k, "y": len(v)} for k, v in kinds.items()]
-        drawn = small(
-            "trust",
-            "Certified digits",
-            "Of positions and velocities: how many scenarios have how many.",
-            bars(shown, "scenarios"),
-            shown,
-            {"name": "digits", "y": "scenarios"},
-        )
-    elif bars_of:
+        return make_card("trust", sentence, f"{number(least, 'digits'):g}", [{"name": k, "y": len(v)} for k, v in kinds.items()])
+    if bars_of:
         worst = max(bars_of, key=lambda r: number(r, "error_bar_q"))
-        figure, unit = error(number(worst, "error_bar_q")), "the widest bar"
+        figure = error(number(worst, "error_bar_q"))
         sentence = f"Errors are measured against references whose own bars are at most {figure} (m, rad), on {worst['mechanism']}."
-    else:
-        return None
-    return Card("Why trust this?", sentence, figure, unit, drawn, "method.html", "Method, limits first")
+        return make_card("trust", sentence, figure, [], "the widest bar")
+    return None
 
 
 CARDS: tuple[Callable[[Run], Card | None], ...] = (loops, gauss_or_lagrange, paper, trust)

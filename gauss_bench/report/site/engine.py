@@ -1,31 +1,15 @@
 """An engine's page: as shipped, as this suite would set it, the best that was found, what breaks it, and how to object."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from statistics import geometric_mean
 
-from markupsafe import Markup
-
 from gauss_bench.reach import ERRORS
-from gauss_bench.report.content import (
-    BELOW_LEGEND,
-    Cell,
-    Table,
-    columns,
-    count,
-    error,
-    error_cell,
-    itemise,
-    small,
-    span,
-    text_cell,
-    time_of,
-    times,
-)
+from gauss_bench.report.content import Table, count, error, itemise, lay_out, small, times
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.reaches import engines_of
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok
-from gauss_bench.report.site.page import Page, file_name, heading, join_blocks, link, paragraph, rich, table
+from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
     Setting,
@@ -35,15 +19,8 @@ from gauss_bench.report.site.settings import (
     linkages,
     multiples,
     row_in_words,
+    size_in_words,
 )
-
-OBJECT = (
-    "Its authors may object that a setting they would use is missing, or that the adapter asks it in a way they would not. Every "
-    "knob that was searched stands below with where it is documented. A better variant is one line of `variants.toml` in the "
-    "engine's room; the search then tries it beside the others, and a changed result is published like any other."
-)
-REACH = ("passes_to", "breaks_at")
-COST = "Times of a step called from Python include the adapter's translation; in the engine's own loop they do not."
 
 
 def engine_names(run: Run) -> tuple[str, ...]:
@@ -56,161 +33,81 @@ def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
     rows = [r for r in run.results if r["engine"] == name]
     installed = run.environment.get("engines", {}).get(name, {})
     version = str(installed.get("version", "")) if isinstance(installed, dict) else ""
-    body: list[Markup] = []
-    if rows:
-        body += [
-            heading("As shipped and as set here", "default"),
-            paragraph("One line for each linkage, setting and integrator: its most accurate case."),
-            table(cases(rows)),
-        ]
-    if best := [x for x in settings if x.engine == name]:
-        body += [
-            heading("Best found", "best"),
-            paragraph("The cheapest setting within each tolerance, of all that were tried on a linkage."),
-            table(bests(run, name, settings)),
-        ]
-    if winners := [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and is_known(r.get("seconds"))]:
-        body.append(table(list_races(run, winners)))
-    if reasons := why(run, name, settings):
-        body += [heading("Why it takes this long", "why"), paragraph(reasons[0]), table(reasons[1])]
-    body += [heading("What breaks it", "breaks"), *map(paragraph, broken(run, name))]
-    if reached := [r for r in run.table("atlas") if r["engine"] == name]:
-        body.append(table(atlas(reached)))
-    body += [
-        heading("What its authors may object to", "object"),
-        paragraph(OBJECT if best else OBJECT.partition(" Every")[0] + "."),
-        *knobs(run, name),
-    ]
-    control = any(r["control"] for r in rows)
-    lead = (
-        "A negative control, wrong on purpose: it must never pass."
-        if control
-        else f"{version or name}: as shipped, as set here, and the best that was found."
+    winners = [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and is_known(r.get("seconds"))]
+    reached = [r for r in run.table("atlas") if r["engine"] == name]
+    knobs = [r for r in run.table("search_knobs") if r["engine"] == name]
+    body = render(
+        "engine.html",
+        cases=lay_out("engine_cases", cases(rows)) if rows else None,
+        bests=bests(run, name, settings) if any(x.engine == name for x in settings) else None,
+        races=races(run, winners) if winners else None,
+        why=why(run, name, settings),
+        broken=broken(run, name),
+        atlas=atlas(reached) if reached else None,
+        knobs=lay_out("engine_knobs", knobs) if knobs else None,
     )
-    return Page(f"engine-{file_name(name)}", name, lead, join_blocks(body))
+    wrong = "A negative control, wrong on purpose: it must never pass."
+    lead = wrong if any(r["control"] for r in rows) else f"{version or name}: as shipped, as set here, and the best that was found."
+    return Page(f"engine-{file_name(name)}", name, lead, body)
 
 
-def cases(rows: Sequence[Row]) -> Table:
-    def least(some: Sequence[Row]) -> Row:
-        return min(some, key=lambda r: (not ok(r), number(r, "position_error") if is_known(r.get("position_error")) else 1e99))
-
-    lines = []
+def cases(rows: Sequence[Row]) -> Iterator[Row]:
+    """The most accurate case of each linkage, setting and integrator, and what came of it."""
     for group in group_rows(rows, lambda r: (r["mechanism"], r["settings"], r["integrator"])).values():
-        row = least(group)
-        tone = "good" if row["valid"] else "bad"
-        names = (
-            text_cell(row["mechanism"]),
-            text_cell(row["settings"]),
-            text_cell(row["integrator"]),
-            text_cell(row["stabilization"]),
-        )
-        step = Cell(f"{number(row, 'step'):g}", number(row, "step")) if is_known(row.get("step")) else Cell("own")
-        numbers = (
-            error_cell(row, "position_error", number(row, "position_error_bar")),
-            error_cell(row, "position_drift"),
-            error_cell(row, "energy_error"),
-        )
-        status = "valid" if row["valid"] else str(row.get("flag") or row["message"] or row["status"])
-        lines.append((*names, step, *numbers, text_cell(status, tone)))
-    head, numeric = columns(
-        ("linkage", "settings", "integrator", "stabilization", "step [s]", "position error", "drift", "energy [J]", "outcome"),
-        4,
-        last_text=1,
-    )
-    return Table("Cases", head, tuple(lines), numeric, note=BELOW_LEGEND)
+        row = min(group, key=lambda r: (not ok(r), number(r, "position_error") if is_known(r.get("position_error")) else math.inf))
+        outcome = "valid" if row["valid"] else str(row.get("flag") or row["message"] or row["status"])
+        yield {**row, "outcome": outcome, "outcome_tone": "good" if row["valid"] else "bad"}
 
 
 def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
-    lines = []
+    lines: list[Row] = []
     for linkage in linkages(run):
         own = [x for x in settings if (x.mechanism, x.engine) == (linkage, name)]
         for position in POSITIONS[1::2] if own or name in engines_of(run, linkage) else ():
-            one = cheapest_stored(run, linkage, own, position, float("inf")).get(name)
+            place = {"mechanism": linkage, "within": position}
+            one = cheapest_stored(run, linkage, own, position, math.inf).get(name)
             if one is None:
-                words = text_cell(answer_of(run, linkage, name, own, position).words, "warn")
-                lines.append((text_cell(linkage), Cell(f"{1e3 * position:g}", position), words, *[Cell("-")] * 3))
-                continue
-            size = (
-                f"{one.step:.3g} s"
-                if is_known(one.step)
-                else f"tolerance {one.tolerance:.0e}"
-                if is_known(one.tolerance)
-                else "own"
-            )
-            lines.append(
-                (
-                    text_cell(linkage),
-                    Cell(f"{1e3 * position:g}", position),
-                    text_cell(in_words(run, one)),
-                    text_cell(size),
-                    Cell(f"{1e6 * one.seconds:.4g}", one.seconds) if is_known(one.seconds) else text_cell("not timed"),
-                    Cell(f"{1e3 * one.position:.1e}", one.position),
-                )
-            )
-    return Table(
-        "Best found",
-        ("linkage", "within [mm]", "setting", "step or tolerance", "time [µs]", "error [mm]"),
-        tuple(lines),
-        frozenset({1, 4, 5}),
-    )
+                lines.append(place | {"words": answer_of(run, linkage, name, own, position).words, "words_tone": "warn"})
+            else:
+                lines.append(vars(one) | place | {"words": in_words(run, one), "size": size_in_words(one)})
+    return lay_out("engine_bests", lines)
 
 
 def why(run: Run, name: str, settings: Sequence[Setting]) -> tuple[str, Table] | None:
     """Return the engine's multiple within FIRST as steps times time of a step, in a sentence and linkage by linkage."""
-    lines, shares = [], []
+    lines = []
     for linkage in linkages(run):
         held = cheapest_stored(run, linkage, [x for x in settings if x.mechanism == linkage], FIRST, math.inf)
-        timed = [x for x in held.values() if is_known(x.seconds) and x.steps > 0]
-        one = next((x for x in timed if x.engine == name), None)
-        if one is None:
-            continue
-        best = min(timed, key=lambda x: x.seconds)
-        whole, steps = one.seconds / best.seconds, one.steps / best.steps
-        shares.append((whole, steps, whole / steps))
-        ratios = (Cell(times(x), x) for x in shares[-1])
-        lines.append((text_cell(linkage), text_cell(best.engine), *ratios, text_cell(in_words(run, one))))
+        timed = {e: x for e, x in held.items() if is_known(x.seconds) and x.steps > 0}
+        if name in timed:
+            one, best = timed[name], min(timed.values(), key=lambda x: x.seconds)
+            whole, steps = one.seconds / best.seconds, one.steps / best.steps
+            ratios = {"time": whole, "steps": steps, "each": whole / steps}
+            lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": in_words(run, one)})
     if not lines:
         return None
-    whole, steps, each = (geometric_mean(x) for x in zip(*shares, strict=True))  # whose product holds, as medians' does not
+    # the product of geometric means holds, as that of medians does not
+    whole, steps, each = (geometric_mean(x[k] for x in lines) for k in ("time", "steps", "each"))
     said = (
         f"To hold {small(FIRST)} m, on {count(len(lines), 'linkage')} it takes, as geometric means, {times(whole)} times as long "
         f"as the fastest engine there: {times(steps)} times as many steps, each of {times(each)} times the time."
     )
-    cause = "the number of its steps" if steps > each else "what one of its steps costs"
-    said += f" {cause[0].upper()}{cause[1:]} decides." if whole > 1.05 else " It is the fastest."
-    head, numeric = columns(("linkage", "fastest", "time", "steps", "time of a step", "its setting"), 2, last_text=1)
-    return said, Table("Multiples of the fastest", head, tuple(lines), numeric)
+    cause = "The number of its steps" if steps > each else "What one of its steps costs"
+    return said + (f" {cause} decides." if whole > 1.05 else " It is the fastest."), lay_out("engine_why", lines)
 
 
-def list_races(run: Run, rows: Sequence[Row]) -> Table:
-    def fastest(r: Row) -> float:
+def races(run: Run, rows: Sequence[Row]) -> Table:
+    lines = []
+    for r in rows:
         same = (x for x in run.table("search_winners") if all(x[k] == r[k] for k in ("mechanism", "required", "accuracy")))
-        return multiples({str(x["engine"]): number(x, "seconds") for x in same if x["status"] == "ok"})[str(r["engine"])]
-
-    lines = tuple(
-        (
-            text_cell(r["mechanism"]),
-            text_cell(f"{ERRORS.get(str(r['required']), r['required'])} within {small(number(r, 'accuracy'))} {r['unit']}"),
-            text_cell(
-                row_in_words(run, r)
-                or " ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))
-            ),
-            time_of(r),
-            Cell(times(fastest(r)), fastest(r)),
-            span(r),
-        )
-        for r in rows
-    )
-    head, numeric = columns(("linkage", "required", "setting", "time", "multiple", "spread of the time"), 3)
+        over = multiples({str(x["engine"]): number(x, "seconds") for x in same if x["status"] == "ok"})
+        choices = " ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))
+        what = f"{ERRORS.get(str(r['required']), r['required'])} within {small(number(r, 'accuracy'))} {r['unit']}"
+        lines.append({**r, "what": what, "words": row_in_words(run, r) or choices, "multiple": over[str(r["engine"])]})
     inside = itemise(dict.fromkeys(str(r["in_python"]) for r in rows if r.get("in_python")))
     python = f" In Python inside these times, and the suite's own: {inside}." if inside else ""
-    return Table(
-        "Raced against the others",
-        head,
-        lines,
-        numeric,
-        note=f"Multiple: its time over that of the fastest of all at the same accuracy, whoever made it.{python}",
-    )
+    note = f"Multiple: its time over that of the fastest of all at the same accuracy, whoever made it.{python}"
+    return lay_out("engine_races", lines, note=note)
 
 
 def broken(run: Run, name: str) -> list[str]:
@@ -239,66 +136,34 @@ def broken(run: Run, name: str) -> list[str]:
             "that are too large; the smallest such step was "
             f"{min((number(r, 'step') for r in lost if is_known(r.get('step'))), default=0):.2g} s."
         )
-    skipped = sorted(
-        {
-            str(r["message"])
-            for r in (*rows, *run.table("search_winners"))
-            if r["engine"] == name and r["status"] == "skip" and r["message"]
-        }
-    )
+    skips = (r for r in (*rows, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
+    skipped = sorted({str(r["message"]) for r in skips if r["message"]})
     said += [f"Not modelled: {x}." for x in skipped[:4]]
     said = said or ["Nothing of this run did."]
-    if any(r["engine"] == name for r in run.table("atlas")):
-        return said
-    return [*said, f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes."]
+    if not any(r["engine"] == name for r in run.table("atlas")):
+        said.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
+    return said
 
 
 def atlas(rows: Sequence[Row]) -> Table:
     """The engine's reach along each axis of the atlas."""
-
-    def value(row: Row, column: str) -> Cell:
-        return (
-            Cell(f"{number(row, column):g} {row['unit']}".strip(), number(row, column)) if is_known(row.get(column)) else Cell("-")
-        )
-
-    tones = {"pass": "good", "failed": "bad", "degraded": "warn"}
     lines = []
     for r in rows:
         way = " ".join(str(r[k]) for k in ("settings", "stabilization") if r[k] not in ("", "none", "default"))
-        last = text_cell(r["last"], tones.get(str(r["last"]), ""))
-        lines.append(
-            (text_cell(r["axis"]), text_cell(way or "default"), *(value(r, k) for k in REACH), last, text_cell(r["reason"]))
-        )
+        ends = {k: f"{number(r, k):g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
+        lines.append({**r, "way": way or "default", "passes": ends["passes_to"], "breaks": ends["breaks_at"]})
     commits = itemise(sorted({str(r["commit"]) for r in rows if r["commit"]}))
     note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
-    head = ("axis", "setting", "passes to", "breaks at", "then", "reason")
-    return Table("How far it goes", head, tuple(lines), frozenset({2, 3}), note=note)
+    return lay_out("engine_atlas", lines, note=note)
 
 
-def knobs(run: Run, name: str) -> list[Markup]:
-    rows = [r for r in run.table("search_knobs") if r["engine"] == name]
-    if not rows:
-        return []
-    lines = tuple((text_cell(r["knob"]), text_cell(r["meaning"]), text_cell(r["source"])) for r in rows)
-    return [table(Table("Knobs that were searched", ("knob", "meaning", "documented at"), lines))]
-
-
-def engines_page(run: Run, settings: Sequence[Setting]) -> Page:
+def engines_page(run: Run) -> Page:
     """All engines, one line each."""
     lines = []
     for name in engine_names(run):
         rows = [r for r in run.results if r["engine"] == name]
         valid = sum(bool(r["valid"]) for r in rows)
-        lines.append(
-            Markup("<li>{}: {}</li>").format(
-                link(f"engine-{file_name(name)}.html", name),
-                rich(f"{valid} of {count(len(rows), 'case')} valid" if rows else "searched alone"),
-            )
-        )
-    return Page(
-        "engines",
-        "Engines",
-        "Each as shipped, as set here, and at the best that was found.",
-        Markup("<ul>{}</ul>").format(join_blocks(lines)),
-        group="Engines",
-    )
+        said = f"{valid} of {count(len(rows), 'case')} valid" if rows else "searched alone"
+        lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": said})
+    lead = "Each as shipped, as set here, and at the best that was found."
+    return plain_page("engines", "Engines", lead, "Engines", engines=lines)

@@ -4,14 +4,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from markupsafe import Markup
-
 from gauss_bench.report.content import AUTHORS, Finding, times
 from gauss_bench.report.first_table import SAID, first_table
 from gauss_bench.report.palette import slots
-from gauss_bench.report.rows import Run, is_known, number
-from gauss_bench.report.site.cards import CARDS, Card
-from gauss_bench.report.site.page import Page, chart, file_name, finding, heading, join_blocks, link, paragraph, rich, table
+from gauss_bench.report.rows import Run, is_known
+from gauss_bench.report.site.cards import CARDS
+from gauss_bench.report.site.page import Page, file_name, render
 from gauss_bench.report.site.settings import (
     FORCES,
     POSITIONS,
@@ -33,95 +31,48 @@ LEAD = (
 Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]
 
 
-def option(value: object, text: str, chosen: bool = False) -> Markup:
-    return Markup('<option value="{}"{}>{}</option>').format(value, Markup(" selected") if chosen else "", text)
-
-
-def selector(name: str, label: str, options: Markup) -> Markup:
-    return Markup('<label>{}<select id="{}">{}</select></label>').format(label, name, options)
-
-
-def millimetres(x: float) -> str:
-    return f"{1e3 * x:g} mm"
-
-
-def chooser(run: Run, names: tuple[str, ...], settings: Sequence[Setting]) -> Markup:
-    """The form, and its first answers; a script gives the others."""
-    preferred = "four_bar" if "four_bar" in names else names[0]
-    fields = (
-        selector("linkage", "Linkage", join_blocks(option(x, x.replace("_", " "), x == preferred) for x in names)),
-        selector(
-            "position", "Position within", join_blocks(option(i, millimetres(x), x == USUAL) for i, x in enumerate(POSITIONS))
-        ),
-        selector(
-            "force",
-            "Joint forces within",
-            join_blocks(option(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)),
-        ),
-        selector("horizon", "Over the first", Markup("")),
+def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> Page:
+    settings = all_settings(run)
+    names = tuple(x for x in linkages(run) if any(s.mechanism == x for s in settings))
+    preferred = "four_bar" if "four_bar" in names else next(iter(names), "")
+    cards = [made for make in CARDS if (made := make(run)) is not None]
+    body = render(
+        "index.html",
+        names=names,
+        preferred=preferred,
+        positions=[(i, f"{1e3 * x:g} mm") for i, x in enumerate(POSITIONS)],
+        usual=POSITIONS.index(USUAL),
+        forces=[(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)],
+        first=first_answers(run, preferred, settings),
+        table=first_table(run),
+        said=SAID,
+        cards=cards,
+        lost=headlines(findings),
+        found=len(findings),
+        authors=AUTHORS,
     )
-    return Markup(
-        '<section class="chooser" aria-label="Find a setting"><div class="fields">{}</div>'
-        '<ol class="answers" id="answers" aria-live="polite">{}</ol><p class="note" id="said">{}</p></section>'
-    ).format(join_blocks(fields), first_answers(run, preferred, settings), UNSCRIPTED)
+    data: dict[str, Any] = {"charts": {c.chart.name: c.chart.data() for c in cards if c.chart}}
+    looked_up, later = chooser_data(run, names, settings, programs) if names else ({}, {})
+    scripts = ("chooser.js",) if names else ()
+    return Page("index", "Choose an engine for your linkage", LEAD, body, data | looked_up, scripts=scripts, later=later)
 
 
-UNSCRIPTED = "Without scripts these answers stand for the first choice; every linkage's page has a table of its settings."
-
-
-def first_answers(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
+def first_answers(run: Run, name: str, settings: Sequence[Setting]) -> list[dict[str, str]]:
     """What the form answers before anything is chosen: the cheapest setting of each engine, fastest first."""
     own = [x for x in settings if x.mechanism == name]
     held = [x for x in cheapest_stored(run, name, own, USUAL, math.inf).values() if is_known(x.seconds)]
     over = multiples({x.engine: x.seconds for x in held})
-    return join_blocks(
-        Markup('<li><span class="ratio">{} &times;</span>{}<div class="what">{}, {} steps</div></li>').format(
-            times(over[x.engine]), link(f"engine-{file_name(x.engine)}.html", x.engine, "engine"), in_words(run, x), f"{x.steps:g}"
-        )
-        for x in sorted(held, key=lambda x: x.seconds)
-    )
-
-
-def card(one: Card) -> Markup:
-    drawn = chart(one.chart) if one.chart else Markup("")
-    return Markup('<article class="card"><h2>{}</h2><p class="number">{} <small>{}</small></p><p>{}</p>{}{}</article>').format(
-        one.question, one.number, one.unit, rich(one.sentence), drawn, link(one.page, one.more)
-    )
+    found = []
+    for x in sorted(held, key=lambda x: x.seconds):
+        words = {"over": times(over[x.engine]), "words": in_words(run, x), "steps": f"{x.steps:g}"}
+        found.append(words | {"engine": x.engine, "page": f"engine-{file_name(x.engine)}.html"})
+    return found
 
 
 def headlines(findings: list[Finding]) -> list[Finding]:
     """The bold part of findings: where this suite's own is slower, short of its aim, or cannot."""
     lost = [x for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
     return [Finding(x.title, x.text.partition(" The compiled kernel's")[0].replace("**", "")) for x in lost]
-
-
-def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> Page:
-    names = linkages(run)
-    settings = all_settings(run)
-    known_names = tuple(x for x in names if any(s.mechanism == x for s in settings))
-    table_of_all = first_table(run)
-    cards = [made for make in CARDS if (made := make(run)) is not None]
-    body = [chooser(run, known_names, settings)] if known_names else []
-    if table_of_all is not None:
-        body += [heading(table_of_all.title, "first-table"), paragraph(SAID), table(table_of_all, caption=False)]
-    if cards:
-        body.append(
-            Markup('<section><h2 id="answers-short">Four questions</h2><div class="cards">{}</div></section>').format(
-                join_blocks(map(card, cards))
-            )
-        )
-    if lost := headlines(findings):
-        said = Markup('<ul class="findings">{}</ul>').format(join_blocks(map(finding, lost)))
-        more = link("findings.html", f"All {len(findings)} findings")
-        body.append(Markup('<section><h2 id="worst">Where we lose</h2>{}<p>{}</p></section>').format(said, more))
-    body.append(paragraph(AUTHORS, "note"))
-    data: dict[str, Any] = {"charts": {c.chart.name: c.chart.data() for c in cards if c.chart}}
-    later: dict[str, Any] = {}
-    if known_names:
-        looked_up, later = chooser_data(run, known_names, settings, programs)
-        data |= looked_up
-    scripts = ("chooser.js",) if known_names else ()
-    return Page("index", "Choose an engine for your linkage", LEAD, join_blocks(body), data, scripts=scripts, later=later)
 
 
 def chooser_data(
@@ -151,29 +102,11 @@ def pack(texts: list[str]) -> dict[str, Any]:
     return {"lines": list(lines), "texts": [[lines[x] for x in text.split("\n")] for text in texts]}
 
 
-def call_of(name: str, setting: Any) -> str:
+def call_of(name: str, x: Setting) -> str:
     """A call of this package that runs a setting, where no program in the engine's own language was written."""
-    step = f"{setting.step:.10g}" if not math.isnan(setting.step) else "0.001"
-    named = {
-        "engine": setting.engine,
-        "scenario": setting.scenario,
-        "settings": setting.settings,
-        "integrator": setting.integrator,
-        "stabilization": setting.stabilization,
-    }
-    lines = [f"    {k}={v!a}," for k, v in named.items() if v]
-    until = f"{setting.until:g}" if number({"x": setting.until}, "x") > 0 else "1"
-    return "\n".join(
-        [
-            "import gauss_bench",
-            "",
-            "run = gauss_bench.simulate(",
-            f"    {name!a},",
-            *lines,
-            f"    step={step},",
-            f"    at=[0.0, {until}],",
-            ")",
-            "print(run.to_json())",
-            "",
-        ]
-    )
+    named = {k: getattr(x, k) for k in ("engine", "scenario", "settings", "integrator", "stabilization")}
+    given = "".join(f"    {k}={v!a},\n" for k, v in named.items() if v)
+    step = f"{x.step:.10g}" if is_known(x.step) else "0.001"
+    until = f"{x.until:g}" if is_known(x.until) and x.until > 0 else "1"
+    start = f"import gauss_bench\n\nrun = gauss_bench.simulate(\n    {name!a},\n{given}"
+    return f"{start}    step={step},\n    at=[0.0, {until}],\n)\nprint(run.to_json())\n"

@@ -9,65 +9,60 @@ from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.reach import Kind
-from gauss_bench.report.content import Cell, Chart, Table, count, duration, text_cell, times
+from gauss_bench.report.content import Chart, Table, count, lay_out, times
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, may_rank, number, ok
-from gauss_bench.report.sections.linkage.trajectories import best, whole
+from gauss_bench.report.sections.trajectories import best, whole
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, label, over_time, points
-from gauss_bench.report.site.first import millimetres
 from gauss_bench.report.site.motion import turning
-from gauss_bench.report.site.page import Page, chart, file_name, heading, join_blocks, link, paragraph, table
+from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.playback import side_by_side
-from gauss_bench.report.site.settings import POSITIONS, Setting, cheapest_stored, in_words, method_of, multiples, not_held
+from gauss_bench.report.site.settings import (
+    POSITIONS,
+    Setting,
+    cheapest_stored,
+    in_words,
+    method_of,
+    multiples,
+    not_held,
+    size_in_words,
+)
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
+HELD = 1e-4  # [m] for which the leaders are named
 PLAYED = 50  # points of a line in a figure
-TOP = 10
-SIDE_BY_SIDE = (
-    "Every link is drawn where the run had it, as stored; at `1 times` that is all. A larger factor magnifies what the run differs "
-    "from the true motion by: being early or late along the motion of the linkage, and links that stand off closed loops straight "
-    "apart. So joints are drawn open only where the run opened them. Of each engine its default and its most accurate setting."
-)
+BETTER = 0.98  # of the error of the next: what is less apart is as exact
+TITLES = {"accuracy": "What accuracy costs", "drift": "Do its loops stay shut?", "energy": "Energy", "forces": "Joint forces"}
+FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
 
 
 def linkage_page(run: Run, name: str, scenario: str, settings: Sequence[Setting]) -> Page:
     own = [x for x in settings if x.mechanism == name]
-    moved = turning(run, name, name.replace("_", " "))
-    data: dict[str, Any] = {}
-    body: list[Markup] = []
-    if moved:
-        body.append(moved[0])
-        data["turn"] = moved[1]
-    elif still := drawing(run, name):
-        body.append(still)
+    turn, pair = turning(run, name), side_by_side(run, name, scenario)
     charts = [x for x in (accuracy(own), drift(run, name), energy(run, name), forces(run, name)) if x]
-    body += [leaders(run, name, own)]
-    if held := holding(run, name, own):
-        body += [heading("Settings that hold an accuracy", "settings"), table(held, caption=False)]
-    titles = {"accuracy": "What accuracy costs", "drift": "Do its loops stay shut?", "energy": "Energy", "forces": "Joint forces"}
-    for one in charts:
-        body += [heading(titles[one.name], one.name), chart(one)]
-        data.setdefault("charts", {})[one.name] = one.data()
     rows = [r for r in run.of(name) if r["scenario"] == scenario]
-    if rows:
-        first = best(f"Most accurate case of each engine and setting, {scenario}", rows)
-        body += [heading("Cases", "cases"), table(Table(first.title, first.head, first.rows, first.numeric, note=first.note))]
-        body.append(Markup("<p>{}</p>").format(link(rows_file(name), f"All {len(rows)} cases of {name}")))
-    if pair := side_by_side(run, name, scenario):
-        body += [heading("Two engines side by side", "side-by-side"), paragraph(SIDE_BY_SIDE), pair[0]]
-        data["pair"] = pair[1]
-    scripts = ("player.js",) if moved or pair else ()
-    return Page(
-        f"linkage-{file_name(name)}",
-        name.replace("_", " "),
-        describe(run, name, scenario),
-        join_blocks(body),
-        data,
-        "Linkages",
-        scripts,
+    title = name.replace("_", " ")
+    body = render(
+        "linkage.html",
+        name=name,
+        title=title,
+        turn=turn and turn[0],
+        still=None if turn else drawing(run, name),
+        leaders=leaders(run, name, own),
+        holding=holding(run, name, own),
+        charts=charts,
+        titles=TITLES,
+        cases=best(name, scenario, rows) if rows else None,
+        count=len(rows),
+        rows_file=rows_file(name),
+        pair=pair and pair[0],
     )
+    data = {"charts": {x.name: x.data() for x in charts}, "turn": turn and turn[1], "pair": pair and pair[1]}
+    data = {k: x for k, x in data.items() if x}
+    scripts = ("player.js",) if turn or pair else ()
+    return Page(f"linkage-{file_name(name)}", title, describe(run, name, scenario), body, data, "Linkages", scripts)
 
 
 def rows_file(name: str) -> str:
@@ -79,14 +74,10 @@ def rows_page(run: Run, name: str) -> Page | None:
     scenarios = group_rows(run.of(name), lambda r: str(r["scenario"]))
     if not scenarios:
         return None
-    tables = [table(whole(f"{name}, {scenario}", list(rows)), most=10_000) for scenario, rows in scenarios.items()]
-    back = Markup("<p>{}</p>").format(link(f"linkage-{file_name(name)}.html", f"Back to {name}"))
-    return Page(
-        rows_file(name).removesuffix(".html"),
-        f"{name.replace('_', ' ')}: all cases",
-        "Every case that was run, as it ended.",
-        join_blocks([back, *tables]),
-    )
+    tables = [whole(name, scenario, rows) for scenario, rows in scenarios.items()]
+    back = f"linkage-{file_name(name)}.html", f"Back to {name}"
+    title, lead = f"{name.replace('_', ' ')}: all cases", "Every case that was run, as it ended."
+    return plain_page(rows_file(name).removesuffix(".html"), title, lead, back=back, tables=tables)
 
 
 def describe(run: Run, name: str, scenario: str) -> str:
@@ -96,44 +87,34 @@ def describe(run: Run, name: str, scenario: str) -> str:
     except LinkageError:
         return f"Scenario {scenario}."
     loops = max(len(mechanism.joints) - len(mechanism.links), 0)
-    return (
-        f"{mechanism.title}: {count(len(mechanism.links), 'moving link')}, "
-        f"{count(len(mechanism.joints), 'joint')}, {count(loops, 'loop')}, "
-        f"{count(mechanism.dof, 'degree')} of freedom. Scenario {scenario}."
-    )
+    parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
+    return f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
 
 
 def drawing(run: Run, name: str) -> Markup | None:
     """A still one, where the crank does not come round."""
     try:
-        text = draw(*pose_in(run, name))
+        return Markup(inline(draw(*pose_in(run, name)), "still"))
     except LinkageError:
         return None
-    return Markup('<div class="player"><div class="stage">{}</div></div>').format(Markup(inline(text, "still")))
 
 
-def leaders(run: Run, name: str, settings: Sequence[Setting]) -> Markup:
+def leaders(run: Run, name: str, settings: Sequence[Setting]) -> str:
     """Name who is cheapest within a tenth of a millimetre, in a sentence."""
     if not settings:
-        return Markup("")
-    held = cheapest_stored(run, name, settings, 1e-4, math.inf).values()
+        return ""
+    held = cheapest_stored(run, name, settings, HELD, math.inf).values()
     cheapest = sorted((x for x in held if is_known(x.seconds)), key=lambda x: x.seconds)
     missed = {x.engine: str(Kind.UNTIMED) for x in held if x not in cheapest}
-    missed |= {e: x.words for e, x in not_held(run, name, settings, 1e-4).items()}
+    missed |= {e: x.words for e, x in not_held(run, name, settings, HELD).items()}
     others = "".join(f" `{e}`: {words}." for e, words in missed.items())
     if not cheapest:
-        return paragraph(f"No setting that was timed stays within {millimetres(1e-4)}.{others}")
+        return f"No setting that was timed stays within {1e3 * HELD:g} mm.{others}"
     over = multiples({x.engine: x.seconds for x in cheapest})
-    name_of = {x.engine: f"`{x.engine}`{' (own)' if x.engine in run.own_engines else ''}" for x in cheapest}
-    said = ", ".join(f"{name_of[x.engine]} {times(over[x.engine])} x" for x in cheapest[1:5])
-    rest = f"; then {said}" if said else ""
-    return Markup("<p>{} {}</p>").format(
-        paragraph(
-            f"Cheapest within {millimetres(1e-4)} over {cheapest[0].until:g} s: {name_of[cheapest[0].engine]} "
-            f"({in_words(run, cheapest[0])}){rest}.{others}"
-        ).striptags(),
-        link(f"index.html#linkage={name}", "Choose another tolerance"),
-    )
+    names = [f"`{x.engine}`{' (own)' if x.engine in run.own_engines else ''}" for x in cheapest]
+    said = ", ".join(f"{y} {times(over[x.engine])} x" for x, y in zip(cheapest[1:5], names[1:5], strict=True))
+    first = f"{names[0]} ({in_words(run, cheapest[0])}){f'; then {said}' if said else ''}"
+    return f"Cheapest within {1e3 * HELD:g} mm over {cheapest[0].until:g} s: {first}.{others}"
 
 
 def holding(run: Run, name: str, settings: Sequence[Setting]) -> Table | None:
@@ -143,33 +124,19 @@ def holding(run: Run, name: str, settings: Sequence[Setting]) -> Table | None:
         held = [x for x in cheapest_stored(run, name, settings, position, math.inf).values() if is_known(x.seconds)]
         over = multiples({x.engine: x.seconds for x in held})
         for x in sorted(held, key=lambda x: x.seconds):
-            size = (
-                f"{1e3 * x.step:.4g} ms" if is_known(x.step) else f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
-            )
-            words = text_cell(in_words(run, x))
-            cells = (Cell(f"{1e3 * position:g}", position), text_cell(x.engine), words, text_cell(size))
-            lines.append((*cells, Cell(duration(x.seconds), x.seconds), Cell(times(over[x.engine]), over[x.engine])))
-    head = ("within [mm]", "engine", "setting", "step", "time", "multiple")
-    return Table("Settings that hold an accuracy", head, tuple(lines), frozenset({0, 4, 5}), note=UNNAMED) if lines else None
-
-
-UNNAMED = "Options that a setting does not name are as the engine is shipped. Multiple: over the fastest of all, whoever made it."
+            words = {"words": in_words(run, x), "size": size_in_words(x)}
+            lines.append(vars(x) | words | {"within": position, "multiple": over[x.engine]})
+    return lay_out("holding", lines) if lines else None
 
 
 def accuracy(settings: Sequence[Setting]) -> Chart | None:
     """Error against time: what no other setting of the same engine beats in both."""
-    rows = []
-    for engine in dict.fromkeys(x.engine for x in settings):
-        for one in front([x for x in settings if x.engine == engine]):
-            rows.append(
-                {
-                    "engine": engine,
-                    "line": engine,
-                    "name": f"{engine} {one.words}",
-                    "x": one.seconds,
-                    "y": 1e3 * max(one.position, FLOOR),
-                }
-            )
+    kept = [
+        one
+        for some in group_rows(map(vars, settings), lambda x: x["engine"]).values()
+        for one in front(some, "seconds", "position")
+    ]
+    rows = [drawn(x, f"{x['engine']} {Setting(**x).words}", x["seconds"], 1e3 * x["position"], 1e3 * FLOOR) for x in kept]
     if not rows:
         return None
     longest = max(x.until for x in settings)
@@ -182,18 +149,39 @@ def accuracy(settings: Sequence[Setting]) -> Chart | None:
     return Chart("accuracy", "Error against cost", words, spec, tuple(rows), head, *toggle(rows))
 
 
-def toggle(rows: Sequence[Mapping[str, Any]], most: int = 99) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def drawn(row: Row, name: str, x: float, y: float, least: float = FLOOR) -> dict[str, Any]:
+    return {"engine": str(row["engine"]), "line": str(row["engine"]), "name": name, "x": x, "y": max(y, least)}
+
+
+def toggle(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     engines = tuple(dict.fromkeys(str(r["engine"]) for r in rows))
-    return (engines, engines[:most]) if len(engines) > 1 else ((), ())
+    return (engines, engines) if len(engines) > 1 else ((), ())
 
 
-def front(settings: Sequence[Setting]) -> list[Setting]:
-    """Settings that none is both as cheap and as exact as, cheapest first."""
-    kept: list[Setting] = []
-    for one in sorted((x for x in settings if is_known(x.seconds)), key=lambda x: (x.seconds, x.position)):
-        if not kept or one.position < 0.98 * kept[-1].position:
+def front(rows: Sequence[Row], cost: str, error: str) -> list[Row]:
+    """Rows that none is both as cheap and as exact as, cheapest first."""
+    kept: list[Row] = []
+    for one in sorted((x for x in rows if is_known(x[cost])), key=lambda x: (x[cost], x[error])):
+        if not kept or one[error] < BETTER * kept[-1][error]:
             kept.append(one)
     return kept
+
+
+def forces(run: Run, name: str) -> Chart | None:
+    """Error of joint forces against the step, of each engine's best variant there."""
+    ladder = (r for r in run.table("search_ladder") if r["mechanism"] == name and r["status"] == "ok" and number(r, "steps") > 0)
+    known = group_rows((r for r in ladder if is_known(r.get("force_error"))), lambda r: str(r["engine"]))
+    kept = [one for some in known.values() for one in front(some, "steps", "force_error")]
+    rows = [drawn(r, f"{r['engine']} {r['settings']}", number(r, "steps"), number(r, "force_error")) for r in kept]
+    if not rows:
+        return None
+    words = (
+        "Of each engine the variants that no other of it beats with as few steps; forces are those that its motion needs, computed "
+        "by one code for all."
+    )
+    head = {"name": "variant", "x": "steps", "y": "error [N]"}
+    spec = points(rows, "steps of the run", "largest error of a joint force [N]")
+    return Chart("forces", "Joint forces", words, spec, tuple(rows), head, *toggle(rows))
 
 
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
@@ -215,25 +203,16 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
         if engine not in chosen or order < chosen[engine][0]:
             chosen[engine] = (order, rows)
     lines = []
-    for engine, (_, rows) in sorted(
-        chosen.items(), key=lambda x: (x[0] not in FIRST, FIRST.index(x[0]) if x[0] in FIRST else 0, x[0])
-    ):
+    places = [*FIRST, *sorted(chosen.keys() - set(FIRST))]
+    for engine, (_, rows) in sorted(chosen.items(), key=lambda x: places.index(x[0])):
         some = sorted((r for r in rows if is_known(r.get(column))), key=lambda r: number(r, "t"))
         kept = [some[i] for i in sorted({round(float(x)) for x in np.linspace(0, len(some) - 1, PLAYED)})]
         first = cases[_case(rows[0])]
         said = " ".join(
             str(first[k]) for k in ("settings", "integrator", "stabilization") if first[k] not in ("", "default", "none")
         )
-        lines.append(
-            [
-                {"engine": engine, "line": engine, "name": engine, "said": said, "x": number(r, "t"), "y": number(r, column)}
-                for r in kept
-            ]
-        )
+        lines.append([drawn(first, engine, number(r, "t"), abs(number(r, column))) | {"said": said} for r in kept])
     return lines
-
-
-FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
 
 
 def _case(row: Row) -> tuple[Any, ...]:
@@ -242,7 +221,6 @@ def _case(row: Row) -> tuple[Any, ...]:
 
 def history(run: Run, name: str, column: str, kind: str, title: str, words: str, axis: str) -> Chart | None:
     lines = histories(run, name, column)
-    lines = [[r | {"y": max(abs(r["y"]), FLOOR)} for r in line] for line in lines if line]
     if not lines:
         return None
     rows = label(lines)
@@ -260,41 +238,5 @@ def drift(run: Run, name: str) -> Chart | None:
 
 
 def energy(run: Run, name: str) -> Chart | None:
-    return history(
-        run,
-        name,
-        "energy_error",
-        "energy",
-        "Error of the energy balance",
-        "Energy, work and losses against what they should sum to.",
-        "energy error [J]",
-    )
-
-
-def forces(run: Run, name: str) -> Chart | None:
-    """Error of joint forces against the step, of each engine's best variant there."""
-    rows = []
-    ladder = [
-        r
-        for r in run.table("search_ladder")
-        if r["mechanism"] == name and r["status"] == "ok" and is_known(r.get("force_error")) and number(r, "steps") > 0
-    ]
-    for engine, some in group_rows(ladder, lambda r: str(r["engine"])).items():
-        least: list[tuple[float, float, Row]] = []
-        for row in sorted(some, key=lambda r: (number(r, "steps"), number(r, "force_error"))):
-            if not least or number(row, "force_error") < 0.98 * least[-1][1]:
-                least.append((number(row, "steps"), number(row, "force_error"), row))
-        for steps, error, row in least:
-            rows.append(
-                {"engine": engine, "line": engine, "name": f"{engine} {row['settings']}", "x": steps, "y": max(error, FLOOR)}
-            )
-    if not rows:
-        return None
-    spec = points(rows, "steps of the run", "largest error of a joint force [N]")
-    words = (
-        "Of each engine the variants that no other of it beats with as few steps; forces are those that its "
-        "motion needs, computed by one code for all."
-    )
-    return Chart(
-        "forces", "Joint forces", words, spec, tuple(rows), {"name": "variant", "x": "steps", "y": "error [N]"}, *toggle(rows)
-    )
+    words = "Energy, work and losses against what they should sum to."
+    return history(run, name, "energy_error", "energy", "Error of the energy balance", words, "energy error [J]")

@@ -18,16 +18,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.content import short
-from gauss_bench.report.drawings.drawing import Canvas
+from gauss_bench.report.drawings.canvas import Canvas
+from gauss_bench.report.drawings.drawing import canvas_of
+from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import KEYS, Row, Run, group_rows, number
-from gauss_bench.report.site.motion import canvas_of, in_pixels, svg_of, turn_frames, unwrap_angles
+from gauss_bench.report.site.motion import in_pixels, svg_of, turn_frames
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
@@ -103,7 +105,7 @@ def label_of(row: Row) -> str:
     return f"{row['engine']} {said}".strip() + ("" if row["status"] == "ok" else " (not valid)")
 
 
-def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, Any]] | None:
+def side_by_side(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """The player of two stored runs and its data; None where fewer than two are stored."""
     motion = turn_frames(run, name)
     try:
@@ -118,19 +120,18 @@ def side_by_side(run: Run, name: str, scenario: str) -> tuple[Markup, dict[str, 
     runs = play_runs(run, name, scenario, links, times)
     if len(runs) < 2:
         return None
-    drawn = unwrap_angles(motion[1]) if motion else states
+    drawn = motion[1] if motion else states
     canvas = canvas_of(mechanism, drawn)
-    svg = Markup(inline(svg_of(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair"))
+    svg = inline(svg_of(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair")
     data: dict[str, Any] = {"times": [round(float(t), 6) for t in times]}
     if motion:
-        assert mechanism.crank is not None
-        turn = Turn(drawn, mechanism.crank)
-        data["crank"] = [round(float(x), 6) for x in states[:, 3 * mechanism.crank + 2]]
+        turn = Turn(mechanism, drawn)
+        data["crank"] = [round(float(x), 6) for x in crank_angles(mechanism, states)]
         data["runs"] = [_along(x, turn, states, canvas) for x in runs]
     else:
         data["poses"] = np.round(in_pixels(canvas, states), 2).swapaxes(0, 1).tolist()
         data["runs"] = [_straight(x, canvas) for x in runs]
-    return controls(svg, runs, canvas.scale, len(times)), data
+    return stage(svg, runs, canvas.scale, len(times)), data
 
 
 def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, str, str]:
@@ -142,12 +143,12 @@ def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, 
 class Turn:
     """States (k, n) of a turn of a crank, angles unwrapped."""
 
+    mechanism: Mechanism
     states: Array
-    crank: int
 
     def at(self, crank: Array) -> Array:
         """States (k, n) at angles (k,) [rad] of the crank; links that turn with it are at most a turn off."""
-        own = self.states[:, 3 * self.crank + 2]
+        own = crank_angles(self.mechanism, self.states)
         sense = np.sign(own[-1] - own[0])
         place = np.mod((crank - own[0]) * sense, 2 * np.pi)
         return np.stack([np.interp(place, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
@@ -155,17 +156,16 @@ class Turn:
 
 def _along(x: Played, turn: Turn, truth: Array, canvas: Canvas) -> dict[str, Any]:
     """A run that the page carries along the turn."""
-    crank = x.ahead[:, turn.crank, 2]
-    k = len(crank)
-    own = (truth[:k] + x.ahead.reshape(k, -1)).reshape(k, -1, 3)
-    rest = own - turn.at(truth[:k, 3 * turn.crank + 2] + crank).reshape(own.shape)
+    ahead = x.ahead.reshape(len(x.ahead), -1)
+    own = truth[: len(ahead)] + ahead
+    rest = (own - turn.at(crank_angles(turn.mechanism, own))).reshape(x.ahead.shape)
     rest[..., 2] = (rest[..., 2] + np.pi) % (2 * np.pi) - np.pi
     shown = differences(canvas, rest)
     more: dict[str, Any] = {"rest": np.round(shown, 2).swapaxes(0, 1).tolist()} if np.abs(shown).max(initial=0.0) > SEEN else {}
     gap = differences(canvas, x.gap)
     if np.abs(gap).max(initial=0.0) * MAGNIFIED[-1] > SEEN:
         more["gap"] = _list(gap)
-    return _describe(x) | {"ahead": [_short(a) for a in crank]} | more
+    return _describe(x) | {"ahead": [_short(a) for a in crank_angles(turn.mechanism, ahead)]} | more
 
 
 def _straight(x: Played, canvas: Canvas) -> dict[str, Any]:
@@ -192,34 +192,11 @@ def _short(x: float) -> float:
     return short(x, DIGITS)
 
 
-def controls(svg: Markup, runs: Sequence[Played], scale: float, frames: int) -> Markup:
+def stage(svg: str, runs: Sequence[Played], scale: float, frames: int) -> dict[str, Any]:
     """Two stages, who is on them, the factor and the time; at first as large a factor as leaves both runs on the stage."""
     a = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     b = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if a == 0 else 0)
-    labels, reach = [x.label for x in runs], scale * max(float(runs[i].off.max()) for i in (a, b))
+    reach = scale * max(float(runs[i].off.max()) for i in (a, b))
     begun = max((x for x in MAGNIFIED if x * reach <= REACH), default=MAGNIFIED[0])
-
-    def choice(which: str, chosen: int) -> Markup:
-        options = Markup("").join(
-            Markup('<option value="{}"{}>{}</option>').format(i, Markup(" selected") if i == chosen else "", x)
-            for i, x in enumerate(labels)
-        )
-        return Markup('<label>{} <select data-run="{}">{}</select></label>').format(
-            "Left" if which == "a" else "Right", which, options
-        )
-
-    factors = Markup("").join(
-        Markup('<option value="{}"{}>{} times</option>').format(x, Markup(" selected") if x == begun else "", f"{x:,}")
-        for x in MAGNIFIED
-    )
-    twice = [
-        Markup('<div class="pair" data-side="{}">{}<p></p></div>').format(x, Markup(str(svg).replace('id="', f'id="{x}-')))
-        for x in "ab"
-    ]
-    return Markup(
-        '<section class="player" id="pair" aria-label="Two engines side by side">'
-        '<div class="stage">{}{}</div><div class="controls">{}{}'
-        "<label>Difference <select data-factor>{}</select></label></div>"
-        '<div class="controls"><button type="button" data-play>Play</button>'
-        '<input type="range" min="0" max="{}" step="1" value="{}" aria-label="Time"><output></output></div></section>'
-    ).format(*twice, choice("a", a), choice("b", b), factors, frames - 1, frames - 1)
+    labels = [*enumerate(x.label for x in runs)]
+    return {"svg": svg, "labels": labels, "first": (a, b), "factors": MAGNIFIED, "begun": begun, "last": frames - 1}

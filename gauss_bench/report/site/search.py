@@ -3,11 +3,12 @@
 import json
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from markupsafe import Markup
 
-from gauss_bench.report.site.page import Page, join_blocks, link
+from gauss_bench.report.site.page import Page, plain_page
 
 HEADING = re.compile(r'<h[2-4] id="([^"]+)">(.*?)</h[2-4]>', re.DOTALL)
 INDEX = "search/search_index.json"  # of the documentation, which mkdocs writes
@@ -16,10 +17,8 @@ INDEX = "search/search_index.json"  # of the documentation, which mkdocs writes
 def search_page(pages: Sequence[Page], guide: Path) -> Page:
     """Return the page; `guide` is the folder of the documentation, which need not be there."""
     found = dict.fromkeys((*headings(pages), *documented(guide)))
-    items = (Markup("<li>{}</li>").format(link(address, title)) for address, title in found)
-    body = Markup('<p><input id="ask" type="search" aria-label="Search" placeholder="mujoco 0.1 mm"></p><ul class="found">{}</ul>')
     lead = "Every page and heading of this site and its documentation; what you type narrows the list."
-    return Page("search", "Search", lead, body.format(join_blocks(items)), group="Search", scripts=("search.js",))
+    return replace(plain_page("search", "Search", lead, "Search", found=list(found)), scripts=("search.js",))
 
 
 def headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:

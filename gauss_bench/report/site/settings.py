@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
@@ -77,8 +77,19 @@ class Setting:
     @property
     def words(self) -> str:
         """Variant, integrator and stabilisation, without what says nothing or stands in the variant's name."""
-        rest = (x for x in (self.integrator, self.stabilization) if x not in ("", "none", *self.settings.split("/")))
-        return " · ".join(filter(None, (self.settings, *rest)))
+        return _name_setting(self.settings, self.integrator, self.stabilization)
+
+
+@cache
+def _name_setting(settings: str, *more: str) -> str:
+    return " · ".join(filter(None, (settings, *(x for x in more if x not in ("", "none", *settings.split("/"))))))
+
+
+def size_in_words(x: Setting) -> str:
+    """Step or tolerance; or that the engine chooses it."""
+    if is_known(x.step):
+        return f"{1e3 * x.step:.4g} ms"
+    return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
 INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
@@ -134,6 +145,7 @@ def _size(row: Row) -> tuple[float, float]:
     return tuple(-1.0 if not is_known(row.get(k)) else short(row[k], 6) for k in ("step", "tolerance"))  # type: ignore[return-value]
 
 
+@lru_cache(maxsize=2)
 def all_settings(run: Run) -> tuple[Setting, ...]:
     """Every setting with known errors, of all linkages; those whose time nothing tells have none."""
     searched = {str(r["mechanism"]) for r in run.table("search_ladder")}

@@ -4,11 +4,9 @@ import lzma
 from collections.abc import Mapping
 from pathlib import Path
 
-from markupsafe import Markup
-
-from gauss_bench.report.content import Cell, Table, count, text_cell
+from gauss_bench.report.content import count, lay_out
 from gauss_bench.report.rows import Row, Run
-from gauss_bench.report.site.page import Page, fold, heading, join_blocks, link, paragraph, rich, table
+from gauss_bench.report.site.page import ENVIRONMENT, Page, plain_page
 from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_parquet
 
 FOLDER = "tables"
@@ -42,59 +40,29 @@ def csv_file(name: str, rows: tuple[Row, ...]) -> str:
 
 def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:
     """Every table with its columns, units and meaning, as the schema has them."""
-    parts = []
+    described = []
     for name, rows in sorted(tables.items()):
-        if not rows:
-            continue
-        lines = tuple(
-            (Cell(f"`{c.name}`", c.name), text_cell(c.kind), text_cell(c.unit), text_cell(c.meaning)) for c in TABLES[name].columns
-        )
-        columns = table(Table(f"Columns of {name}", ("column", "kind", "unit", "meaning"), lines), caption=False, most=999)
-        files = link(f"{FOLDER}/{name}.parquet", "Parquet")
-        if not is_huge(name, rows):
-            files = Markup("{} · {}").format(link(f"{FOLDER}/{csv_file(name, rows)}", "CSV"), files)
-        said = rich(f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}.")
-        parts.append(
-            Markup("<section>{}<p>{} {}</p>{}</section>").format(
-                heading(name, name, 2), said, files, fold(f"Columns of {name}", columns)
-            )
-        )
-    lead = "Every table this site was built from, with what each column means."
-    return Page("data", "Data", lead, join_blocks(parts), group="Data")
+        if rows:
+            columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
+            csv = [] if is_huge(name, rows) else [(f"{FOLDER}/{csv_file(name, rows)}", "CSV")]
+            said = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}."
+            files = [*csv, (f"{FOLDER}/{name}.parquet", "Parquet")]
+            described.append({"name": name, "said": said, "files": files, "columns": lay_out("columns", columns, name=name)})
+    return plain_page(
+        "data", "Data", "Every table this site was built from, with what each column means.", "Data", described=described
+    )
+
+
+CITED = (
+    "A number from this site belongs with the commit, the date and the processor it was measured on: costs hold for that machine "
+    "alone."
+)
 
 
 def cite_page(run: Run) -> Page:
     e = run.environment
-    commit, date = str(e.get("commit", ""))[:12], str(e.get("date", ""))
-    version = str(e.get("versions", {}).get("gauss-bench", "")) if isinstance(e.get("versions"), dict) else ""
-    entry = "\n".join(
-        [
-            "@software{gauss_bench,",
-            "  title   = {gauss\\_bench: validation and benchmarking of closed-loop linkage dynamics},",
-            *([f"  version = {{{version}}},"] if version else []),
-            *([f"  date    = {{{date}}},"] if date else []),
-            *(
-                [
-                    "  note    = "
-                    f"{{Results of commit {commit}{' with uncommitted changes' if e.get('dirty') else ''}, {e.get('cpu', '')}}},"
-                ]
-                if commit
-                else []
-            ),
-            "}",
-        ]
-    )
-    body = join_blocks(
-        [
-            paragraph(
-                "A number from this site belongs with the commit, the date and the processor it was measured "
-                "on: costs hold for that machine alone."
-            ),
-            Markup('<pre tabindex="0"><code>{}</code></pre>').format(entry),
-            paragraph(
-                "`CITATION.cff` of the project has the same in a form that tools read. The scripts that draw "
-                "the figures are Vega, Vega-Lite and Vega-Embed; their licences stand in `THIRD_PARTY.md` of this folder."
-            ),
-        ]
-    )
-    return Page("cite", "Cite", "How to name these results, so that another can find the same rows.", body, group="Cite")
+    versions = e.get("versions", {})
+    facts = {"version": versions.get("gauss-bench", ""), "date": e.get("date", ""), "commit": str(e.get("commit", ""))[:12]}
+    entry = ENVIRONMENT.get_template("citation.txt").render(facts, dirty=e.get("dirty"), cpu=e.get("cpu", ""))
+    lead = "How to name these results, so that another can find the same rows."
+    return plain_page("cite", "Cite", lead, "Cite", paragraphs=(CITED,), entry=entry)

@@ -6,26 +6,29 @@ as from any address, and asks nobody for anything.
 
 import shutil
 from collections.abc import Sequence
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
+
+import vl_convert
 
 from gauss_bench.report.content import Finding
 from gauss_bench.report.pages import facts
 from gauss_bench.report.palette import hues
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page
-from gauss_bench.report.site.charts import CONFIG
+from gauss_bench.report.site.charts import GRAMMAR
 from gauss_bench.report.site.engine import engine_names, engine_page, engines_page
 from gauss_bench.report.site.first import Programs, first_page
 from gauss_bench.report.site.linkage import linkage_page, rows_page
 from gauss_bench.report.site.page import Page, document, script_text
-from gauss_bench.report.site.scripts import drawing_script
 from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.settings import all_settings, linkages, scenario_of
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.tables import write_text
 
 SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
+VEGA_LITE = "6.4"  # of `assets/charts.json`
 SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "search.js")
 
 
@@ -56,7 +59,7 @@ def write_site(
         written.append(folder / page.file)
         write_text(written[-1], document(page, pages, facts(run), guide))
         if page.data:
-            data = dict(page.data) | ({"config": CONFIG} if page.data.get("charts") else {})
+            data = dict(page.data) | ({"config": GRAMMAR["config"]} if page.data.get("charts") else {})
             written.append(folder / "data" / f"{page.name}.js")
             write_text(written[-1], f"site.put({script_text(data)});\n")
         for name, later in page.later.items():
@@ -77,13 +80,20 @@ def write_site(
     return [*written, *write_data(folder / FOLDER, run.tables)]
 
 
+@cache
+def drawing_script() -> str:
+    """The bundle of Vega, Vega-Lite and Vega-Embed, which leaves `vegaEmbed` behind and nothing else; no module, no request."""
+    bundle = str(vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=VEGA_LITE))
+    return f"(function () {{\n{bundle}\n}})();\n"
+
+
 def all_pages(run: Run, findings: list[Finding], programs: Programs | None) -> list[Page]:
     """Every page, in the order of the contents."""
     settings, names = all_settings(run), linkages(run)
     pages: list[Page | None] = [first_page(run, findings, programs)]
     pages += [linkage_page(run, name, scenario_of(run, name), settings) for name in names]
     pages += [rows_page(run, name) for name in names]
-    pages += [engines_page(run, settings)]
+    pages += [engines_page(run)]
     pages += [engine_page(run, name, settings) for name in engine_names(run)]
     pages += [
         papers_page(run),

@@ -2,22 +2,7 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import (
-    Cell,
-    Finding,
-    Section,
-    Table,
-    Text,
-    columns,
-    count,
-    engine_cell,
-    error,
-    error_cell,
-    itemise,
-    ratio_cells,
-    text_cell,
-    time_cell,
-)
+from gauss_bench.report.content import Finding, count, error, itemise, run_of_numbers
 from gauss_bench.report.rows import (
     SAME_ACCELERATION,
     Row,
@@ -35,40 +20,9 @@ from gauss_bench.report.rows import (
     unit,
 )
 
-PLACE = 20
+PLACE = 11
 TABLES = ("results",)
 SHRINKS = 2.0  # an error that falls by less while the step falls 4-fold does not come from the step
-WORDS = (
-    "Every engine is given the same 200 states and asked for the acceleration there; the error is relative to the reference's. "
-    "No step and no integrator is involved, so what differs here is the model."
-)
-
-
-def section(run: Run, name: str) -> Section | None:
-    rows = accelerations(run.of(name))
-    if not rows:
-        return None
-    head, numeric = columns(("engine", "settings", "median", "max", "same model", "µs", "ratio", "spread"), 2)
-    lines = []
-    for row in rows:
-        ratio, spread = ratio_cells(row, "acceleration_ratio")
-        same = row["acceleration_error_median"] <= SAME_ACCELERATION
-        lines.append(
-            (
-                engine_cell(row),
-                text_cell(row["settings"]),
-                error_cell(row, "acceleration_error_median"),
-                error_cell(row, "acceleration_error_max"),
-                Cell("yes", "yes", "good") if same else Cell("no", "no", "bad"),
-                time_cell(row, "acceleration_time"),
-                ratio,
-                spread,
-            )
-        )
-    baseline = run.environment.get("baseline_engine", "")
-    note = f"Relative errors; same model: median <= {error(SAME_ACCELERATION)}. Ratio: the cost of one to that of `{baseline}`."
-    table = Table(f"{name}: same state in, acceleration out", head, tuple(lines), numeric - {4}, note=note)
-    return Section("Same state in, acceleration out", f"{name}-acceleration", (Text(WORDS), table))
 
 
 def findings(run: Run) -> Iterator[Finding]:
@@ -78,15 +32,12 @@ def findings(run: Run) -> Iterator[Finding]:
     yield from controls(run)
 
 
-def _settings(row: Row) -> str:
-    return label(row, "settings")
-
-
 def same_model(run: Run) -> Iterator[Finding]:
     """Name who returns the reference's acceleration at the same state, and to what."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
     worst = {
-        name: max(number(r, "acceleration_error_median") for r in group) for name, group in group_rows(rows, _settings).items()
+        name: max(number(r, "acceleration_error_median") for r in group)
+        for name, group in group_rows(rows, lambda r: label(r, "settings")).items()
     }
     same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
     if same:
@@ -106,17 +57,12 @@ def other_model(run: Run) -> Iterator[Finding]:
         off = [row for row in group if not row["acceleration_error_median"] <= SAME_ACCELERATION]
         if not off:
             continue
-        span = _span([number(r, "acceleration_error_median") for r in off])
+        span = run_of_numbers([number(r, "acceleration_error_median") for r in off], error)
         text = (
             f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
             f"{itemise(row['mechanism'] for row in off)}. A smaller step cannot change that"
         )
         yield Finding("Soft, or another model", f"{text}{_step_does_not_help(run, off)}", "warn")
-
-
-def _span(values: list[float]) -> str:
-    low, high = error(min(values)), error(max(values))
-    return low if low == high else f"{low} to {high}"
 
 
 def _step_does_not_help(run: Run, off: list[Row]) -> str:
@@ -154,7 +100,7 @@ def controls(run: Run) -> Iterator[Finding]:
         )
         yield Finding(
             "The negative control",
-            f"`{name}` {holds} still wrong: the median relative error of its acceleration is {_span(errors)}. "
+            f"`{name}` {holds} still wrong: the median relative error of its acceleration is {run_of_numbers(errors, error)}. "
             f"{caught} Residuals alone would not have shown it.",
             "bad" if passed else "good",
         )

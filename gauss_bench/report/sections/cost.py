@@ -2,65 +2,12 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import (
-    NOTE,
-    Cell,
-    Finding,
-    Section,
-    Table,
-    Text,
-    columns,
-    engine_cell,
-    itemise,
-    ratio_cells,
-    text_cell,
-    time_cell,
-    times,
-)
-from gauss_bench.report.rows import Row, Run, costs, group_rows, is_known, number, plain
+from gauss_bench.report.content import Finding, itemise, times
+from gauss_bench.report.rows import Row, Run, costs, is_known, number, plain
 
-PLACE = 50
+PLACE = 14
 TABLES = ("results",)
 OWN, RIVAL = "gauss", "lagrange"
-HEAD = (
-    *("engine", "settings", "integrator", "stabilization"),
-    *("step µs", "ratio", "spread"),
-    *("own loop µs", "ratio", "spread"),
-    *("acceleration µs", "ratio", "spread"),
-    *("warm build ms", "cold build ms"),
-)
-
-
-def section(run: Run, name: str) -> Section | None:
-    rows = costs(run.of(name))
-    if not rows:
-        return None
-    baseline = run.environment.get("baseline_engine", "")
-    words = (
-        f"Lower quartiles of interleaved samples, and their ratio to `{baseline}` with its spread. **Step** is a step called from "
-        "Python, **own loop** a step inside the engine's compiled loop. A ratio above 1 is slower. **Warm build** is a model and "
-        "its first step where what is generated is stored, **cold build** the first one in a new process with nothing stored, "
-        "once; engines without one generate no code."
-    )
-    head, numeric = columns(HEAD, 4)
-    lines = []
-    for row in rows:
-        names = tuple(text_cell(row[key]) for key in ("settings", "integrator", "stabilization"))
-        step = (time_cell(row, "step_time"), *ratio_cells(row, "step_ratio"))
-        own = (time_cell(row, "native_step_time"), *ratio_cells(row, "native_step_ratio"))
-        one = (time_cell(row, "acceleration_time"), *ratio_cells(row, "acceleration_ratio"))
-        built = (milliseconds(row, x) for x in ("build_time", "cold_build_time"))
-        lines.append((engine_cell(row), *names, *step, *own, *one, *built))
-    table = Table(f"{name}: cost", head, tuple(lines), numeric, note=NOTE)
-    inside = group_rows((r for r in rows if r.get("in_python")), lambda r: str(r["in_python"]))
-    said = [f"{itemise(dict.fromkeys(str(r['engine']) for r in some))}: {what}" for what, some in inside.items()]
-    told = [Text(f"The suite's own in Python, inside these times: {'; '.join(said)}.")] if said else []
-    return Section("Cost", f"{name}-cost", (Text(words), table, *told))
-
-
-def milliseconds(row: Row, column: str) -> Cell:
-    x = number(row, column)
-    return Cell(f"{1e3 * x:.2f}", x) if is_known(x) else Cell("-")
 
 
 def findings(run: Run) -> Iterator[Finding]:

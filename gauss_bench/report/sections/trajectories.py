@@ -2,23 +2,16 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from gauss_bench.report.content import (
-    BELOW_LEGEND,
-    Block,
-    Cell,
     Finding,
-    Section,
     Table,
-    columns,
     count,
-    engine_cell,
     error,
-    error_cell,
     itemise,
-    status_cell,
-    step_cell,
-    text_cell,
+    lay_out,
+    layouts,
     tie,
     times,
 )
@@ -37,73 +30,29 @@ from gauss_bench.report.rows import (
     method,
     number,
     ok,
+    plain,
     quantity,
     run_time,
     unit,
 )
 
-PLACE = 30
-TABLES = ("results",)
+PLACE = 12
+TABLES = ("results", "series")
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
 OWN = "gauss"
 NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # in the judge's words
 SHUT = 1e-4  # [m, rad] a gap that nobody would see
 LOST = 1.0  # [rad or m] a linkage that is somewhere else
-BEFORE = ("engine", "settings", "integrator", "stabilization", "step [s]")
-AFTER = (
-    "length [m]",
-    "angle [rad]",
-    "velocity",
-    "pos. drift",
-    "vel. drift",
-    "acc. residual",
-    "energy [J]",
-    "order",
-    "status",
-)
-NOTE = (
-    "Errors against the reference: of the measured coordinate at three times, and the worst over the run of any link's centre of "
-    "mass [m], of any link's angle [rad] and of any velocity [m/s, rad/s]. Drift: worst constraint residual [m, rad] and its rate. "
-    "Order: observed from this and the next larger step. "
-)
 
 
-def section(run: Run, name: str) -> Section | None:
-    blocks: list[Block] = []
-    for scenario, rows in group_rows(run.of(name), lambda r: str(r["scenario"])).items():
-        if any(is_known(end_error(row)) for row in rows):
-            blocks.append(best(f"{name}, {scenario}: the most accurate valid row of each engine and its settings", rows))
-        blocks.append(whole(f"{name}, {scenario}: all trajectories", rows))
-    return Section("Trajectories", f"{name}-trajectories", tuple(blocks)) if blocks else None
+def whole(name: str, scenario: str, rows: Sequence[Row]) -> Table:
+    """Every case of a linkage in a scenario, its errors in the coordinate that they are measured by."""
+    bars = {column: f"bar_{column.rpartition('_')[2]}" for column in MEASURED_ERRORS}
+    shown = [{**row, **{bar: measure_bar(row, column) for column, bar in bars.items()}} for row in rows]
+    return lay_out("trajectories", shown, name=name, scenario=scenario, quantity=quantity(rows), unit=unit(rows))
 
 
-def line(row: Row) -> tuple[Cell, ...]:
-    order = row.get("observed_order")
-    return (
-        engine_cell(row),
-        *(text_cell(row[key]) for key in ("settings", "integrator", "stabilization")),
-        step_cell(row),
-        *(error_cell(row, column, measure_bar(row, column)) for column in MEASURED_ERRORS),
-        *(error_cell(row, column, number(row, "position_error_bar")) for column in ("length_error", "angle_error")),
-        error_cell(row, "velocity_error", number(row, "velocity_error_bar")),
-        *(error_cell(row, column) for column in ("position_drift", "velocity_drift", "acceleration_residual")),
-        error_cell(row, "energy_error", number(row, "energy_error_bar")),
-        Cell(f"{order:.1f}", order) if is_known(order) and order is not None else Cell("-"),
-        status_cell(row),
-    )
-
-
-def heading(rows: Sequence[Row]) -> tuple[str, ...]:
-    """The head of a table of one linkage's rows, which names the coordinate that errors are measured by."""
-    return (*BEFORE, *(f"error of {quantity(rows)} after {t:g} s [{unit(rows)}]" for t in MEASURED_ERRORS.values()), *AFTER)
-
-
-def whole(title: str, rows: list[Row]) -> Table:
-    head, numeric = columns(heading(rows), 4, last_text=1)
-    return Table(title, head, tuple(line(row) for row in rows), numeric, folded=True, note=NOTE + BELOW_LEGEND)
-
-
-def best(title: str, rows: list[Row]) -> Table:
+def best(name: str, scenario: str, rows: Sequence[Row]) -> Table:
     """One line for each engine and its settings; below the reference the largest step stands for all."""
 
     def rank(row: Row) -> tuple[bool, float, float]:
@@ -111,9 +60,9 @@ def best(title: str, rows: list[Row]) -> Table:
         return not below, 0.0 if below else end_error(row), -row["step"] if is_known(row["step"]) else 0.0
 
     usable = [row for row in rows if may_rank(row) and is_known(end_error(row))]
-    lines = [line(min(group, key=rank)) for group in group_rows(usable, lambda r: method(r)[:2]).values()]
-    head, numeric = columns(heading(rows), 4, last_text=1)
-    return Table(title, head, tuple(lines), numeric, note=BELOW_LEGEND)
+    least = [min(group, key=rank) for group in group_rows(usable, lambda r: method(r)[:2]).values()]
+    title = f"Most accurate case of each engine and setting, {scenario}"
+    return replace(whole(name, scenario, least), title=title, folded=False, note=layouts()["notes"]["below"])
 
 
 def findings(run: Run) -> Iterator[Finding]:
@@ -122,6 +71,7 @@ def findings(run: Run) -> Iterator[Finding]:
         yield from best_of(run, name)
     yield from wrong_though_closed(run)
     yield from not_valid(run)
+    yield from drifted(run)
 
 
 def best_of(run: Run, name: str) -> Iterator[Finding]:
@@ -203,3 +153,17 @@ def _why(group: list[Row]) -> str:
     flags = (re.sub(r" \S+ m from", " away from", str(row.get("flag") or "no reason given")) for row in group)
     words = [re.sub(NUMBERS, "", flag) for flag in flags]
     return itemise(sorted(set(words), key=lambda x: (-words.count(x), x)))
+
+
+def drifted(run: Run) -> Iterator[Finding]:
+    """Name the case whose constraints are left farthest with nothing added to hold them."""
+    free = [row for row in run.results if may_rank(row) and is_known(row.get("position_drift")) and plain(row)]
+    if free:
+        row = max(free, key=lambda r: number(r, "position_drift"))
+        place, speed = (error(number(row, f"{x}_drift")) for x in ("position", "velocity"))
+        yield Finding(
+            "Where drift is worst",
+            "Of the valid rows without stabilisation, constraints are left farthest by "
+            f"{tie(free, row, lambda r: number(r, 'position_drift'))} on {row['mechanism']} {row['scenario']}: {place} in position "
+            f"and {speed} in velocity.",
+        )
