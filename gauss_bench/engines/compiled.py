@@ -8,8 +8,8 @@ from itertools import groupby
 
 import numpy as np
 
+from gauss_bench.engines import require
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.extras import require
 from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import finite
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts

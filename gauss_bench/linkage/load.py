@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import assemble, sketch_from
+from gauss_bench.linkage.closure import assemble, sketch, sketch_from
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError
 from gauss_bench.linkage.generate import generated
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.references import items, reference_faults, table
 from gauss_bench.linkage.schema import check_grammar
-from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import in_a_sentence

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from gauss_bench import metrics
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import BAUMGARTE, Kernel, compile_kernel
-from gauss_bench.engines import get
+from gauss_bench.engines import get, require
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
-from gauss_bench.engines.extras import require
 from gauss_bench.judge import Evidence, Subject, judge, remark
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
