@@ -6,7 +6,8 @@ import pytest
 from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.integrate.adaptive import StepFailure, dop853
+from gauss_bench.integrate import StepFailure
+from gauss_bench.integrate.adaptive import dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator

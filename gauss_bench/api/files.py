@@ -85,7 +85,7 @@ def _check(folder: Path, asked: str) -> None:
 
 
 def describe_files(
-    asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
+    asked: Mapping[str, Path], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
     """Option -> path of the files that are asked for.
 
@@ -98,8 +98,6 @@ def describe_files(
     """
     files: dict[str, Path] = {}
     for name, path in asked.items():
-        if path is None:
-            continue
         if path.suffix.lower() not in kinds[name]:
             raise FileRefused(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
         if path in files.values():

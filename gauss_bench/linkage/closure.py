@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.build import measure_angle, measure_slide
-from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.errors import AssemblyError, NotPlaced
 from gauss_bench.mechanism.close import Residual, project
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, spread, value
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import (
     GROUND,
     Along,

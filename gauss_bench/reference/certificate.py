@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.generate import generated
-from gauss_bench.linkage.load import built_in_folder
+from gauss_bench.linkage.load import built_in_folder, generated
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference

@@ -13,8 +13,7 @@ from tqdm import tqdm
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gather
 from gauss_bench.engines import not_installed
-from gauss_bench.linkage.generate import SINGLE
-from gauss_bench.linkage.load import built_in, built_in_folder, document_of, load
+from gauss_bench.linkage.load import SINGLE, built_in, built_in_folder, document_of, load
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import (
