@@ -18,7 +18,6 @@ from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 
-from gauss_bench.api.files import describe_files
 from gauss_bench.api.options import VERBS, Verb, parser
 from gauss_bench.api.telling import no_longer, plain, render, tell, tell_if_long
 from gauss_bench.untrusted import BadInput, harmless
@@ -26,6 +25,7 @@ from gauss_bench.untrusted import BadInput, harmless
 BAD_INPUT, OWN_FAULT, NO_OUTPUT = 2, 70, 74  # the latter two as sysexits.h has them
 EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # and its digits: seconds that libraries which write files take for now
 LEAST_MEMORY = 700 << 20  # bytes of address space: with less, OpenBLAS may look for memory for ever while it is imported
+FILES = "gauss_bench.api.files:describe_files"
 TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
 
 
@@ -160,8 +160,8 @@ def perform(name: str, options: argparse.Namespace) -> int:
     verb, given = VERBS[name], vars(options)
     kinds = verb.get("files", {})
     printed = {x: given[x] for x in kinds if str(given[x]) == verb.get("printed")}
-    asked = {x: given[x] for x in kinds if x not in printed}
-    files = printed | (describe_files(asked, kinds, options.replace, options.linkage) if asked else {})
+    asked = {x: given[x] for x in kinds if given[x] and x not in printed}
+    files = printed | (resolve_name(FILES)(asked, kinds, options.replace, options.linkage) if asked else {})
     function, offered = (
         resolve_name(verb["call"]),
         given | {"options": options, "told": tell_if_long if verb.get("quick") else tell},

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.mechanism.coordinates import Placed, position, state, value
+from gauss_bench.mechanism.coordinates import Placed, position, spread, state, value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.parts import spread
 from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory

@@ -1,6 +1,6 @@
 """Terms and solution of a formulation: plain arrays at one state, and nothing of where they come from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,3 +62,12 @@ def recover_multipliers(terms: Terms, a: Array) -> Array:
     """
     multipliers: Array = np.linalg.lstsq(terms.J.T, -constraint_force(terms, a), rcond=1e-10)[0]
     return multipliers
+
+
+def baumgarte(terms: Terms, alpha: float, beta: float) -> Terms:
+    """Return the terms with Baumgarte's acceleration bias: gamma loses 2 alpha phi' + beta^2 phi.
+
+    So phi'' = 0 becomes phi'' + 2 alpha phi' + beta^2 phi = 0; with alpha = beta the error decays critically. Source: Baumgarte,
+    Stabilization of constraints and integrals of motion in dynamical systems, Comput. Methods Appl. Mech. Eng. 1 (1972), eq. (12).
+    """
+    return replace(terms, gamma=terms.gamma - 2 * alpha * terms.phi_dot - beta**2 * terms.phi)

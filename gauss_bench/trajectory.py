@@ -1,5 +1,6 @@
 """The trajectory that every engine returns and every metric reads: states over time, how the run ended, and curves."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -172,3 +173,34 @@ class Told:
     verdict: str
     until: float
     trusted: float | None
+
+
+def finite(*samples: Array) -> int:
+    """Count the samples (k, n) before the first that is no number, which a run has not reached or not survived."""
+    sound = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
+    return len(sound) if sound.all() else int(sound.argmin())
+
+
+def with_accelerations(
+    times: Array,
+    q: Array,
+    v: Array,
+    acceleration: Callable[[int], Array],
+    steps: int,
+    evaluations: int | None = None,
+    note: str = "",
+) -> Trajectory:
+    """The samples q, v (k, n) with their accelerations (n,), by number, which are NaN from where the states are.
+
+    Raises:
+        RunFailure: an acceleration fails; with the samples before it.
+    """
+    a = np.full_like(q, np.nan)
+    trajectory = Trajectory(times, q, v, a, steps, evaluations, note)
+    for k in range(finite(q, v)):
+        try:
+            a[k] = acceleration(k)
+        except RunFailure as failure:
+            failure.reached = trajectory
+            raise
+    return trajectory

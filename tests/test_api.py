@@ -18,8 +18,7 @@ from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import Drift
 from gauss_bench.reference.build import sample_times
-from gauss_bench.runs.asked import duration, usable_steps
-from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.runs.offers import ChoiceError, duration, usable_steps
 from gauss_bench.runs.one_run import sampling, sampling_through
 from gauss_bench.tables import read_file
 from gauss_bench.trajectory import Status, Trajectory

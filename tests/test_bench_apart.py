@@ -15,9 +15,9 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import load
 from gauss_bench.reference.build import TrueStates
-from gauss_bench.runs.answers import NoAnswer, pack_answer, unpack_answer
 from gauss_bench.runs.apart import outcome_of
 from gauss_bench.runs.one_run import one_run, receive, sampling
+from gauss_bench.runs.worker import NoAnswer, pack_answer, unpack_answer
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
 

@@ -18,8 +18,8 @@ from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
 from gauss_bench.kinematics.singular import singular_positions
 from gauss_bench.linkage.load import document_of, load, load_document
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.reference.minimal import MinimalCoordinate

@@ -23,7 +23,7 @@ from gauss_bench.diagnosis.split import by_steps
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import JointDamping, Mechanism, RotationalSpringDamper, Torque
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.one_run import one_run
 from gauss_bench.terms import Terms
 from gauss_bench.trajectory import States

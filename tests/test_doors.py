@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.api.files import is_of_kind, writable
+from gauss_bench.api.files import FileRefused, is_of_kind, writable
 from gauss_bench.cli import main
-from gauss_bench.exchange.errors import ExchangeError
 
 FOUR_BAR = Path(__file__).parents[1] / "mechanisms" / "four_bar.toml"
 FULL = Path("/dev/full")
@@ -147,7 +146,7 @@ def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Pa
     old = tmp_path / "old.c"
     old.write_text("int x;", encoding="utf-8")
     assert writable(old, True, suffix=".c") == old
-    with pytest.raises(ExchangeError, match="--replace writes over it"):
+    with pytest.raises(FileRefused, match="--replace writes over it"):
         writable(old, False, suffix=".c")
 
 

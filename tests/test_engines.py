@@ -10,9 +10,8 @@ import pytest
 
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
-from gauss_bench.engines import DERIVED, FOREIGN, get, names
+from gauss_bench.engines import DERIVED, FOREIGN, MissingExtra, get, names, not_installed
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.extras import MissingExtra, not_installed
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.worker import Worker

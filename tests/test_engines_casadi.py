@@ -14,7 +14,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import drift, state_errors
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import DATA, everything, redundant
 

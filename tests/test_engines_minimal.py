@@ -16,7 +16,7 @@ from gauss_bench.engines.minimal.structure import Links, ways
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import DATA, needs

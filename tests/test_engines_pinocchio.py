@@ -12,13 +12,12 @@ from gauss_bench.engines.pinocchio.adapter import VARIANTS, Pinocchio, Pinocchio
 from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.formulations.gauss import gauss
-from gauss_bench.integrate.stabilization import baumgarte
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, baumgarte
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import DATA, everything, needs, redundant
 from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, open_by, relative_error, torque_error

@@ -6,12 +6,13 @@ import pytest
 from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.integrate.adaptive import StepFailure, dop853
+from gauss_bench.integrate import StepFailure
+from gauss_bench.integrate.adaptive import dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, redundant
 

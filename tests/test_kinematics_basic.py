@@ -23,8 +23,8 @@ from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root, levenberg_marquardt
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism import motion_laws
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, Driver, Mechanism, SlideDriver
 from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, everything

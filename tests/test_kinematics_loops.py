@@ -17,8 +17,8 @@ from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
 from gauss_bench.kinematics.loop_equations import LoopEquations, Variable
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
 from gauss_bench.linkage.load import load, load_document
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
 from gauss_bench.reference.minimal import MinimalCoordinate

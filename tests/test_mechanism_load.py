@@ -12,8 +12,8 @@ from gauss_bench.cli import main
 from gauss_bench.linkage import closure
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, built_in, load, load_document
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import value
+from gauss_bench.mechanism.evaluate import Constraints
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
 

@@ -10,10 +10,10 @@ import pytest
 
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism import equations
+from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.frames import Direction, Frame
 from gauss_bench.mechanism.model import Mechanism, factor_of, loads
 from gauss_bench.mechanism.spaces import Plane, Real, Vec
-from gauss_bench.mechanism.symbols import Symbols
 from gauss_bench.mechanism.written import Symbol
 from tests.conftest import DATA, everything
 

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from gauss_bench.engines import not_installed
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER
-from gauss_bench.engines.extras import not_installed
 from gauss_bench.engines.pinocchio.symbolic import PinocchioCasadi
 from gauss_bench.linkage.load import load
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, convergence, reach, trial_of

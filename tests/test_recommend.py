@@ -21,14 +21,13 @@ from gauss_bench.bench.search import Scale, no_coarser
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.cli import main
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.variants import Variant
+from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import Trial
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import Run as Ended

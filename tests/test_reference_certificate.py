@@ -15,12 +15,12 @@ from gauss_bench.reference.certificate import (
     as_reference,
     certificate_path,
     check_holds,
+    find_certified,
     read_certificate,
     write_certificate,
 )
 from gauss_bench.reference.certify import distance, sample_times, split
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.store import find_certified
 from gauss_bench.reference.verification import verify
 from gauss_bench.terms import Array
 

@@ -30,8 +30,7 @@ from gauss_bench.bench.tasks import Tables
 from gauss_bench.bench.ways import BEATS, Way, evaluate_run, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.variants import Variant
+from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import joint_force_errors

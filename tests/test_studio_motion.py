@@ -12,8 +12,7 @@ import pytest
 
 pytest.importorskip("tomlkit")
 from gauss_bench.api.kinematics import kinematics
-from gauss_bench.engines import compiled
-from gauss_bench.engines.extras import MissingExtra, not_installed
+from gauss_bench.engines import MissingExtra, compiled, not_installed
 from gauss_bench.studio.requests import answer
 from tests.studio import Pen, eight_bar, four_bar
 

@@ -13,8 +13,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from gauss_bench.api.options import VERBS
-from gauss_bench.engines import COMPILED, DERIVED, FOREIGN
-from gauss_bench.engines.extras import EXTRAS
+from gauss_bench.engines import COMPILED, DERIVED, EXTRAS, FOREIGN
 from gauss_bench.linkage.load import built_in
 from tests.bare import ROOT, Bare, bare
 

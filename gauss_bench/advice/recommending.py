@@ -28,7 +28,7 @@ from gauss_bench.bench.clock import ratio, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
 from gauss_bench.bench.survived import list_survivors
 from gauss_bench.bench.ways import Run, Way, choice_of, judge_trial, request_of, sample
-from gauss_bench.engines.variants import Variant
+from gauss_bench.engines.base import Variant
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angles

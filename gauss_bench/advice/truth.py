@@ -21,7 +21,7 @@ from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.metrics import drift, joint_force_errors, relative_acceleration_error, state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.absolute import AbsoluteCoordinates
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.worker import Worker

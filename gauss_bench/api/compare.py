@@ -11,8 +11,7 @@ from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.engines import names
 from gauss_bench.linkage.load import load
-from gauss_bench.runs.asked import check_budget, duration, usable_steps
-from gauss_bench.runs.offers import ChoiceError, offers
+from gauss_bench.runs.offers import ChoiceError, check_budget, duration, offers, usable_steps
 
 
 def compare(

@@ -16,10 +16,9 @@ from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.asked import check_budget, countable, duration
-from gauss_bench.runs.offers import ChoiceError, offer
+from gauss_bench.runs.offers import ChoiceError, check_budget, countable, duration, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference, Status

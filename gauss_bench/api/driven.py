@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.closure import free_coordinates
-from gauss_bench.linkage.cylinders import write_out
 from gauss_bench.linkage.errors import Fault, LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, load_sketched, merge
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.schema import SECOND
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import value as value_of
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at

@@ -14,15 +14,14 @@ from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import writable
 from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
-from gauss_bench.engines.extras import MissingExtra, not_installed
-from gauss_bench.engines.variants import Variant
+from gauss_bench.engines import MissingExtra, not_installed
+from gauss_bench.engines.base import Variant
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, Kind, export_linkage
 from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.asked import check_budget, countable
-from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.runs.offers import ChoiceError, check_budget, countable
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import write_text
 

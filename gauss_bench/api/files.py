@@ -5,8 +5,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.untrusted import read_start
+from gauss_bench.untrusted import BadInput, read_start
 
 LOOKED_AT = 65_536  # bytes of a file, which tell its kind
 STARTS = {".png": rb"\x89PNG", ".gif": rb"GIF8", ".npz": rb"PK\x03\x04"}
@@ -14,6 +13,10 @@ ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # elements, and t
 ROOT = re.compile(rb"\s*<(?:[?!].*?<)*?!?(?:doctype\s+)?(svg|html|mujoco)\b", re.DOTALL | re.IGNORECASE)
 TABLE = re.compile(rb"^[ \t]*\[\[?[\w.\"' -]+\]\]?[ \t]*(?:#.*)?\r?$", re.MULTILINE)
 NUMBERS = re.compile(rb"[^\n]+,[^\n]+\n[-+.,\d][-+.,\denaif]*\r?\n")  # a head, and a row
+
+
+class FileRefused(BadInput, ValueError):
+    """A file that may not be written."""
 
 
 def writable(
@@ -26,21 +29,21 @@ def writable(
         source: that it is made from, which is never replaced either.
 
     Raises:
-        ExchangeError: it is a folder, lies in none that may be written, or is there already and may not be replaced.
+        FileRefused: it is a folder, lies in none that may be written, or is there already and may not be replaced.
     """
     path = Path(out)
     if path.is_dir() or not path.name:
-        raise ExchangeError(f"{out}: is a folder; {option} takes a file")
+        raise FileRefused(f"{out}: is a folder; {option} takes a file")
     if not path.parent.is_dir() and not (path.parent == usual and usual.parent.is_dir()):
-        raise ExchangeError(f"{out}: there is no folder {path.parent}")
+        raise FileRefused(f"{out}: there is no folder {path.parent}")
     if os.path.lexists(path) and not replace:  # a link to nothing is there too
-        raise ExchangeError(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
+        raise FileRefused(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
     if path.exists() and not path.is_file():
-        raise ExchangeError(f"{out}: it is no ordinary file")
+        raise FileRefused(f"{out}: it is no ordinary file")
     if path.exists() and source and Path(source).exists() and path.samefile(source):
-        raise ExchangeError(f"{out}: is what is read; {option} takes another file")
+        raise FileRefused(f"{out}: is what is read; {option} takes another file")
     if path.exists() and suffix and (path.suffix.lower() != suffix or not is_of_kind(path, suffix)):
-        raise ExchangeError(
+        raise FileRefused(
             f"{out}: is there already, and no {suffix} file: --replace takes the place of files of its own kind alone"
         )
     _check(path.parent if path.parent.is_dir() else path.parent.parent, str(out))
@@ -64,12 +67,12 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
     """The path of a folder that may be written: those above it are there, but for that which is usual.
 
     Raises:
-        ExchangeError: it is a file, lies in no folder, or may not be written.
+        FileRefused: it is a file, lies in no folder, or may not be written.
     """
     if out.exists() and not out.is_dir():
-        raise ExchangeError(f"--out {out}: is a file; it takes a folder")
+        raise FileRefused(f"--out {out}: is a file; it takes a folder")
     if out != usual and not out.absolute().parent.is_dir():
-        raise ExchangeError(f"--out {out}: there is no folder {out.absolute().parent}")
+        raise FileRefused(f"--out {out}: there is no folder {out.absolute().parent}")
     if (nearest := next((x for x in (out, out.absolute().parent) if x.is_dir()), None)) is not None:
         _check(nearest, f"--out {out}")
     return out
@@ -78,11 +81,11 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
 def _check(folder: Path, asked: str) -> None:
     """Refuse a folder in which nothing can be made: else it would be found out after the work."""
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise ExchangeError(f"{asked}: nothing may be written into the folder {folder}")
+        raise FileRefused(f"{asked}: nothing may be written into the folder {folder}")
 
 
 def describe_files(
-    asked: Mapping[str, Path | None], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
+    asked: Mapping[str, Path], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
     """Option -> path of the files that are asked for.
 
@@ -91,15 +94,13 @@ def describe_files(
         source: that they are made from, which is never replaced.
 
     Raises:
-        ExchangeError: an ending that is not known, a file that is asked for twice, or as `writable`.
+        FileRefused: an ending that is not known, a file that is asked for twice, or as `writable`.
     """
     files: dict[str, Path] = {}
     for name, path in asked.items():
-        if path is None:
-            continue
         if path.suffix.lower() not in kinds[name]:
-            raise ExchangeError(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
+            raise FileRefused(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
         if path in files.values():
-            raise ExchangeError(f"--{name} {path}: is asked for twice")
+            raise FileRefused(f"--{name} {path}: is asked for twice")
         files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)
     return files

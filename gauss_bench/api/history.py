@@ -13,9 +13,9 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.api.simulate import Simulation, point_levels
 from gauss_bench.engines.minimal.structure import Links, closed_from
+from gauss_bench.mechanism.coordinates import spread
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, Torque
-from gauss_bench.mechanism.parts import spread
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory

@@ -18,8 +18,8 @@ from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
+from gauss_bench.mechanism.coordinates import spread
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point
-from gauss_bench.mechanism.parts import spread
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory

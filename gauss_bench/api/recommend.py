@@ -13,14 +13,12 @@ from gauss_bench.api.exchange import tell_plainly
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.engines.own_options import Known
-from gauss_bench.engines.variants import Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.reach import UNITS
-from gauss_bench.runs.asked import check_budget, duration
-from gauss_bench.runs.offers import ChoiceError, Offer, offers
+from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
 from gauss_bench.runs.worker import WorkerFailure
 
 BUDGET = 60.0  # [s]

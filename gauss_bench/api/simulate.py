@@ -13,16 +13,13 @@ from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Objection, advice, judge, remark, trusted_until
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Point
-from gauss_bench.mechanism.parts import spread
 from gauss_bench.mechanism.spaces import bodies
-from gauss_bench.reference.store import find_certified
-from gauss_bench.runs.apart import Request, run_of
-from gauss_bench.runs.asked import affordable
-from gauss_bench.runs.first_builds import build_first
-from gauss_bench.runs.offers import ChoiceError, offer
+from gauss_bench.reference.certificate import find_certified
+from gauss_bench.runs.apart import Request, build_first, run_of
+from gauss_bench.runs.offers import ChoiceError, affordable, offer
 from gauss_bench.runs.one_run import Run, sampling_through
 from gauss_bench.runs.scrutiny import (
     as_truth,

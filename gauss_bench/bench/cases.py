@@ -7,8 +7,7 @@ from functools import cache
 from gauss_bench.engines import names
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
-from gauss_bench.runs.asked import duration, usable_steps
-from gauss_bench.runs.offers import Offer, offer
+from gauss_bench.runs.offers import Offer, duration, offer, usable_steps
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 

@@ -27,9 +27,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from scipy.special import stdtrit
 
+from gauss_bench.engines import not_installed
 from gauss_bench.engines.base import Model
-from gauss_bench.engines.extras import not_installed
-from gauss_bench.runs.processor_time import measure_seconds as measure_seconds
+from gauss_bench.runs.one_run import measure_seconds as measure_seconds
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

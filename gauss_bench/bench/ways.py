@@ -13,8 +13,7 @@ import numpy as np
 from gauss_bench.bench.clock import BLOCK, Block, stepping
 from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice, Model
-from gauss_bench.engines.variants import Variant
+from gauss_bench.engines.base import Choice, Model, Variant
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
@@ -23,7 +22,7 @@ from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
-from gauss_bench.runs.processor_time import measure_seconds as processor_time
+from gauss_bench.runs.one_run import measure_seconds as processor_time
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 

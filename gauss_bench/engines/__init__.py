@@ -1,7 +1,10 @@
-"""Everything that runs a mechanism: own formulations and adapters to foreign engines, by name, loaded when asked for."""
+"""Everything that runs a mechanism: own formulations and adapters to foreign engines, by name, loaded when asked for.
 
-from collections.abc import Callable
-from importlib import import_module
+A library that is missing is said with the extra of this package that brings it.
+"""
+
+from importlib.util import find_spec
+from pkgutil import resolve_name
 
 from gauss_bench.engines.base import Engine
 from gauss_bench.untrusted import BadInput
@@ -21,16 +24,25 @@ RIVALS = {  # known to searches and whoever asks by name; suites leave them out:
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
+OWN_CLASS, COMPILED_CLASS = "gauss_bench.engines.interpreted:Interpreted", "gauss_bench.engines.compiled:Compiled"
 AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # by the suite's authors: none of them is a rival
+
+EXTRAS = {  # library -> the extra of the package that brings it
+    "pinocchio": "pinocchio",
+    "exudyn": "exudyn",
+    "mujoco": "mujoco",
+    "casadi": "casadi",
+    "llvmlite": "kernel",
+    "heyoka": "certify",
+    "starlette": "studio",
+    "uvicorn": "studio",
+    "websockets": "studio",
+    "tomlkit": "studio",
+}
 
 
 class UnknownEngine(BadInput, KeyError):
     """There is no engine of that name; the message says which there are."""
-
-
-def _from(target: str) -> Callable[[], Engine]:
-    module, _, name = target.partition(":")
-    return lambda: getattr(import_module(module), name)()
 
 
 def is_class(name: str) -> bool:
@@ -58,21 +70,37 @@ def get(name: str) -> Engine:
         KeyError: there is none.
         ImportError: its adapter cannot be imported. Adapters import their library only when they build.
     """
-    if name in OWN:
-        from gauss_bench.engines.interpreted import Interpreted
-
-        return Interpreted(name)
-    if name in COMPILED:
-        from gauss_bench.engines.compiled import Compiled
-
-        return Compiled(name)
-    if name in (inside := {**DERIVED, **FOREIGN, **RIVALS}):
-        return _from(inside[name])()
-    if is_class(name):
-        return _from(name)()
+    if name in (*OWN, *COMPILED):
+        return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
+    inside = {**DERIVED, **FOREIGN, **RIVALS}
+    if name in inside or is_class(name):
+        return resolve_name(inside.get(name, name))()  # type: ignore[no-any-return]
     from importlib.metadata import entry_points  # which most processes of an engine do without
 
     for point in entry_points(group="gauss_bench.engines"):
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]
     raise UnknownEngine(f"unknown engine {name!r}; there are {', '.join(all_names())}")
+
+
+class MissingExtra(BadInput, ImportError):
+    """A library of an extra that what was asked for cannot do without."""
+
+
+def not_installed(error: ImportError) -> str:
+    """Name the missing module, and how to install it where one of the extras has it."""
+    if isinstance(error, MissingExtra):
+        return str(error)
+    library = (error.name or "").partition(".")[0]
+    how = f"; pip install 'gauss-bench[{EXTRAS[library]}]'" if library in EXTRAS else ""
+    return f"not installed: {error}{how}"
+
+
+def require(library: str) -> None:
+    """Nothing where a library of EXTRAS is there.
+
+    Raises:
+        MissingExtra: it is not; with the sentence of `not_installed`.
+    """
+    if find_spec(library) is None:
+        raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)

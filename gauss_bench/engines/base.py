@@ -6,11 +6,13 @@ of the mechanism, here and nowhere else, and reports failures as RunFailure; it 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
+
+CHOSEN = ("integrator", "stabilization")  # knobs that a run is given beside its settings
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,20 @@ class Choice:
     def tolerances(self, relative: float, absolute: float) -> tuple[float, float]:
         """Relative and absolute tolerance: those asked for, else those of the settings."""
         return (relative, absolute) if self.tolerance is None else (self.tolerance, self.tolerance / 100)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One point of the searched space: everything that is chosen but the step or tolerance.
+
+    Attributes:
+        options: knob -> value, all of them but `integrator` and `stabilization`.
+    """
+
+    name: str
+    integrator: str
+    stabilization: str
+    options: Mapping[str, Any]
 
 
 class Model(Protocol):

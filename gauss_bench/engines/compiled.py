@@ -8,12 +8,12 @@ from itertools import groupby
 
 import numpy as np
 
+from gauss_bench.engines import require
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.extras import require
 from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import finite
+from gauss_bench.integrate import BAUMGARTE_RATE
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
-from gauss_bench.integrate.stabilization import BAUMGARTE_RATE
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory

@@ -8,17 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from gauss_bench import __version__
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.own_steps import OwnSteps
-from gauss_bench.engines.shared import with_accelerations
 from gauss_bench.formulations import FORMULATIONS
-from gauss_bench.integrate.stabilization import BAUMGARTE_RATE, STABILIZATIONS, baumgarte
+from gauss_bench.integrate import BAUMGARTE_RATE, STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import JAMMED
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array, SingularSystem, Solution, Terms, recover_multipliers
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.terms import Array, SingularSystem, Solution, Terms, baumgarte, recover_multipliers
+from gauss_bench.trajectory import RunFailure, Status, Trajectory, with_accelerations
 
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
 KNOWN = Known(SETTINGS, [*SETTINGS["default"]])
@@ -42,8 +42,6 @@ class Interpreted:
         return "terms, formulation and steps"
 
     def version(self) -> str:
-        from gauss_bench import __version__
-
         return f"gauss-bench {__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:

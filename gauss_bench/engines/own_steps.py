@@ -1,18 +1,16 @@
 """The suite's integrators around the accelerations of an engine, in whatever coordinates those have."""
 
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.shared import finite
-from gauss_bench.integrate.adaptive import StepFailure, dop853
+from gauss_bench.integrate import ADAPTIVE, StepFailure
 from gauss_bench.integrate.fixed_step import EVALUATIONS, STEPS, held_back, step_counts, stretches
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
-
-ADAPTIVE = "dop853"
+from gauss_bench.trajectory import RunFailure, Status, Trajectory, finite
 
 
 class OwnSteps:
@@ -44,7 +42,7 @@ class OwnSteps:
 
     def run(self) -> None:
         with np.errstate(all="ignore"):  # what is not finite is found afterwards
-            if self.choice.integrator != ADAPTIVE:
+            if self.choice.integrator not in ADAPTIVE:
                 self._run_fixed()
             elif self.times[-1] != self.times[0]:
                 try:
@@ -54,7 +52,9 @@ class OwnSteps:
 
     def _adapt(self, rtol: float, atol: float) -> int:
         """Fill the samples by steps of its own choice, and count those."""
-        return dop853(self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks)[0]
+        return resolve_name(ADAPTIVE[self.choice.integrator])(  # type: ignore[no-any-return]
+            self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks
+        )[0]
 
     def _run_fixed(self) -> None:
         x, dx = self.start

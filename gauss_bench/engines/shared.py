@@ -21,7 +21,9 @@ from gauss_bench.mechanism.model import (
 )
 from gauss_bench.mechanism.tree import Tree, spanning_tree
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status
+from gauss_bench.trajectory import finite as finite  # where plug-ins look for them
+from gauss_bench.trajectory import with_accelerations as with_accelerations
 
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # rad and m about the start; 10 times that in speeds
 PARALLEL = 1e-12  # sine of the angle between two axes: angles are summed in different orders
@@ -127,37 +129,6 @@ def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance
 def size(x: Array) -> float:
     """The largest entry, at least 1."""
     return float(np.abs(x).max(initial=1.0))
-
-
-def finite(*samples: Array) -> int:
-    """Count the samples (k, n) before the first that is no number, which a run has not reached or not survived."""
-    sound = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
-    return len(sound) if sound.all() else int(sound.argmin())
-
-
-def with_accelerations(
-    times: Array,
-    q: Array,
-    v: Array,
-    acceleration: Callable[[int], Array],
-    steps: int,
-    evaluations: int | None = None,
-    note: str = "",
-) -> Trajectory:
-    """The samples q, v (k, n) with their accelerations (n,), by number, which are NaN from where the states are.
-
-    Raises:
-        RunFailure: an acceleration fails; with the samples before it.
-    """
-    a = np.full_like(q, np.nan)
-    trajectory = Trajectory(times, q, v, a, steps, evaluations, note)
-    for k in range(finite(q, v)):
-        try:
-            a[k] = acceleration(k)
-        except RunFailure as failure:
-            failure.reached = trajectory
-            raise
-    return trajectory
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:

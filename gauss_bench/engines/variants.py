@@ -25,12 +25,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
+from gauss_bench.engines.base import CHOSEN, Variant
 from gauss_bench.engines.own_options import Known
 from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
 LEAST_WORDS = 20  # characters of a reason: shorter ones give none
-CHOSEN = ("integrator", "stabilization")  # knobs that a run is given beside its settings
 REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
@@ -66,20 +66,6 @@ class _File(BaseModel):
     variants: dict[str, Line]
     first: tuple[str, ...] = ()
     unfinished: list[Line] = []
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One point of the searched space: everything that is chosen but the step or tolerance.
-
-    Attributes:
-        options: knob -> value, all of them but `integrator` and `stabilization`.
-    """
-
-    name: str
-    integrator: str
-    stabilization: str
-    options: Mapping[str, Any]
 
 
 @dataclass(frozen=True)

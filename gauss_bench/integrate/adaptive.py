@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss_bench.integrate import StepFailure
 from gauss_bench.integrate.fixed_step import Acceleration
 
 if TYPE_CHECKING:
@@ -18,10 +19,6 @@ Array = NDArray[np.floating[Any]]
 
 
 MOST = 100_000  # steps: linkages take some hundred a second; one that locks takes ever smaller ones and would never end
-
-
-class StepFailure(ArithmeticError):
-    """The error control could not continue."""
 
 
 def dop853(

@@ -12,8 +12,8 @@ import numpy as np
 from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.kinematics.root_finding import ExitFlag, levenberg_marquardt
 from gauss_bench.kinematics.topology import shared_angles
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import value
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angles

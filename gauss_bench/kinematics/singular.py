@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from gauss_bench.mechanism.close import project
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import gradient, value
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Measured, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.cylinders import write_out
+from gauss_bench.linkage.bodies import Mass, bodies, parts, poses, read_welds, together, write_out
 from gauss_bench.linkage.errors import BuildError
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.linkage.schema import CONSTRAINTS, FORCES, SECOND, physics_digest
-from gauss_bench.linkage.welding import Mass, bodies, parts, poses, read_welds, together
 from gauss_bench.mechanism import motion_laws
 from gauss_bench.mechanism.model import (
     GROUND,

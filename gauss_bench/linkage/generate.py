@@ -8,7 +8,6 @@ pendulums_N: N bars hanging one on the other, so that n = 3N coordinates meet m 
 with each, against 5N of Lagrange's, coupled only with their neighbours. No closed form is known of it.
 """
 
-import re
 from typing import Any
 
 MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
@@ -16,18 +15,6 @@ SPEED = 1.0  # [m/s] of the first top at the start, to the right
 RELEASE = 30.0  # [deg] of the pendulum's bar above the horizontal
 THROW, SPIN = (2.0, 7.0), 3.0  # [m/s], [rad/s] of the projectile
 FIRST, FAN = -60.0, 7.0  # [deg] of the first of many pendulums, and of each against the one before: no two are in line
-LARGEST = 400  # windows: beyond, the file would not be a linkage but a bridge
-
-
-def generated(name: str) -> dict[str, Any] | None:
-    """The document of a generated linkage, or None where the name is of no such family."""
-    if name in SINGLE:
-        return SINGLE[name]()
-    match = re.fullmatch(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})", name)
-    count = int(match[2]) if match else 0
-    if match is None or count > LARGEST:
-        return None
-    return n_four_bar(count) if match[1] == "n_four_bar" else pendulums(count)
 
 
 def n_four_bar(count: int) -> dict[str, Any]:
@@ -115,6 +102,3 @@ def _one_bar(name: str, title: str, scenario: str, start: dict[str, Any], more: 
         "scenarios": {scenario: {"duration": 10.0, "start": start}},
         **more,
     }
-
-
-SINGLE = {"pendulum": pendulum, "projectile": projectile}

@@ -9,18 +9,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import assemble, sketch_from
+from gauss_bench.linkage.closure import assemble, sketch, sketch_from
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError
-from gauss_bench.linkage.generate import generated
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.references import items, reference_faults, table
 from gauss_bench.linkage.schema import check_grammar
-from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import in_a_sentence
@@ -30,6 +29,10 @@ MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-w
 KEPT = 64  # mechanisms that are remembered
 FIXED = ("format", "name", "crank", "expect", "scenarios")
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
+GENERATED = "gauss_bench.linkage.generate"  # a function for each linkage of SINGLE and each family
+SINGLE = ("pendulum", "projectile")
+FAMILY = re.compile(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})")
+LARGEST = 400  # windows or bars: beyond, the file would not be a linkage but a bridge
 
 _known: dict[tuple[str, str, str | None], Mechanism] = {}  # by path, digest of the content, scenario; the last asked for comes last
 
@@ -78,6 +81,16 @@ def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:
     if document is None:
         return *read(path), path
     return document, hashlib.sha256(json.dumps(document).encode()).hexdigest(), path
+
+
+def generated(name: str) -> dict[str, Any] | None:
+    """The document of a linkage that is written by rule, or None where the name is of no such family."""
+    family = FAMILY.fullmatch(name)
+    if name not in SINGLE and (family is None or int(family[2]) > LARGEST):
+        return None
+    function = resolve_name(f"{GENERATED}:{family[1] if family else name}")
+    document: dict[str, Any] = function(int(family[2])) if family else function()
+    return document
 
 
 def decimal_document(name_or_path: str | Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
 
-from gauss_bench.linkage.cylinders import BARREL, ROD, write_out
+from gauss_bench.linkage.bodies import BARREL, ROD, write_out
 from gauss_bench.linkage.errors import Fault
 
 Document = dict[str, Any]

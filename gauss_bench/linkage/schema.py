@@ -427,7 +427,8 @@ def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
 def _place(loc: tuple[str | int, ...], document: Any) -> list[Any]:
     """The keys that lead to a fault; pydantic's location also names the kind of every table that one of its keys decides."""
     place: list[Any] = []
-    for part in (x for x in loc if x not in ("<list>", "<table>", "[key]")):
+    parts: list[Any] = [*loc]
+    for part in (x for x in parts if x not in ("<list>", "<table>", "[key]")):
         if isinstance(document, (dict, list)):
             there = part in document if isinstance(document, dict) else True
             if there or part is loc[-1]:

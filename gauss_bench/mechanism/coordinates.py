@@ -30,10 +30,11 @@ from typing import NamedTuple, Protocol, assert_never
 import numpy as np
 
 from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point, Slip, Weighted
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Mechanism, Point, Slip, Weighted
 from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec, angle_at, slots
 from gauss_bench.mechanism.written import inverse
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
 
 
 class Entry(NamedTuple):
@@ -409,3 +410,19 @@ def acceleration(q: Array, v: Array, a: Array, point: Point) -> Array:
 def _stacked(x: Vec, q: Array) -> Array:
     """A vector's components (..., 2), as many as there are states."""
     return np.stack([np.broadcast_to(part, q.shape[:-1]) for part in x.parts], axis=-1)
+
+
+def spread(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
+    """The states of the links of a file, of those of the bodies that they are welded into."""
+    if not mechanism.parts:
+        return motion
+    q, v, a = motion.q, motion.v, motion.a
+    levels: tuple[list[Array], ...] = ([], [], [])
+    for part in mechanism.parts:
+        point = Point(part.body, part.at, part.name)
+        moved = position(q, point), velocity(q, v, point), acceleration(q, v, a, point)
+        turned = angle_at(q, part.body) + part.turn, angle_at(v, part.body), angle_at(a, part.body)
+        for level, place, angle in zip(levels, moved, turned, strict=True):
+            level += [place, angle[..., None]]
+    q, v, a = (np.concatenate(level, axis=-1) for level in levels)
+    return Trajectory(motion.t, q, v, a, motion.steps)

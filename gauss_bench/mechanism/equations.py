@@ -5,19 +5,27 @@ force is a law on a coordinate or a vector at a point. Nobody asks here for a jo
 the file's order, couplings, drivers, knife edges.
 
     phi = x - value,    J = dx/dq,    gamma = value'' - bias,    so that J a = gamma
+
+`Symbols` asks for all of it once, with symbols in the place of coordinates, to be written out as functions of q, v and the laws'
+values.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, assert_never
 
+import numpy as np
+
 from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, slip, state
-from gauss_bench.mechanism.frames import Placement
+from gauss_bench.mechanism.frames import Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import Real
+from gauss_bench.mechanism.spaces import PLANE, Real, Vec, slots
+from gauss_bench.mechanism.written import Number, Program, Symbol, Written
+from gauss_bench.terms import Array
 
 Motion = tuple[Real, Real, Real]  # value, rate, second rate
+LEVELS = 3  # of a law: value, rate and second rate
 
 
 class Given(Placement):
@@ -89,3 +97,47 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
             return 0.0, at.space.dot(force, end.frame.u) + turning
         case _:
             assert_never(load)
+
+
+class Symbols(Given):
+    """The bodies of a mechanism of n coordinates; a `Given` of `equations.py`."""
+
+    def __init__(self, n: int):
+        self.n, self.program = n, Program()
+        self.arithmetic = self.program
+        self.laws: list[MotionLaw] = []
+        self._frames: dict[int, Frame] = {}
+
+    def frame(self, body: int) -> Frame:
+        if body not in self._frames:
+            names = range(self.n)[slots(body)]
+            (x, y, angle), (u, w, omega) = (
+                [self.program.symbol(0.0)] * PLANE.size if body == GROUND else [self.program.input(f"{x}{k}") for k in names]
+                for x in "qv"
+            )
+            self._frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
+        return self._frames[body]
+
+    def numbers(self, value: Any) -> Vec:
+        return Vec(*map(self.program.symbol, value))
+
+    def held(self, joint: str, place: int, value: Any) -> Symbol:
+        return self.program.symbol(value)
+
+    def law(self, law: MotionLaw) -> tuple[Symbol, Symbol, Symbol]:
+        self.laws.append(law)
+        x, rate, second = (self.program.input(f"g{k}") for k in range(LEVELS * len(self.laws))[-LEVELS:])
+        return x, rate, second
+
+    def written(self, *told: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
+        """A function of t (...), q and v (..., n): each group of symbols as an array (..., k)."""
+        inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
+        function, laws = Written(self.program, inputs, [[self.program.symbol(x) for x in group] for group in told]), self.laws
+
+        def at(t: float | Array, q: Array, v: Array) -> list[Array]:
+            if not laws:
+                return function(q, v, q[..., :0])
+            now = [np.asarray(x) for law in laws for x in law(t)]
+            return function(q, v, np.stack([np.broadcast_to(x, q.shape[:-1]) for x in now], axis=-1))
+
+        return at

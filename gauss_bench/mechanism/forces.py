@@ -22,9 +22,9 @@ import numpy as np
 
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import columns, state
+from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.model import Force, Mechanism, factor_of, loads, steady_part
 from gauss_bench.mechanism.spaces import PLANE, Real, places
-from gauss_bench.mechanism.symbols import Symbols
 from gauss_bench.terms import Array
 
 

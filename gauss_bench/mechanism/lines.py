@@ -7,8 +7,8 @@ one operation, and stages at the end of a step see what is before a jump, as the
 
 import numpy as np
 
-from gauss_bench.mechanism.factors import Factor
 from gauss_bench.mechanism.model import Mechanism, factor_of
+from gauss_bench.mechanism.motion_laws import Factor
 from gauss_bench.terms import Array
 
 

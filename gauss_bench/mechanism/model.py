@@ -10,8 +10,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from gauss_bench.mechanism.factors import Factor, read_factor
-from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.motion_laws import Factor, MotionLaw, read_factor
 from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.terms import Array
 

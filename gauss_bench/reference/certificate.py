@@ -8,6 +8,7 @@ compressed npz archives; the digest of the linkage inside makes them worthless f
 import io
 import json
 import os
+import sys
 import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,12 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.generate import generated
-from gauss_bench.linkage.load import built_in_folder
+from gauss_bench.linkage.load import built_in_folder, generated
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
-from gauss_bench.untrusted import BadInput, read_bytes
+from gauss_bench.untrusted import BadInput, harmless, read_bytes
 
 FORMAT = "gauss-bench certificate/1"
 MAX_BYTES = 1 << 28  # a thousand times a usual one
@@ -145,3 +145,18 @@ def as_reference(certificate: Certificate, t_end: float) -> Reference:
 def rounding(values: Array) -> Array:
     """(k,) half a unit in the last place of the largest value so far."""
     return np.asarray(np.spacing(np.maximum.accumulate(np.abs(values).max(axis=-1))) / 2)
+
+
+def find_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
+    """The certified motion up to t_end, or None; a certificate that no longer holds is named on stderr."""
+    path = certificate_path(mechanism)
+    if path is None or not path.exists():
+        return None
+    try:
+        certificate = read_certificate(path)
+        check_holds(certificate, mechanism, path)
+    except CertificateError as error:
+        print(harmless(f"warning: {error}; the reference is built in double precision instead"), file=sys.stderr)
+        return None
+    # a run is judged at its end too: where the certificate has no sample there, a reference is built that has
+    return as_reference(certificate, t_end) if np.isclose(certificate.t, t_end, rtol=1e-12, atol=1e-9).any() else None

@@ -11,8 +11,7 @@ import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import RANK_TOLERANCE, joint_residual, list_held
-from gauss_bench.mechanism.constraints import Constraints, Rows
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.motion import assemble_doubles
 from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance, saddle

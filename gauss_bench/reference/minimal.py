@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.linkage.closure import CLOSED
-from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array

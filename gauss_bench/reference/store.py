@@ -12,7 +12,7 @@ import numpy as np
 from gauss_bench.linkage.digest import source_digest
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
-from gauss_bench.reference.certificate import CertificateError, as_reference, certificate_path, check_holds, read_certificate
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.trajectory import Reference
 from gauss_bench.untrusted import harmless
 
@@ -64,18 +64,3 @@ def _digest(reference: Reference) -> str:
         x = np.ascontiguousarray(getattr(reference, name))
         told.update(f"{name} {x.shape} {x.dtype}".encode() + x.tobytes())
     return told.hexdigest()
-
-
-def find_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
-    """The certified motion up to t_end, or None; a certificate that no longer holds is named on stderr."""
-    path = certificate_path(mechanism)
-    if path is None or not path.exists():
-        return None
-    try:
-        certificate = read_certificate(path)
-        check_holds(certificate, mechanism, path)
-    except CertificateError as error:
-        print(harmless(f"warning: {error}; the reference is built in double precision instead"), file=sys.stderr)
-        return None
-    # a run is judged at its end too: where the certificate has no sample there, a reference is built that has
-    return as_reference(certificate, t_end) if np.isclose(certificate.t, t_end, rtol=1e-12, atol=1e-9).any() else None

@@ -6,13 +6,13 @@ else, so it and what it imports leave out what reads linkages and keeps journals
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines import get
+from gauss_bench.engines import FOREIGN, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import is_isolated
@@ -22,6 +22,7 @@ from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
 TEXT = 1 << 20  # bytes that sentences and names may take beside the samples
 LEVELS = ("q", "v", "a")
+BUILDING = 1800.0  # [s] to build a library: on a busy machine it takes ten times as long as on an idle one
 Alteration = Callable[[Mechanism], Mechanism]
 
 
@@ -173,3 +174,25 @@ def _trajectory(x: object) -> Trajectory | None:
             if len(samples) == 1 + len(LEVELS):
                 return Trajectory(samples[0], samples[1], samples[2], samples[3], steps, evaluations, note)
     return None
+
+
+def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
+    """Build what an engine needs for any of its settings and is not there yet, once for a user, before it is run or searched.
+
+    It is built in a worker, which ends what it has started when its parent dies. Whatever fails here is said again by the engine.
+    """
+    if engine not in FOREIGN or not hasattr(get(engine), "build_once"):
+        return
+    what = next(filter(None, map(get(engine).unbuilt, settings)), "")  # type: ignore[attr-defined]
+    if not what:
+        return
+    told(f"building {what}")
+    with Worker() as worker:
+        try:
+            worker.call(build_there, (engine,), BUILDING)
+        except WorkerFailure as failure:
+            told(f"it was not built: {failure}")
+
+
+def build_there(engine: str) -> None:
+    get(engine).build_once()  # type: ignore[attr-defined]

@@ -1,11 +1,13 @@
 """A process of its own for what may crash or hang: functions go in, results come out, and its death is an answer too.
 
-Tasks are pickled on their way to the worker; what comes back is plain data (`answers.py`) and never unpickled, because a task may
-run the code of others. The worker's standard output is given to its error stream first, so that a library that prints cannot spoil
-the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies where no library finds it by
-counting, and every answer carries the token of its task: what else arrives there is refused, and so is what is larger than the
-caller expects. A task that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that no library
-can block. Time that it waits for a processor does not count against its limit: a busy machine is not an engine's failure.
+Tasks are pickled on their way to the worker. What comes back is plain data and never unpickled, because a task may run the code
+of others: JSON, in which an array is its kind and its shape, and the bytes of the arrays in their order. Reading it makes data no
+larger than what came, or fails. The worker's standard output is given to its error stream first, so that a library that prints
+cannot spoil the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies where no library
+finds it by counting, and every answer carries the token of its task: what else arrives there is refused, and so is what is larger
+than the caller expects. A task that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that
+no library can block. Time that it waits for a processor does not count against its limit: a busy machine is not an engine's
+failure.
 
 What a task has started ends with its worker, in whatever session it hides: processes that were given its environment are known by
 a mark there, and on Linux those without it by their parent, since the worker adopts what its children leave behind. One that has no
@@ -16,6 +18,7 @@ import atexit
 import contextlib
 import ctypes
 import fcntl
+import json
 import math
 import os
 import pickle
@@ -31,7 +34,8 @@ import traceback
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-from gauss_bench.runs.answers import NoAnswer, pack_answer, unpack_answer
+import numpy as np
+
 from gauss_bench.trajectory import Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
@@ -45,6 +49,14 @@ ROUNDS = 100  # of looking for what a worker has left
 MARK = "GAUSS_BENCH_WORKER"  # in the environment of a worker, and so of all that it starts
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of Linux's prctl
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
+LENGTH = struct.Struct("<Q")  # of the JSON
+LONGEST = 1 << 26  # bytes of JSON: what is read of it may be some 20 times as large
+ARRAY, MOST = "array of numbers", 3  # dimensions
+KINDS = {"f": np.dtype("<f8"), "i": np.dtype("<i8"), "b": np.dtype("|b1")}
+
+
+class NoAnswer(ValueError):
+    """Bytes that are no answer, or an object that cannot be one."""
 
 
 class WorkerFailure(RuntimeError):
@@ -333,6 +345,67 @@ def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
         where = traceback.extract_tb(error.__traceback__)[-1]
         said = f"{type(error).__name__}: {in_a_sentence(error)} ({os.path.basename(where.filename)}:{where.lineno})"
         return pack_answer(("raised", said))
+
+
+def pack_answer(item: object) -> bytes:
+    """The bytes of an answer.
+
+    Raises:
+        NoAnswer: it holds something that is neither text, number, array nor made of them.
+    """
+    parts: list[bytes] = []
+
+    def described(x: object) -> object:
+        if isinstance(x, np.generic):
+            return x.item()
+        if isinstance(x, np.ndarray) and x.dtype.kind in KINDS:
+            parts.append(np.ascontiguousarray(x, dtype=KINDS[x.dtype.kind]).tobytes())
+            return {ARRAY: [x.dtype.kind, x.shape]}
+        raise NoAnswer(f"a worker cannot answer with {type(x).__name__}")
+
+    text = json.dumps(item, default=described).encode()
+    return b"".join((LENGTH.pack(len(text)), text, *parts))
+
+
+def unpack_answer(content: bytes) -> Any:
+    """The answer that the bytes hold.
+
+    Raises:
+        NoAnswer: they hold none.
+    """
+    if len(content) < LENGTH.size:
+        raise NoAnswer("it is too short")
+    (length,) = LENGTH.unpack_from(content)
+    text, left = content[LENGTH.size : LENGTH.size + length], memoryview(content)[LENGTH.size + length :]
+    if length > LONGEST or len(text) < length:
+        raise NoAnswer(f"it says that it holds {length} bytes of text")
+
+    def restore(table: dict[str, Any]) -> Any:
+        nonlocal left
+        if table.keys() != {ARRAY}:
+            return table
+        dtype, shape = _form(table[ARRAY])
+        size = math.prod(shape) * dtype.itemsize
+        if size > len(left):
+            raise NoAnswer("it holds less than its arrays need")
+        array = np.frombuffer(left[:size], dtype).reshape(shape).copy()
+        left = left[size:]
+        return array
+
+    try:
+        return json.loads(text.decode(), object_hook=restore)
+    except (ValueError, RecursionError) as error:
+        raise NoAnswer(str(error)) from error
+
+
+def _form(told: object) -> tuple[np.dtype[Any], list[int]]:
+    """Type and shape of an array as told."""
+    match told:
+        case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
+            lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]
+            if lengths == shape:
+                return KINDS[kind], lengths
+    raise NoAnswer("an array of no form")
 
 
 def main() -> None:

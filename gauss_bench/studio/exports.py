@@ -5,11 +5,11 @@ from typing import Any
 
 from gauss_bench.api.exchange import STEP, write_file
 from gauss_bench.api.history import observe, table, turn
-from gauss_bench.engines.extras import MissingExtra
+from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
+from gauss_bench.mechanism.coordinates import spread
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.parts import spread
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.studio.autosave import workplace

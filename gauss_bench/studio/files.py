@@ -5,7 +5,7 @@ import zlib
 from pathlib import Path
 
 from gauss_bench.api.exchange import READING, answer_in_worker, read_there
-from gauss_bench.engines.extras import MissingExtra
+from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.load import MAX_BYTES, built_in
 from gauss_bench.linkage.load import read as read_file

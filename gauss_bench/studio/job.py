@@ -25,7 +25,7 @@ APART = 1e-3  # of a linkage's size: from there two engines are said to part
 def release(request: Mapping[str, Any], say: Say) -> None:
     """Run a file in one engine after the other, tell each motion with its verdict, and how far the others are from the first."""
     from gauss_bench.api.simulate import simulate
-    from gauss_bench.mechanism.parts import spread
+    from gauss_bench.mechanism.coordinates import spread
     from gauss_bench.studio.motion import pose_motion
 
     first = None

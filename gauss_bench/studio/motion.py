@@ -14,10 +14,9 @@ from gauss_bench.kinematics.centres import centres
 from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
-from gauss_bench.mechanism.parts import spread
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.document import Document, write_document
 from gauss_bench.studio.edits.drawing import Drawing

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gauss_bench import __version__
-from gauss_bench.engines.extras import MissingExtra
+from gauss_bench.engines import MissingExtra
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.cylinders import write_out
+from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic

@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from gauss_bench import metrics
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import BAUMGARTE, Kernel, compile_kernel
-from gauss_bench.engines import get
+from gauss_bench.engines import get, require
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
-from gauss_bench.engines.extras import require
 from gauss_bench.judge import Evidence, Subject, judge, remark
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
-from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.evaluate import Constraints, Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import LEVELS, TEXT, outcome_of, plain_run
 from gauss_bench.runs.offers import is_isolated

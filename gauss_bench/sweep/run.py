@@ -16,8 +16,7 @@ import numpy as np
 from gauss_bench.bench.journal import fingerprint
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import chosen_scenario, document_of, load, of_one_scenario
-from gauss_bench.runs.asked import check_budget, duration
-from gauss_bench.runs.offers import is_isolated, offer
+from gauss_bench.runs.offers import check_budget, duration, is_isolated, offer
 from gauss_bench.sweep.batch import Asked, Rows, columns_of, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, check

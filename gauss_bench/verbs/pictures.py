@@ -8,7 +8,7 @@ from gauss_bench.api.kinematics import Kinematics
 from gauss_bench.api.kinematics import table as motion_table
 from gauss_bench.api.simulate import Simulation
 from gauss_bench.api.telling import Answer, tell
-from gauss_bench.mechanism.parts import spread
+from gauss_bench.mechanism.coordinates import spread
 from gauss_bench.report.drawings.animation import animate
 from gauss_bench.report.drawings.curves import curves
 from gauss_bench.report.drawings.drawing import draw

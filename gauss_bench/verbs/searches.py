@@ -9,7 +9,7 @@ from gauss_bench.api.recommend import recommend as recommend_settings
 from gauss_bench.api.telling import Answer, Told
 from gauss_bench.atlas import chart, survey, table
 from gauss_bench.bench.provenance import environment
-from gauss_bench.runs.asked import check_budget
+from gauss_bench.runs.offers import check_budget
 from gauss_bench.sweep.halving import text as half
 from gauss_bench.sweep.run import How, Where
 from gauss_bench.sweep.run import sweep as run_sweep

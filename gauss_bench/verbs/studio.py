@@ -4,7 +4,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from gauss_bench.api.telling import Answer, Told
-from gauss_bench.engines.extras import require
+from gauss_bench.engines import require
 
 
 def studio(options: Namespace, told: Told) -> Answer:

@@ -19,13 +19,11 @@ from gauss_bench.bench.measurements.search import search_linkage
 from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.bench.runner import run as run_suite
-from gauss_bench.engines.extras import require
+from gauss_bench.engines import require
 from gauss_bench.linkage.load import load
 from gauss_bench.report.build import build_report, refuse_pages_of_others
-from gauss_bench.runs.apart import is_unaltered
-from gauss_bench.runs.asked import check_budget
-from gauss_bench.runs.first_builds import build_first
-from gauss_bench.runs.offers import ChoiceError, offers
+from gauss_bench.runs.apart import build_first, is_unaltered
+from gauss_bench.runs.offers import ChoiceError, check_budget, offers
 from gauss_bench.suites.read import join_entries, of_engines, read_suite, restrict, scenario_of
 from gauss_bench.tables import TABLES, read_environment
 

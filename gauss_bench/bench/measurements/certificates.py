@@ -12,9 +12,8 @@ from tqdm import tqdm
 
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gather
-from gauss_bench.engines.extras import not_installed
-from gauss_bench.linkage.generate import SINGLE
-from gauss_bench.linkage.load import built_in, built_in_folder, document_of, load
+from gauss_bench.engines import not_installed
+from gauss_bench.linkage.load import SINGLE, built_in, built_in_folder, document_of, load
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import (
@@ -27,7 +26,7 @@ from gauss_bench.reference.certificate import (
 )
 from gauss_bench.reference.certify import DIGITS, Uncertified, certify
 from gauss_bench.reference.verification import verify
-from gauss_bench.runs.asked import duration
+from gauss_bench.runs.offers import duration
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 

@@ -15,7 +15,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.offers import offer
-from gauss_bench.runs.processor_time import measure_seconds as processor_time
+from gauss_bench.runs.one_run import measure_seconds as processor_time
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.suites.schema import Suite
 from gauss_bench.trajectory import RunFailure

@@ -9,7 +9,8 @@ from gauss_bench.linkage.load import load
 from gauss_bench.papers.audit import audit
 from gauss_bench.papers.published import SQUEEZER, list_published_values
 from gauss_bench.papers.reproduction import SPAN, paper_motion, reproduction
-from gauss_bench.reference.store import find_certified, load_stored
+from gauss_bench.reference.certificate import find_certified
+from gauss_bench.reference.store import load_stored
 from gauss_bench.suites.schema import Suite
 
 

@@ -39,7 +39,7 @@ from gauss_bench.bench.ways import (
     whole_run,
 )
 from gauss_bench.engines import OWN, all_names, get
-from gauss_bench.engines.variants import Variant
+from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of

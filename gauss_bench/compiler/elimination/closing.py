@@ -26,9 +26,9 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_equations import REGULAR
-from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.coordinates import columns, state, value
 from gauss_bench.mechanism.equations import Motion
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Along, AngleDriver, Driver, Mechanism, Point, SlideDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array

@@ -23,7 +23,7 @@ import numpy as np
 
 from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import PLANE, angle_slot
 from gauss_bench.terms import Array

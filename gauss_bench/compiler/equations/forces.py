@@ -2,7 +2,7 @@
 
 Where two points coincide a spring with a rest length is not finite (the linkage's own evaluation takes no direction there).
 
-A force that varies is a factor (`mechanism/factors.py`) times the steady force that it is of. Of time that is a sine, or a line
+A force that varies is a factor (`mechanism/motion_laws.py`) times the steady force that it is of. Of time that is a sine, or a line
 whose level and slope are open numbers (`mechanism/lines.py`). The hyperbolic tangent of a direction is tanh(x) = u / (u + 2) with
 u = exp(2 x) - 1, which is had from a short series at 2 x / 2^D and D doublings, exp(2 y) - 1 = (exp(y) - 1) (exp(y) + 1), within
 |x| <= FLAT, where the tangent is 1 but for rounding.
@@ -15,8 +15,8 @@ from typing import Any
 from gauss_bench.compiler.equations.links import Links
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
 from gauss_bench.mechanism import equations
-from gauss_bench.mechanism.factors import STEADY, Factor
 from gauss_bench.mechanism.model import PointForce, Torque
+from gauss_bench.mechanism.motion_laws import STEADY, Factor
 from gauss_bench.mechanism.spaces import Vec, angle_slot, slots
 
 FLAT = 20.0

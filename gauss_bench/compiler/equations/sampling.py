@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from gauss_bench.mechanism.close import project
-from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import PLANE
 from gauss_bench.terms import Array

@@ -25,7 +25,7 @@ from gauss_bench.engines.casadi.equal_steps import EqualSteps
 from gauss_bench.engines.casadi.functions import unfit
 from gauss_bench.engines.shared import finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.stabilization import STABILIZATIONS
+from gauss_bench.integrate import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array

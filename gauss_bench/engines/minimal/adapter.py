@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.equations.sampling import manifold_states, typical_length
+from gauss_bench.engines import require
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.extras import require
 from gauss_bench.engines.following import follow, wind
 from gauss_bench.engines.minimal.equation import Equation, write_equation
 from gauss_bench.engines.minimal.machine import Machine, compile_machine

@@ -28,7 +28,7 @@ from gauss_bench.engines.pinocchio.forces import TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.stabilization import STABILIZATIONS
+from gauss_bench.integrate import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array

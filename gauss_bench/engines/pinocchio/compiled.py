@@ -15,7 +15,8 @@ from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
 from gauss_bench.engines.pinocchio.forces import TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import require_agreement, size
-from gauss_bench.integrate.adaptive import MOST, StepFailure
+from gauss_bench.integrate import StepFailure
+from gauss_bench.integrate.adaptive import MOST
 from gauss_bench.mechanism.model import Along, Distance, Law, Mechanism, Point, PointForce
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status

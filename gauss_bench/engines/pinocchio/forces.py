@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.pinocchio.tree import Multibody
-from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import AngleDriver, Driver, Force, LengthDriver, Mechanism, factor_of
 from gauss_bench.mechanism.tree import Tree

@@ -17,7 +17,7 @@ from gauss_bench.papers.crank_motion import CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
 from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems, worst
 from gauss_bench.reference.build import build_reference
-from gauss_bench.reference.store import find_certified
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import Reference
 

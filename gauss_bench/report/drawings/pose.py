@@ -9,7 +9,7 @@ import numpy as np
 from gauss_bench.linkage.closure import gauss_newton
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import document_of, load_document
-from gauss_bench.mechanism.constraints import Constraints
+from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 

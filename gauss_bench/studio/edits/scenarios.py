@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.cylinders import write_out
+from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.surest import HELD, candidates, null_space, surest
 from gauss_bench.mechanism.coordinates import gradient, value

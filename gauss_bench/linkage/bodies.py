@@ -1,4 +1,7 @@
-"""Welded links are one body: masses, centre and inertia added up, points and bars in one frame, before anything is computed.
+"""What a file says in short is written out before anything is computed: cylinders as links and joints, welded links as one body.
+
+Between the points P and Q a cylinder C is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them,
+along the line of both pins: its coordinate is the length of the cylinder. The x axes of barrel and rod run from P to Q.
 
 The frame of a body is that of one of its links, its root, after which it is called; a point P of another link L of it is its point
 L.P. With m_i, c_i and I_i of the parts, in the frame of the body,
@@ -21,7 +24,32 @@ from gauss_bench.terms import Array
 
 Welds = Mapping[str, Mapping[str, Any]]  # tables by name
 
+BARREL, ROD = "barrel", "rod"
+PIN, END = "pin", "end"  # points of either part of a cylinder
 SAME = 1e-6  # of their distance: points of two links that are said to coincide
+
+
+def write_out(document: dict[str, Any]) -> dict[str, Any]:
+    """The document with links and joints instead of cylinders; itself where it has none."""
+    cylinders = document.get("cylinders")
+    if not cylinders:
+        return document
+    links, joints = dict(document["links"]), dict(document.get("joints", {}))
+    for name, cylinder in cylinders.items():
+        ends = dict(zip((BARREL, ROD), cylinder["between"], strict=True))
+        for part, at in ends.items():
+            links[f"{name}_{part}"] = _cylinder_part(cylinder[part], 1 if part == BARREL else -1)
+            joints[f"{name}_{part}"] = {"type": "revolute", "at": [at, f"{name}_{part}.{PIN}"]}
+        joints[name] = {"type": "prismatic", "guide": f"{name}_{BARREL}.{PIN}", "block": f"{name}_{ROD}.{PIN}"}
+    return {key: x for key, x in document.items() if key != "cylinders"} | {"links": links, "joints": joints}
+
+
+def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
+    """A uniform bar from the pin along the cylinder, +1 towards the other pin's side along x, -1 against it."""
+    link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
+    if "com" in part:
+        link["com"] = [sense * part["com"], 0]
+    return link | {"points": {PIN: [0, 0], END: [sense * part["length"], 0]}, "bars": [[PIN, END]]}
 
 
 class Mass(NamedTuple):
