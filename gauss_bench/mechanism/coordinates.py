@@ -25,12 +25,12 @@ all of this anew and in another way, and must not use what stands here: a certif
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple, Protocol, assert_never
+from typing import NamedTuple, assert_never
 
 import numpy as np
 
 from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point, Slip, Weighted
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Point, Slip, Weighted
 from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec, angle_at, slots
 from gauss_bench.mechanism.written import inverse
 from gauss_bench.terms import Array
@@ -211,21 +211,6 @@ class WeightedState:
 State = AngleState | AlongState | DistanceState | WeightedState
 
 
-class Linear(Protocol):
-    """The numbers of a `Law`, of one or of many at once."""
-
-    @property
-    def k(self) -> Real: ...
-    @property
-    def c(self) -> Real: ...
-    @property
-    def rest(self) -> Real: ...
-    @property
-    def bias(self) -> Real: ...
-    @property
-    def inverse_square(self) -> Real: ...
-
-
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
     """A coordinate at a state of the linkage; `known` is what a distance is known to be, if anything."""
     match coordinate:
@@ -264,7 +249,7 @@ def absent(number: Real) -> bool:
     return bool(number == 0.0) if isinstance(number, float) else getattr(number, "zero", False) is True
 
 
-def strength(x: State, law: Linear) -> Real:
+def strength(x: State, law: Law) -> Real:
     """Return what pulls along a coordinate by a law: F, of which `entries` are the lever.
 
     Of a distance x it is F / x, of which `half_square_entries` are the lever: with h = x^2 / 2, F grad x = (F / x) grad h, and
@@ -299,14 +284,14 @@ def strength(x: State, law: Linear) -> Real:
     return total(terms)
 
 
-def push(x: State, law: Linear) -> tuple[Entry, ...]:
+def push(x: State, law: Law) -> tuple[Entry, ...]:
     """Return the generalised force of a law along a coordinate."""
     force = strength(x, law)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
     return tuple(Entry(e.frame, None if e.n is None else e.n * force, e.m * force) for e in entries)
 
 
-def energy(x: State, law: Linear) -> Real:
+def energy(x: State, law: Law) -> Real:
     """Potential energy of a law [J]."""
     terms: list[Real] = []
     if not absent(law.k):
@@ -322,7 +307,7 @@ def energy(x: State, law: Linear) -> Real:
     return total(terms)
 
 
-def loss(x: State, law: Linear) -> Real:
+def loss(x: State, law: Law) -> Real:
     """Power that the damping of a law takes [W]."""
     return 0.0 if absent(law.c) else law.c * (x.rate * x.rate)
 
@@ -343,16 +328,10 @@ class Placed(Placement):
 
     def __init__(self, q: Array, v: Array | None = None):
         self.q, self.v = q, np.zeros_like(q) if v is None else v
-        self.frames: dict[int, Frame] = {}
 
-    def frame(self, body: int) -> Frame:
-        if body not in self.frames:
-            still = np.zeros(self.q.shape[:-1], dtype=self.q.dtype)
-            (x, y, angle), (u, w, omega) = (
-                [still] * PLANE.size if body == GROUND else np.moveaxis(s[..., slots(body)], -1, 0) for s in (self.q, self.v)
-            )
-            self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
-        return self.frames[body]
+    def body(self, body: int) -> tuple[list[Array], list[Array]]:
+        q, v = ([*np.moveaxis(x[..., slots(body)], -1, 0)] for x in (self.q, self.v))
+        return q, v
 
 
 def value(coordinate: Coordinate, q: Array) -> Array:
