@@ -4,10 +4,12 @@ A gear pair and a rack and pinion hold a weighted sum of coordinates, a magnet p
 do is known without the suite: a torque T on the first wheel turns it with T / (I1 + r^2 I2), on a pinion with T / (I + m R^2).
 """
 
+import shutil
 from pathlib import Path
 
 import pytest
 
+from tests.conftest import DATA
 from tests.test_contributing import copy_of_the_package, insert, run
 
 FILES = {
@@ -91,118 +93,37 @@ class Magnet:
     def lowered(self) -> tuple[Load, ...]:
         return (Law(Distance(self.a, self.b), inverse_square=self.strength),)
 ''',
+    "motor": '''"""A motor that loses torque with its speed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gauss_bench.mechanism.model import GROUND, Angle, Law, Load, Names
+
+
+@dataclass(frozen=True, eq=False)
+class Motor:
+    """Torque stall - drag omega on a link [N m], the opposite one on the ground."""
+
+    name: str
+    link: int
+    stall: float
+    drag: float
+
+    @classmethod
+    def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Motor":
+        return cls(name, names.link(table["link"]), names.number(table, "stall"), names.number(table, "drag"))
+
+    def lowered(self) -> tuple[Load, ...]:
+        return (Law(Angle(GROUND, self.link), c=self.drag, bias=self.stall),)
+''',
 }
 KEYS = {
     "gear_pair": ("GearPair", "links: Couple\n    ratio: Number"),
     "rack_and_pinion": ("RackAndPinion", "joint: Text\n    links: list[Text]\n    radius: Number"),
     "magnet": ("Magnet", "between: Couple\n    strength: Number"),
-}
-LINKAGES = {
-    "gear_pair": """
-crank = "small"
-[ground]
-points = { A = [0.0, 0.0], B = [0.3, 0.0] }
-[links.small]
-points = { A = [0.0, 0.0], R = [0.1, 0.0] }
-mass = 1.0
-inertia = 0.02
-com = [0.0, 0.0]
-[links.large]
-points = { B = [0.0, 0.0], R = [0.2, 0.0] }
-mass = 2.0
-inertia = 0.3
-com = [0.0, 0.0]
-[joints.A]
-type = "revolute"
-at = ["ground.A", "small.A"]
-[joints.B]
-type = "revolute"
-at = ["ground.B", "large.B"]
-[constraints.mesh]
-type = "gear_pair"
-links = ["small", "large"]
-ratio = 0.5
-[forces.drive]
-type = "torque"
-link = "small"
-value = 0.7
-[observe]
-points = ["large.R"]
-[assembly]
-angles_deg = { small = 0.0, large = 0.0 }
-[scenarios.run]
-duration = 0.5
-start = { crank_deg = 0.0, speed = 0.3 }
-forces = ["drive"]
-""",
-    "rack_and_pinion": """
-crank = "pinion"
-gravity = [0.0, -9.81]
-[ground]
-points = { A = [0.0, 0.0], G = [0.0, -0.1] }
-[links.pinion]
-points = { A = [0.0, 0.0], R = [0.1, 0.0] }
-mass = 1.0
-inertia = 0.02
-com = [0.0, 0.0]
-[links.rack]
-points = { S = [0.0, 0.0], T = [0.3, 0.0] }
-mass = 3.0
-inertia = 0.1
-com = [0.0, 0.0]
-[joints.A]
-type = "revolute"
-at = ["ground.A", "pinion.A"]
-[joints.slide]
-type = "prismatic"
-guide = "ground.G"
-block = "rack.S"
-angle_deg = 0.0
-[constraints.mesh]
-type = "rack_and_pinion"
-joint = "slide"
-links = ["pinion"]
-radius = 0.1
-[forces.drive]
-type = "torque"
-link = "pinion"
-value = 0.7
-[observe]
-points = ["rack.T"]
-[assembly]
-angles_deg = { pinion = 0.0, rack = 0.0 }
-sketch = { slide = [0.0, -0.1] }
-[scenarios.run]
-duration = 0.5
-start = { crank_deg = 0.0, speed = 0.3 }
-forces = ["drive"]
-""",
-    "magnet": """
-crank = "arm"
-gravity = [0.0, 0.0]
-[ground]
-points = { A = [0.0, 0.0], N = [0.5, 0.0] }
-[links.arm]
-points = { A = [0.0, 0.0], S = [0.3, 0.0] }
-mass = 1.0
-inertia = 0.02
-com = [0.0, 0.0]
-[joints.A]
-type = "revolute"
-at = ["ground.A", "arm.A"]
-[forces.drive]
-type = "magnet"
-between = ["ground.N", "arm.S"]
-strength = 0.05
-[observe]
-points = ["arm.S"]
-[assembly]
-angles_deg = { arm = 60.0 }
-[scenarios.run]
-duration = 0.5
-start = { crank_deg = 60.0, speed = -0.3 }
-forces = ["drive"]
-""",
+    "motor": ("Motor", "link: Text\n    stall: Number\n    drag: Number"),
 }
 THROUGH = """
 import json, subprocess, sys
@@ -222,7 +143,9 @@ mechanism = load(FILE)
 document, _, _ = document_of(FILE)
 
 
-def wanted(theta):
+def wanted(theta, omega):
+    if KIND == "motor":
+        return (2.0 - 0.3 * omega) / 0.02
     if KIND == "gear_pair":
         return 0.7 / (0.02 + 0.5**2 * 0.3)
     if KIND == "rack_and_pinion":
@@ -251,13 +174,18 @@ for name in names():
         continue
     ran.append(name)
     wheel = next(iter(found.links.values()))
-    for theta, alpha in zip(wheel["theta"], wheel["alpha"]):
-        assert abs(alpha - wanted(theta)) < 1e-6 * abs(wanted(theta)), (name, alpha, wanted(theta))
+    for theta, omega, alpha in zip(wheel["theta"], wheel["omega"], wheel["alpha"]):
+        assert abs(alpha - wanted(theta, omega)) < 1e-6 * abs(wanted(theta, omega)), (name, alpha, wanted(theta, omega))
     if KIND == "magnet":
         gaps = np.hypot(0.3 * np.cos(wheel["theta"]) - 0.5, 0.3 * np.sin(wheel["theta"]))
         energies = 0.5 * 0.02 * wheel["omega"] ** 2 + 0.05 / gaps
         assert np.ptp(energies) < 1e-6 * energies[0], (name, energies)
 assert {"gauss", "lagrange", "gauss-native", "lagrange-native"} <= set(ran), ran
+if KIND == "motor":
+    from gauss_bench.compiler.elimination.program import generate
+
+    program = generate(mechanism, "gauss", ("forces.drive.stall", "forces.drive.drag"))
+    assert list(program.values) == [2.0, 0.3]
 assert "<svg" in draw(mechanism)
 assert scene.scene(reading.read(document))["links"]
 
@@ -281,7 +209,7 @@ print(*ran)
 """
 
 
-@pytest.mark.long("magnet", "rack_and_pinion")
+@pytest.mark.long("magnet", "motor", "rack_and_pinion")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> None:
@@ -293,8 +221,8 @@ def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> 
     table = f'class {name}Table(Table, physics="{physics}"):\n    read: ClassVar = {name}.read\n'
     table += f'    type: Literal["{kind}"]\n    {keys}\n\n\n'
     insert(schema, "class TableOverTime(Table", table)
-    other = '"coulomb_friction": CoulombFrictionTable' if kind == "magnet" else '"knife_edge": KnifeEdgeTable'
+    other = '"coulomb_friction": CoulombFrictionTable' if kind in ("magnet", "motor") else '"knife_edge": KnifeEdgeTable'
     insert(schema, other, f'"{kind}": {name}Table, ')
     insert(schema, "FORMAT = ", f"from gauss_bench.mechanism.{kind} import {name}\n")
-    (tmp_path / "new.toml").write_text(f'format = "planar-linkage/2"\nname = "new"\n{LINKAGES[kind]}', encoding="utf-8")
+    shutil.copy(DATA / "new_kinds" / f"{kind}.toml", tmp_path / "new.toml")
     assert "gauss-native" in run(tmp_path, f"import sys\nsys.argv = ['', {kind!r}]\n{THROUGH}")

@@ -173,7 +173,8 @@ def _points(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant
     for choice in product(*lists.values()):
         chosen = {**values, **dict(zip(lists, choice, strict=True))}
         options = {**usual, **{k: x for k, x in chosen.items() if k not in CHOSEN}}
-        yield Variant("/".join([name, *map(str, choice)]), *(str(chosen[x]) for x in CHOSEN), options)
+        integrator, stabilization = (str(chosen[x]) for x in CHOSEN)
+        yield Variant("/".join([name, *map(str, choice)]), integrator, stabilization, options)
 
 
 def _several(value: Any, usual: Any) -> bool:

@@ -25,13 +25,13 @@ all of this anew and in another way, and must not use what stands here: a certif
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple, Protocol, assert_never
+from typing import NamedTuple, assert_never
 
 import numpy as np
 
 from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Mechanism, Point, Slip, Weighted
-from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec, angle_at, slots
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Mechanism, Point, Slip, Weighted
+from gauss_bench.mechanism.spaces import PLANE, Plane, Real, Turning, Vec, angle_at, angles, places, slots
 from gauss_bench.mechanism.written import inverse
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
@@ -212,21 +212,6 @@ class WeightedState:
 State = AngleState | AlongState | DistanceState | WeightedState
 
 
-class Linear(Protocol):
-    """The numbers of a `Law`, of one or of many at once."""
-
-    @property
-    def k(self) -> Real: ...
-    @property
-    def c(self) -> Real: ...
-    @property
-    def rest(self) -> Real: ...
-    @property
-    def bias(self) -> Real: ...
-    @property
-    def inverse_square(self) -> Real: ...
-
-
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
     """A coordinate at a state of the linkage; `known` is what a distance is known to be, if anything."""
     match coordinate:
@@ -265,7 +250,7 @@ def absent(number: Real) -> bool:
     return bool(number == 0.0) if isinstance(number, float) else getattr(number, "zero", False) is True
 
 
-def strength(x: State, law: Linear) -> Real:
+def strength(x: State, law: Law) -> Real:
     """Return what pulls along a coordinate by a law: F, of which `entries` are the lever.
 
     Of a distance x it is F / x, of which `half_square_entries` are the lever: with h = x^2 / 2, F grad x = (F / x) grad h, and
@@ -300,14 +285,14 @@ def strength(x: State, law: Linear) -> Real:
     return total(terms)
 
 
-def push(x: State, law: Linear) -> tuple[Entry, ...]:
+def push(x: State, law: Law) -> tuple[Entry, ...]:
     """Return the generalised force of a law along a coordinate."""
     force = strength(x, law)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
     return tuple(Entry(e.frame, None if e.n is None else e.n * force, e.m * force) for e in entries)
 
 
-def energy(x: State, law: Linear) -> Real:
+def energy(x: State, law: Law) -> Real:
     """Potential energy of a law [J]."""
     terms: list[Real] = []
     if not absent(law.k):
@@ -323,7 +308,7 @@ def energy(x: State, law: Linear) -> Real:
     return total(terms)
 
 
-def loss(x: State, law: Linear) -> Real:
+def loss(x: State, law: Law) -> Real:
     """Power that the damping of a law takes [W]."""
     return 0.0 if absent(law.c) else law.c * (x.rate * x.rate)
 
@@ -344,16 +329,10 @@ class Placed(Placement):
 
     def __init__(self, q: Array, v: Array | None = None):
         self.q, self.v = q, np.zeros_like(q) if v is None else v
-        self.frames: dict[int, Frame] = {}
 
-    def frame(self, body: int) -> Frame:
-        if body not in self.frames:
-            still = np.zeros(self.q.shape[:-1], dtype=self.q.dtype)
-            (x, y, angle), (u, w, omega) = (
-                [still] * PLANE.size if body == GROUND else np.moveaxis(s[..., slots(body)], -1, 0) for s in (self.q, self.v)
-            )
-            self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
-        return self.frames[body]
+    def body(self, body: int) -> tuple[list[Array], list[Array]]:
+        q, v = ([*np.moveaxis(x[..., slots(body)], -1, 0)] for x in (self.q, self.v))
+        return q, v
 
 
 def value(coordinate: Coordinate, q: Array) -> Array:
@@ -413,16 +392,13 @@ def _stacked(x: Vec, q: Array) -> Array:
 
 
 def spread(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
-    """The states of the links of a file, of those of the bodies that they are welded into."""
+    """States (k, n) of the bodies as those of the links of the file, each by its own centre of mass."""
     if not mechanism.parts:
         return motion
-    q, v, a = motion.q, motion.v, motion.a
-    levels: tuple[list[Array], ...] = ([], [], [])
-    for part in mechanism.parts:
-        point = Point(part.body, part.at, part.name)
-        moved = position(q, point), velocity(q, v, point), acceleration(q, v, a, point)
-        turned = angle_at(q, part.body) + part.turn, angle_at(v, part.body), angle_at(a, part.body)
-        for level, place, angle in zip(levels, moved, turned, strict=True):
-            level += [place, angle[..., None]]
-    q, v, a = (np.concatenate(level, axis=-1) for level in levels)
+    q, v, a = (np.empty((len(motion.t), PLANE.size * len(mechanism.parts))) for _ in range(3))
+    for k, part in enumerate(mechanism.parts):
+        centre = Point(part.body, part.at, part.name)
+        places(q)[:, k], angles(q)[:, k] = position(motion.q, centre), angle_at(motion.q, part.body) + part.turn
+        places(v)[:, k], angles(v)[:, k] = velocity(motion.q, motion.v, centre), angle_at(motion.v, part.body)
+        places(a)[:, k], angles(a)[:, k] = acceleration(motion.q, motion.v, motion.a, centre), angle_at(motion.a, part.body)
     return Trajectory(motion.t, q, v, a, motion.steps)

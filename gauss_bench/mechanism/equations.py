@@ -17,10 +17,10 @@ from typing import Any, assert_never
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, slip, state
-from gauss_bench.mechanism.frames import Frame, Placement
+from gauss_bench.mechanism.frames import Placement
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import PLANE, Real, Vec, slots
+from gauss_bench.mechanism.spaces import Real, Vec, slots
 from gauss_bench.mechanism.written import Number, Program, Symbol, Written
 from gauss_bench.terms import Array
 
@@ -106,17 +106,10 @@ class Symbols(Given):
         self.n, self.program = n, Program()
         self.arithmetic = self.program
         self.laws: list[MotionLaw] = []
-        self._frames: dict[int, Frame] = {}
 
-    def frame(self, body: int) -> Frame:
-        if body not in self._frames:
-            names = range(self.n)[slots(body)]
-            (x, y, angle), (u, w, omega) = (
-                [self.program.symbol(0.0)] * PLANE.size if body == GROUND else [self.program.input(f"{x}{k}") for k in names]
-                for x in "qv"
-            )
-            self._frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle, body == GROUND)
-        return self._frames[body]
+    def body(self, body: int) -> tuple[list[Symbol], list[Symbol]]:
+        q, v = ([self.program.input(f"{name}{k}") for k in range(self.n)[slots(body)]] for name in "qv")
+        return q, v
 
     def numbers(self, value: Any) -> Vec:
         return Vec(*map(self.program.symbol, value))

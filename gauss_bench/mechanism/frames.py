@@ -4,12 +4,13 @@ A `Placement` says where all bodies of a linkage are; the ground is one that res
 frames, ends and directions, whatever its numbers are.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gauss_bench.mechanism.model import Point
+from gauss_bench.mechanism.model import GROUND, Point
 from gauss_bench.mechanism.spaces import PLANE, Real, Turning, Vec
 from gauss_bench.terms import Array
 
@@ -31,6 +32,9 @@ class Frame(NamedTuple):
     omega: Turning
     angle: Real
     rests: bool = False
+
+
+REST = Frame(GROUND, Vec(0.0, 0.0), Vec(0.0, 0.0), 0.0, 0.0, rests=True)
 
 
 class End(NamedTuple):
@@ -76,8 +80,19 @@ class Placement:
     space = PLANE
     arithmetic: Arithmetic
 
-    def frame(self, body: int) -> Frame:
+    def body(self, body: int) -> tuple[Sequence[Real], Sequence[Real]]:
+        """The coordinates of a body, x, y and its angle, and their rates."""
         raise NotImplementedError
+
+    @cached_property
+    def frames(self) -> dict[int, Frame]:
+        return {GROUND: REST}
+
+    def frame(self, body: int) -> Frame:
+        if body not in self.frames:
+            (x, y, angle), (u, w, omega) = self.body(body)
+            self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle)
+        return self.frames[body]
 
     def numbers(self, value: Any) -> Vec:
         """A vector of the file, (2,), in numbers of this kind."""

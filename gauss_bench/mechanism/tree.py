@@ -22,9 +22,11 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.mechanism.coordinates import state
+from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.frames import unit
-from gauss_bench.mechanism.model import GROUND, Along, Joint, Mechanism
-from gauss_bench.mechanism.spaces import bodies
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Joint, Mechanism, Point
+from gauss_bench.mechanism.spaces import PLANE, bodies
 from gauss_bench.terms import Array
 
 
@@ -51,6 +53,16 @@ class Branch:
     base: Array
     axis: Array
     turn: float
+
+    @property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The tree coordinates as those of the linkage, between the bodies of parent and link."""
+        if self.kind == "revolute":
+            return (Angle(self.parent, self.link),)
+        near, far = Point(self.parent, self.parent_anchor, ""), Point(self.link, self.anchor, "")
+        if self.kind == "prismatic":
+            return (Along(near, far, float(np.arctan2(self.axis[1], self.axis[0]))),)
+        return Along(near, far, 0.0), Along(near, far, 0.0, across=True), Angle(self.parent, self.link)
 
     @cached_property
     def vectors(self) -> tuple[complex, complex, complex, complex]:
@@ -102,48 +114,24 @@ class Tree:
             out[..., i, 0], out[..., i, 1], out[..., i, 2] = z.real, z.imag, theta
         return out.reshape(*like.shape[:-1], -1)
 
+    @cached_property
+    def _written(self) -> Callable[..., list[Array]]:
+        """Tree coordinates and rates, each of which is a coordinate of the linkage."""
+        at = Symbols(PLANE.size * self.links)
+        states = [state(x, at) for b in self.branches for x in b.coordinates]
+        return at.written([x.value for x in states], [x.rate for x in states])
+
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Tree coordinates and rates (..., n) of absolute states (..., 3 links); what leaves the tree's joints is ignored."""
-        y, dy = np.empty((*q.shape[:-1], self.n)), np.empty((*q.shape[:-1], self.n))
-        exp, position, velocity = exponential(q), states_of(q), states_of(v)
-        for b in self.branches:
-            (z_i, theta_i), (u_i, w_i) = position[b.link], velocity[b.link]
-            k = b.at
-            if b.kind == "free":
-                y[..., k], y[..., k + 1], y[..., k + 2] = z_i.real, z_i.imag, theta_i
-                dy[..., k], dy[..., k + 1], dy[..., k + 2] = u_i.real, u_i.imag, w_i
-                continue
-            (z, theta), (u, w) = position[b.parent], velocity[b.parent]
-            if b.kind == "revolute":
-                y[..., k], dy[..., k] = theta_i - theta, w_i - w
-                continue
-            near, far, base, axis = b.vectors
-            E = exp(1j * theta)
-            start, r, along = E * (near + base), exp(1j * theta_i) * far, (E * axis).conjugate()
-            gap, gap_rate = z_i + r - z - start, u_i + 1j * w_i * r - u - 1j * w * start
-            y[..., k] = (along * gap).real
-            dy[..., k] = (along * (gap_rate - 1j * w * gap)).real
+        y, dy = self._written(0.0, q, v)
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
         """Tree generalised forces (..., n) with the same virtual work as absolute forces Q (..., 3 links) at state q."""
-        tau = np.empty((*q.shape[:-1], self.n))
-        exp, position, load = exponential(q), states_of(q), states_of(Q)
-        for b in reversed(self.branches):
-            force, torque = load[b.link]
-            if b.kind == "free":
-                tau[..., b.at], tau[..., b.at + 1], tau[..., b.at + 2] = force.real, force.imag, torque
-                continue
-            _, far, _, axis = b.vectors
-            (z_i, theta_i), (z, theta) = position[b.link], position[b.parent]
-            if b.kind == "revolute":
-                r = exp(1j * theta_i) * far
-                tau[..., b.at] = torque - (r.conjugate() * force).imag
-            else:
-                tau[..., b.at] = ((exp(1j * theta) * axis).conjugate() * force).real
-            above, torque_above = load[b.parent]
-            load[b.parent] = (above + force, torque_above + torque + ((z_i - z).conjugate() * force).imag)
-        return tau
+        y, _ = self.relative(q, np.zeros_like(q))
+        each, none = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
+        speeds = self.absolute(each, none + np.eye(self.n), none)[1]  # (..., n, 3 links), of each coordinate alone
+        return np.asarray((speeds @ Q[..., None])[..., 0])
 
 
 def exponential(x: Array) -> Callable[[Any], Any]:

@@ -12,10 +12,9 @@ import casadi as ca
 import numpy as np
 
 from gauss_bench.mechanism.equations import Given, Motion, Row, energies, generalise, rows
-from gauss_bench.mechanism.frames import Frame
-from gauss_bench.mechanism.model import GROUND, Mechanism, loads
+from gauss_bench.mechanism.model import Mechanism, loads
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import Vec
+from gauss_bench.mechanism.spaces import slots
 
 Symbol = Any  # casadi.SX, which has no types
 
@@ -54,11 +53,9 @@ class Symbols(Given):
         self.t, self.q, self.v = t, q, v
         self.arithmetic = _Arithmetic()
 
-    def frame(self, body: int) -> Frame:
-        if body == GROUND:
-            return Frame(body, Vec(0.0, 0.0), Vec(0.0, 0.0), 0.0, 0.0, rests=True)
-        (x, y, angle), (u, w, omega) = ([s[3 * body + k] for k in range(3)] for s in (self.q, self.v))
-        return Frame(body, Vec(x, y), Vec(u, w), omega, angle)
+    def body(self, body: int) -> tuple[list[Symbol], list[Symbol]]:
+        q, v = ([x[k] for k in range(x.shape[0])[slots(body)]] for x in (self.q, self.v))
+        return q, v
 
     def law(self, law: MotionLaw) -> Motion:
         x = prescribe(law, self.t)
