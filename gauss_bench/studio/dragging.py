@@ -58,9 +58,9 @@ def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging
 
 def drag_linkage(dragging: Dragging, message: Message) -> dict[str, Any]:
     """Drag the linkage with the pointer; `ms` of the processor's own time."""
-    target, began = np.array(place(message.get("at"))), time.thread_time()
+    target, began = place(message.get("at")), time.thread_time()
     with np.errstate(all="ignore"):
-        moved = dragging.drag.to(target, STEPS)
+        moved = dragging.drag.to(np.array([target.real, target.imag]), STEPS)
     ms = 1e3 * (time.thread_time() - began)
     poses = dragging.reading.poses(moved.q)
     return {"poses": poses, "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": moved.note or None}

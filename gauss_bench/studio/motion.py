@@ -58,7 +58,7 @@ def _driven_so(document: Document, reading: Reading, given: Mapping[str, Any] | 
     """The document driven by a law, or at constant speed by the first thing that can be."""
     d = Drawing(document | {"scenarios": {}}, reading)
     if given is None:
-        possible = drivers_possible(document)
+        possible = drivers_possible(reading)
         if not possible:
             raise Refused("nothing can be driven here yet: a link that is pinned to the ground, or a slide")
         given = {"coordinate": possible[0]["name"]}
