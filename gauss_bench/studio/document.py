@@ -13,7 +13,7 @@ from tomlkit.container import OutOfOrderTableProxy
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Table
 
-from gauss_bench.exchange.toml import said, toml
+from gauss_bench.exchange.toml import GROUPS, said, toml
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.load import MAX_BYTES
 from gauss_bench.linkage.schema import SECOND
@@ -22,8 +22,7 @@ from gauss_bench.untrusted import parse_toml
 
 Document = dict[str, Any]
 
-GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # of tables with names
-ORDER = ("ground", "links", "welds", "cylinders", "joints", "constraints", "assembly", "observe", "measure", "forces", "scenarios")
+ORDER = ("ground", *GROUPS[:5], "assembly", "observe", "measure", *GROUPS[5:])
 EMPTY = f"""\
 format = "{SECOND}"
 name = "drawing"

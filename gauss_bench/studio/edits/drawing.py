@@ -108,8 +108,9 @@ class Drawing:
 
     def points(self, link: str) -> dict[str, complex]:
         """Name -> place of a link's points in its own frame; of the ground in the world."""
+        given = self.given(link)
         try:
-            points = resolve_points(self.given(link))
+            points = resolve_points(given)
         except (RecursionError, KeyError, TypeError, ValueError):  # a fault of the file, which is told; what could be read counts
             rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
             points = resolve_points(rest.get("points", {}))

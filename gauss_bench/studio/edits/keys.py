@@ -4,9 +4,10 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from gauss_bench.exchange.toml import GROUPS
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
-from gauss_bench.studio.document import GROUPS, Document, split_path
+from gauss_bench.studio.document import Document, split_path
 from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits, tail
 from gauss_bench.studio.edits.scenarios import RELEASED
 from gauss_bench.studio.errors import Refused
