@@ -253,7 +253,7 @@ def test_requests_that_never_end_leave_room_for_the_user(running: Running, befor
             if before:
                 half[-1].sendall(before.format(port=running.port).encode())
                 said = b""
-                while not said.endswith(b"no such file"):
+                while not said.endswith(b"Not Found"):
                     said += half[-1].recv(1 << 16)
                     assert said.startswith(b"HTTP/1.1 404")
             half[-1].sendall(rest.encode())

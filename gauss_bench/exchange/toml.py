@@ -2,23 +2,27 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from datetime import date, time
 from typing import Any
 
 from gauss_bench.exchange.text import python_comment, toml_string
 
-TABLES = ("links", "joints", "forces", "scenarios")  # whose entries are tables of their own
+GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # whose entries are tables of their own
 
 
 def toml(document: Mapping[str, Any], head: Sequence[str]) -> str:
     """The text, with sentences at its head."""
-    lines = [f"{key(name)} = {said(x)}" for name, x in document.items() if not isinstance(x, dict) or name == "expect"]
-    for name, x in document.items():
-        if name in TABLES:
-            for entry, table in x.items():
-                lines += ["", f"[{key(name)}.{key(entry)}]", *(f"{key(k)} = {said(v)}" for k, v in table.items())]
-        elif isinstance(x, dict) and name != "expect":
-            lines += ["", f"[{key(name)}]", *(f"{key(k)} = {said(v)}" for k, v in x.items())]
-    return python_comment(head) + "\n".join(lines) + "\n"
+    return python_comment(head) + "\n".join(_lines(document, ())) + "\n"
+
+
+def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+    """A table with its head: values first, then the tables in it that have heads of their own."""
+    inner = path == () or (len(path) == 1 and path[0] in GROUPS)
+    headed = {k: x for k, x in table.items() if inner and isinstance(x, dict) and k != "expect"}
+    lines = [f"{key(k)} = {said(x)}" for k, x in table.items() if k not in headed]
+    if path and (lines or not headed):
+        lines = ["", f"[{'.'.join(map(key, path))}]", *lines]
+    return lines + [line for k, x in headed.items() for line in _lines(x, (*path, k))]
 
 
 def key(name: str) -> str:
@@ -34,6 +38,8 @@ def said(x: Any) -> str:
             return toml_string(x)
         case int() | float():
             return repr(x)
+        case date() | time():
+            return x.isoformat()
         case dict():
             return "{ " + ", ".join(f"{key(k)} = {said(v)}" for k, v in x.items()) + " }"
         case list():

@@ -52,9 +52,7 @@ class Left:
 
     def forget(self) -> None:
         """Let it go."""
-        with suppress(OSError):
-            self.file.unlink(missing_ok=True)
-            picture_of(self.file).unlink(missing_ok=True)
+        forget(self.file)
 
 
 def folder() -> Path:
@@ -71,26 +69,16 @@ class Autosave:
         self.file = folder() / f"{self.key}.{os.getpid()}.json"
 
     def keep(self, text: str, locks: tuple[str, ...]) -> None:
-        """Keep this; where the folder cannot be written there is nothing that can be done, and drawing goes on."""
-        with suppress(OSError):
-            self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            said = {"text": text, "locks": locks, "process": os.getpid(), "since": since(os.getpid())}
-            write_text(self.file, json.dumps(said))
+        """Keep this."""
+        store(self.file, {"text": text, "locks": locks, "process": os.getpid(), "since": since(os.getpid())})
 
     def lay(self, picture: Picture | None) -> None:
         """Keep a picture, in a file of its own: it is large, and changes seldom."""
-        with suppress(OSError):
-            if picture is None:
-                picture_of(self.file).unlink(missing_ok=True)
-                return
-            self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_text(picture_of(self.file), json.dumps(asdict(picture)))
+        store(picture_of(self.file), None if picture is None else asdict(picture))
 
     def forget(self) -> None:
         """Keep nothing of this document any more."""
-        with suppress(OSError):
-            self.file.unlink(missing_ok=True)
-            picture_of(self.file).unlink(missing_ok=True)
+        forget(self.file)
 
     def left(self) -> Left | None:
         """The newest remains of this document by a process that is no more; spoilt ones are as if they were not there."""
@@ -98,15 +86,13 @@ class Autosave:
         with suppress(OSError):
             for path in folder().glob(f"{self.key}.*.json"):
                 with suppress(OSError, ValueError, KeyError, TypeError):
-                    status = path.lstat()
-                    if not path.is_file() or path.is_symlink() or status.st_size > LARGEST:
-                        continue
-                    said = json.loads(path.read_text(encoding="utf-8"))
+                    said = load(path)
                     text, locks, process = said["text"], said["locks"], int(said["process"])
                     sound = isinstance(text, str) and isinstance(locks, list) and all(isinstance(x, str) for x in locks)
                     if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
-                        saved.append((status.st_mtime, Left(path, text, tuple(locks), _picture(picture_of(path)))))
-        return max(saved, key=lambda x: x[0])[1] if saved else None
+                        saved.append(Left(path, text, tuple(locks), _picture(picture_of(path))))
+            return max(saved, key=lambda x: x.file.lstat().st_mtime, default=None)
+        return None
 
 
 def keep_text(paths: Iterable[Path]) -> list[str]:
@@ -118,6 +104,33 @@ def keep_text(paths: Iterable[Path]) -> list[str]:
     return []
 
 
+def store(file: Path, content: dict[str, Any] | None) -> None:
+    """Write a file, or none; where the folder cannot be written there is nothing that can be done, and drawing goes on."""
+    with suppress(OSError):
+        if content is None:
+            file.unlink(missing_ok=True)
+        else:
+            file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_text(file, json.dumps(content))
+
+
+def load(file: Path) -> Any:
+    """The content of a file of ours.
+
+    Raises:
+        OSError, ValueError: it is none.
+    """
+    if not file.is_file() or file.is_symlink() or file.stat().st_size > LARGEST:
+        raise ValueError("no file of ours")
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def forget(file: Path) -> None:
+    """Remove a text and its picture."""
+    store(file, None)
+    store(picture_of(file), None)
+
+
 def picture_of(file: Path) -> Path:
     """The place of the picture that belongs to the text of a file."""
     return file.with_suffix(".picture")
@@ -126,9 +139,7 @@ def picture_of(file: Path) -> Path:
 def _picture(path: Path) -> Picture | None:
     """The picture of a file; None where there is none, or it is spoilt."""
     with suppress(OSError, ValueError, KeyError, TypeError):
-        if path.is_symlink() or path.stat().st_size > LARGEST:
-            return None
-        said = json.loads(path.read_text(encoding="utf-8"))
+        said = load(path)
         (x, y), width, height = said["at"], said["width"], said["height"]
         if isinstance(said["url"], str) and said["url"].startswith("data:image/"):
             return Picture(said["url"], (float(x), float(y)), float(width), float(height))
@@ -136,7 +147,7 @@ def _picture(path: Path) -> Picture | None:
 
 
 @contextmanager
-def workplace(text: str, name: str, suffix: str = ".toml") -> Iterator[Path]:
+def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
     """A file of this text called `name` + suffix, for those who read from files; gone with its folder afterwards.
 
     Raises:
@@ -149,7 +160,7 @@ def workplace(text: str, name: str, suffix: str = ".toml") -> Iterator[Path]:
         home = None  # among temporary files, then
     prefix = f"run.{os.getpid()}.{since(os.getpid())}."
     with tempfile.TemporaryDirectory(prefix=prefix, dir=home, ignore_cleanup_errors=True) as made:
-        path = Path(made) / f"{name if NAME.fullmatch(name) else 'drawing'}{suffix}"
+        path = Path(made) / f"{name if isinstance(name, str) and NAME.fullmatch(name) else 'drawing'}{suffix}"
         path.write_text(text, encoding="utf-8")
         yield path
 

@@ -3,6 +3,7 @@
 So comments, order and spelling of an opened file stay, and whoever edits meets dictionaries and lists alone.
 """
 
+import re
 import tomllib
 from collections.abc import Mapping
 from typing import Any
@@ -12,6 +13,7 @@ from tomlkit.container import OutOfOrderTableProxy
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Table
 
+from gauss_bench.exchange.toml import GROUPS, said, toml
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.load import MAX_BYTES
 from gauss_bench.linkage.schema import SECOND
@@ -20,14 +22,18 @@ from gauss_bench.untrusted import parse_toml
 
 Document = dict[str, Any]
 
-GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # of tables with names
-ORDER = ("ground", "links", "welds", "cylinders", "joints", "constraints", "assembly", "observe", "measure", "forces", "scenarios")
+ORDER = ("ground", *GROUPS[:5], "assembly", "observe", "measure", *GROUPS[5:])
 EMPTY = f"""\
 format = "{SECOND}"
 name = "drawing"
 gravity = [0.0, -9.81]
 
 """
+
+
+def split_path(path: str) -> list[str | int]:
+    """The keys of "links.bar.points[2]": names, and numbers in lists."""
+    return [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", path)]
 
 
 def parse_text(text: str) -> Document:
@@ -54,17 +60,17 @@ def write_document(text: str, document: Document) -> str:
     """The text with the tables of `document`: what is the same in both stays as it is written."""
     try:
         kept = tomlkit.parse(text)
-        _change(kept, tomllib.loads(text), document, 0)
+        _change(kept, tomllib.loads(text), document, ())
         changed = tomlkit.dumps(kept)
         if tomllib.loads(changed) == document:
             return changed
     except (TOMLKitError, ValueError, KeyError, TypeError, AttributeError, IndexError):
         pass  # a spelling of tables that cannot be changed in place: it is written anew below
-    return tomlkit.dumps(_fresh(document, 0))
+    return toml({key: document[key] for key in sorted(document, key=_rank)}, ())
 
 
-def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], depth: int) -> None:
-    """Make the tables of `kept`, which say `old`, say `new`."""
+def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tuple[str, ...]) -> None:
+    """Make the tables of `kept`, which lie at a path and say `old`, say `new`."""
     gone, come = [k for k in old if k not in new], [k for k in new if k not in old]
     if len(gone) == len(come) == 1 and isinstance(old[gone[0]], dict) and [*old].index(gone[0]) == [*new].index(come[0]):
         _rename(kept, gone[0], come[0])
@@ -72,16 +78,16 @@ def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], depth: in
     for key in old:
         if key not in new:
             kept.remove(key)
-    for key in sorted(new, key=_rank) if depth == 0 else new:
+    for key in new if path else sorted(new, key=_rank):
         value = new[key]
         if key not in old:
-            kept.append(key, _item(value, depth, key))
+            kept.append(key, _item(value, (*path, key)))
         elif old[key] != value:
             under_head = isinstance(kept[key], (Table, OutOfOrderTableProxy)) or hasattr(kept[key], "is_super_table")
             if isinstance(value, dict) and isinstance(old[key], dict) and under_head:
-                _change(kept[key], old[key], value, depth + 1)
+                _change(kept[key], old[key], value, (*path, key))
             else:
-                kept[key] = _item(value, depth + 1, key)
+                kept[key] = tomlkit.value(said(value))
 
 
 def _rank(key: str) -> int:
@@ -98,41 +104,14 @@ def _rename(kept: Any, old: str, new: str) -> None:
         kept.append(key, item)
 
 
-def _item(value: Any, depth: int, key: str) -> Any:
-    """A value for the text: tables with names under their own heads, all else on one line."""
-    if not isinstance(value, dict):
-        return tomlkit.item(_one_line(value))
-    if depth == 0 and key in GROUPS:
-        group = tomlkit.table(is_super_table=True)
-        for name, entry in value.items():
-            group.append(name, _item(entry, 1, name))
-        return group
-    if depth <= 1 and key != "expect":
-        table = tomlkit.table()
-        for name, entry in value.items():
-            table.append(name, _one_line(entry))
-        table.add(tomlkit.nl())
-        return table
-    return _one_line(value)
-
-
-def _one_line(value: Any) -> Any:
-    if isinstance(value, dict):
-        table = tomlkit.inline_table()
-        for key, x in value.items():
-            table.append(key, _one_line(x))
-        return table
-    if isinstance(value, list):
-        array = tomlkit.array()
-        for x in value:
-            array.append(_one_line(x))
-        return array
-    return value
-
-
-def _fresh(document: Document, depth: int) -> Any:
-    whole = tomlkit.document()
-    plain = {k: x for k, x in document.items() if not isinstance(x, dict) or k == "expect"}
-    for key in [*plain, *sorted(document.keys() - plain.keys(), key=_rank)]:
-        whole.append(key, _item(document[key], depth, key))
-    return whole
+def _item(value: Any, path: tuple[str, ...]) -> Any:
+    """A new value for the text at a path: tables with names, and other tables of the file, under heads of their own."""
+    if not isinstance(value, dict) or len(path) > 2 - (path[0] not in GROUPS) or path == ("expect",):
+        return tomlkit.value(said(value))
+    whole: Any = value
+    for key in reversed(path):
+        whole = {key: whole}
+    item: Any = tomlkit.parse(toml(whole, ()) + "\n")
+    for key in path:
+        item = item[key]
+    return item

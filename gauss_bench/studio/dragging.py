@@ -1,7 +1,7 @@
 """Dragging a linkage, and its other branches: the functions of `kinematics` on the drawing as it stands."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,15 +20,7 @@ from gauss_bench.terms import Array
 STEPS = 40  # along the way to one pointer: those that come later go on from there
 
 
-@dataclass
-class Dragging:
-    """A drag that goes on: where the linkage is, and what is drawn along."""
-
-    drag: Drag
-    reading: Reading
-
-
-def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging:
+def take_hold(reading: Reading, locks: frozenset[str], message: Message) -> Drag:
     """Take hold of a pin or a point.
 
     Raises:
@@ -43,27 +35,25 @@ def begun(reading: Reading, locks: frozenset[str], message: Message) -> Dragging
         raise Refused(f"pin {wanted} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
     if not members:
         raise Refused(f"pin {wanted} holds nothing that could be dragged: move it", where)
-    held = [x.removeprefix("pins.") for x in locks if x.startswith("pins.")]
-    points = tuple(y for x in held for y in (d.pins[x].members if x in d.pins else ())[:1] if owner(y) != "ground")
-    links = tuple(x.removeprefix("links.") for x in sorted(locks) if x.startswith("links.") and ":" not in x)
-    slides = tuple(x.removeprefix("slides.") for x in sorted(locks) if x.startswith("slides."))
-    known = {x.joint for x in mechanism.joints if isinstance(x, Revolute)}
-    joints = tuple(sorted({x.removeprefix("joints.") for x in locks if x.startswith("joints.")} & known))
+    held: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # names of what is locked, without lengths
+    for group, _, name in (x.partition(".") for x in sorted(locks) if ":" not in x):
+        held.setdefault(group, []).append(name)
+    points = [y for x in held["pins"] for y in (d.pins[x].members if x in d.pins else ())[:1] if owner(y) != "ground"]
+    joints = [x for x in held["joints"] if any(isinstance(y, Revolute) and y.joint == x for y in mechanism.joints)]
     try:
-        drag = Drag(mechanism, reading.q, members[0], Locks(links, points, slides, joints))
+        return Drag(mechanism, reading.q, members[0], Locks(*map(tuple, (held["links"], points, held["slides"], joints))))
     except (ValueError, KeyError) as error:
         raise Refused(str(error), where) from error
-    return Dragging(drag, reading)
 
 
-def drag_linkage(dragging: Dragging, message: Message) -> dict[str, Any]:
+def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
     """Drag the linkage with the pointer; `ms` of the processor's own time."""
-    target, began = np.array(place(message.get("at"))), time.thread_time()
+    target, began = place(message.get("at")), time.thread_time()
     with np.errstate(all="ignore"):
-        moved = dragging.drag.to(target, STEPS)
+        moved = drag.to(np.array([target.real, target.imag]), STEPS)
     ms = 1e3 * (time.thread_time() - began)
-    poses = dragging.reading.poses(moved.q)
-    return {"poses": poses, "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": moved.note or None}
+    note = moved.note or None
+    return {"poses": reading.poses(moved.q), "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": note}
 
 
 def assemble(reading: Reading, word: str) -> Mechanism:

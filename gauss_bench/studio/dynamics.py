@@ -75,7 +75,7 @@ def release(session: Session, message: Message) -> dict[str, Any]:
     settings = message.get("settings")
     request = {"work": "release", "engines": engines, "scenario": scenario, "until": until, "step": step, "limit": LIMIT}
     request |= {"settings": settings} if isinstance(settings, str) else {}
-    return {"job": session.jobs.start(text, _name(session), request, "release_done"), "until": until, "engines": engines}
+    return {"job": session.jobs.start(text, request, "release_done"), "until": until, "engines": engines}
 
 
 def _usable(engines: list[Any]) -> None:
@@ -108,9 +108,4 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
     _usable(engines if isinstance(engines, list) else [engines])
     text, scenario, until = text_of(session, message, _until(message))
     request = {"work": "recommend", "scenario": scenario, "until": until, "budget": budget, "engines": engines} | wanted
-    return {"job": session.jobs.start(text, _name(session), request, "recommend_done")}
-
-
-def _name(session: Session) -> str:
-    name = session.document.get("name")
-    return name if isinstance(name, str) else "drawing"
+    return {"job": session.jobs.start(text, request, "recommend_done")}

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ class Jobs:
         self.followers: dict[int, threading.Thread] = {}
         self.count, self.lock = 0, threading.Lock()
 
-    def start(self, text: str, name: str, request: dict[str, Any], done: str) -> int:
+    def start(self, text: str, request: dict[str, Any], done: str) -> int:
         """Begin a piece of work on a text; its number. Its last event is called `done`.
 
         Raises:
@@ -48,16 +49,16 @@ class Jobs:
                 env=environment,
                 start_new_session=True,
             )
-            follower = threading.Thread(target=self._follow, args=(job, text, name, request, done), daemon=True)
+            follower = threading.Thread(target=self._follow, args=(job, text, request, done), daemon=True)
             self.followers[job] = follower
         follower.start()
         return job
 
-    def _follow(self, job: int, text: str, name: str, request: dict[str, Any], done: str) -> None:
+    def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
         process = self.running[job]
         last: dict[str, Any] = {"event": done, "job": job}
         try:
-            with workplace(text, name) as path:
+            with workplace(text, tomllib.loads(text).get("name")) as path:
                 last |= self._tell(process, path, request | {"path": str(path)}, job)
         except (OSError, ValueError) as error:
             last |= {"error": f"it could not be run: {in_a_sentence(error)}"}

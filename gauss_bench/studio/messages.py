@@ -9,6 +9,7 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.security import DEEPEST
 
 Message = Mapping[str, Any]
+FARTHEST = 1e5  # [m]
 
 
 def tell_kind(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
@@ -39,16 +40,16 @@ def number(message: Message, key: str, otherwise: float | None = None) -> float:
     return float(x)
 
 
-def place(x: Any, field: str = "at") -> tuple[float, float]:
-    """A place [m] of a message.
+def place(x: Any, field: str = "at") -> complex:
+    """A place x + i y [m] of a message.
 
     Raises:
         Refused: it is none, or is further off than a linkage may be.
     """
     numbers = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
-    if not numbers or not all(math.isfinite(y) and abs(y) <= 1e5 for y in x):
-        raise Refused("a place is two numbers of metres, at most 1e5", field=field)
-    return float(x[0]), float(x[1])
+    if not numbers or not all(abs(y) <= FARTHEST for y in x):
+        raise Refused(f"a place is two numbers of metres, at most {FARTHEST:g}", field=field)
+    return complex(*x)
 
 
 def sound(message: Message) -> None:

@@ -1,5 +1,6 @@
 """A drawing moved by its law: positions, what points do, what drives, and where it stops; by the functions of `kinematics`."""
 
+from cmath import rect
 from collections.abc import Mapping
 from typing import Any
 
@@ -45,8 +46,7 @@ def moving(text: str, reading: Reading, message: Message) -> Mechanism:
     if isinstance(given, dict) or (given is None and scenario is None and not is_driven):
         text = write_document(text, _driven_so(document, reading, given))
         given, scenario = None, DRIVEN
-    name = document.get("name")
-    with workplace(text, name if isinstance(name, str) else "drawing") as path:
+    with workplace(text, document.get("name")) as path:
         mechanism = driven(str(path), scenario, given)
     if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
         raise Refused(f"the drivers leave {len(left)} free ({', '.join(left)}): drive them too, or hold them")
@@ -57,7 +57,7 @@ def _driven_so(document: Document, reading: Reading, given: Mapping[str, Any] | 
     """The document driven by a law, or at constant speed by the first thing that can be."""
     d = Drawing(document | {"scenarios": {}}, reading)
     if given is None:
-        possible = drivers_possible(document)
+        possible = drivers_possible(reading)
         if not possible:
             raise Refused("nothing can be driven here yet: a link that is pinned to the ground, or a slide")
         given = {"coordinate": possible[0]["name"]}
@@ -98,20 +98,13 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
     mechanism, x, stopped = move(text, reading, message)
     named = message.get("points")
     points = observe(mechanism, named if isinstance(named, list) and all(isinstance(y, str) for y in named) else None)
-    whole = spread(mechanism, x)
-    first = mechanism.drivers[0]
+    links, first = spread(mechanism, x), mechanism.drivers[0]
+    q, v, a = links.q, links.v, links.a
     reply = {
         "scenario": mechanism.scenario,
         "times": x.t,
         "poses": pose_motion(mechanism, x.q),
-        "points": {
-            p.name: {
-                "p": position(whole.q, p),
-                "v": velocity(whole.q, whole.v, p),
-                "a": acceleration(whole.q, whole.v, whole.a, p),
-            }
-            for p in points
-        },
+        "points": {p.name: {"p": position(q, p), "v": velocity(q, v, p), "a": acceleration(q, v, a, p)} for p in points},
         "input": {
             "name": first.name,
             "unit": "rad" if isinstance(first, AngleDriver) else "m",
@@ -152,9 +145,9 @@ def gain(mechanism: Mechanism, q: Array) -> dict[str, Any]:
         with np.errstate(all="ignore"):
             pairs = advantages(mechanism, q)
     except ValueError:
-        return {"advantage": []}
-    told = [{"input": x.input, "output": x.output, "units": x.units, "values": x.mechanical, "velocity": x.velocity} for x in pairs]
-    return {"advantage": told}
+        pairs = ()
+    keys = {"input": "input", "output": "output", "units": "units", "values": "mechanical", "velocity": "velocity"}
+    return {"advantage": [{key: getattr(x, name) for key, name in keys.items()} for x in pairs]}
 
 
 def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
@@ -164,17 +157,9 @@ def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
             positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:
         return [], str(error)
-    told = [
-        {
-            "kind": x.kind,
-            "coordinate": x.coordinate,
-            "value": x.value,
-            "input": x.input,
-            "poses": poses(mechanism.whole, of_links(mechanism, x.q)),
-        }
-        for x in positions
-    ]
-    return told, ""
+    keys = ("kind", "coordinate", "value", "input")
+    shown = [(poses(mechanism.whole, of_links(mechanism, x.q)), {key: getattr(x, key) for key in keys}) for x in positions]
+    return [told | {"poses": at} for at, told in shown], ""
 
 
 def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
@@ -222,13 +207,12 @@ def state_of(reading: Reading, given: Any) -> Array:
     Raises:
         Refused: they are not those of this drawing.
     """
-    mechanism = reading.mechanism
-    q = np.zeros(len(reading.q))
-    for i, link in enumerate(mechanism.links if mechanism else ()):
+    mechanism, q = reading.mechanism, []
+    for link in mechanism.links if mechanism else ():
         pose = given.get(link.name) if isinstance(given, dict) else None
         if not isinstance(pose, list) or len(pose) != 3 or not all(isinstance(x, (int, float)) for x in pose):
             raise Refused(f"the pose of {link.name} is missing", (f"links.{link.name}",), "at")
         x, y, theta = map(float, pose)
-        c, s = np.cos(theta), np.sin(theta)
-        q[3 * i : 3 * i + 3] = x + c * link.com[0] - s * link.com[1], y + s * link.com[0] + c * link.com[1], theta
-    return q
+        centre = complex(x, y) + rect(1.0, theta) * complex(*link.com)
+        q += [centre.real, centre.imag, theta]
+    return np.array(q)

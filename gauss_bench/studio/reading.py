@@ -6,6 +6,7 @@ and placed by the loader's own functions. So nothing is read here in another way
 
 import copy
 import re
+from cmath import rect
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,7 @@ from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position, spread
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
-from gauss_bench.studio.document import Document
+from gauss_bench.studio.document import Document, split_path
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory, in_a_sentence
 
@@ -44,9 +45,6 @@ class Problem:
     where: tuple[str, ...] = ()
     loop: tuple[str, ...] | None = None
     apart: float | None = None
-
-    def as_dict(self) -> dict[str, Any]:
-        return {"level": self.level, "text": self.text, "where": self.where, "loop": self.loop, "apart": self.apart}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +104,9 @@ def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
     """Link -> [x, y, theta] of its own frame in the world, at a state q (n,) of the links of the file."""
     by_link = {}
     for i, link in enumerate(whole.links):
-        x, y, theta = q[3 * i : 3 * i + 3]
-        c, s = np.cos(theta), np.sin(theta)
-        by_link[link.name] = [
-            float(x - c * link.com[0] + s * link.com[1]),
-            float(y - s * link.com[0] - c * link.com[1]),
-            float(theta),
-        ]
+        x, y, theta = map(float, q[3 * i : 3 * i + 3])
+        origin = complex(x, y) - rect(1.0, theta) * complex(*link.com)
+        by_link[link.name] = [origin.real, origin.imag, theta]
     return by_link
 
 
@@ -174,10 +168,10 @@ def lone_pins(document: Document) -> dict[str, list[float]]:
     """Pins that nothing holds: places of the drawing that bear the name of no joint and no point."""
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
-    return {k: x for k, x in sketch.items() if "." not in k and k not in named and _is_place(x)}
+    return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
 
 
-def _is_place(x: Any) -> bool:
+def is_place(x: Any) -> bool:
     return isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and np.isfinite(y) for y in x)
 
 
@@ -238,7 +232,7 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
 
 def leave_out(document: Document, fault: Fault) -> None:
     """Take out what a fault is about; of a link that lacks a mass or an inertia, give it one instead."""
-    keys: list[str | int] = [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", fault.path)]
+    keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
             if lacking not in (link := document["links"][name]):
@@ -250,18 +244,16 @@ def leave_out(document: Document, fault: Fault) -> None:
         case ["name"]:
             document["name"] = "drawing"
             return
+    holder: Any = None
+    last: Any = None
     owner: Any = document
-    chain: list[tuple[Any, Any]] = []
     for key in keys:
         inside = key in owner if isinstance(owner, dict) else isinstance(owner, list) and isinstance(key, int) and key < len(owner)
         if not inside:
             break
-        chain.append((owner, key))
-        owner = owner[key]
-    if not chain:
-        return
-    holder, key = chain[-1]
-    del holder[key]
+        holder, last, owner = owner, key, owner[key]
+    if holder is not None:
+        del holder[last]
 
 
 def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
@@ -296,17 +288,11 @@ def _open(mechanism: Mechanism, q: Array) -> list[Problem]:
             links = tuple(x for x in loop.links if x != "ground")
             where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))
             return [Problem("error", f"this does not assemble: {loop}", where, links, loop.apart)]
-    gaps = []
-    for joint in mechanism.joints:
-        if isinstance(joint, Revolute):
-            apart = float(np.hypot(*(position(q, joint.b) - position(q, joint.a))))
-            if apart > 1e-9:
-                gaps.append((apart, joint))
-    if not gaps:
+    pins = [x for x in mechanism.joints if isinstance(x, Revolute)]
+    apart, pin = max(((float(np.hypot(*(position(q, x.b) - position(q, x.a)))), x.joint) for x in pins), default=(0.0, ""))
+    if apart <= 1e-9:
         return [Problem("error", "this does not assemble: the slides do not close")]
-    apart, joint = max(gaps, key=lambda x: x[0])
-    where = (f"pins.{joint.joint}",)
-    return [Problem("error", f"this does not assemble: pin {joint.joint} stays open by {apart:.4g} m", where, None, apart)]
+    return [Problem("error", f"this does not assemble: pin {pin} stays open by {apart:.4g} m", (f"pins.{pin}",), None, apart)]
 
 
 def _loose(mechanism: Mechanism) -> list[Problem]:

@@ -17,11 +17,20 @@ from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, sound, tell_kind
+from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import scene
 from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
 
 Reply = dict[str, Any]
+APART = (
+    "drawing",
+    "motion",
+    "centres",
+    "stop",
+    "import",
+    "export",
+)  # long, or not to wait for others; they mind the lock themselves
 
 
 def hello(session: Session, message: Message) -> Reply:
@@ -48,24 +57,6 @@ def remains_of(session: Session) -> dict[str, str] | None:
     return None if left is None else {"text": left.text}
 
 
-def show(session: Session) -> Reply:
-    return {"scene": session.scene()}
-
-
-def new(session: Session, message: Message) -> Reply:
-    session.open(EMPTY)
-    return show(session)
-
-
-def template(session: Session, message: Message) -> Reply:
-    session.open(templates.text_of(tell_kind(message, "name", str)))
-    return show(session)
-
-
-def drawing(session: Session, message: Message) -> Reply:
-    return {"svg": templates.drawing(tell_kind(message, "name", str))}
-
-
 def open_file(session: Session, message: Message) -> Reply:
     if "text" in message:
         session.open(tell_kind(message, "text", str))
@@ -73,21 +64,7 @@ def open_file(session: Session, message: Message) -> Reply:
         session.open(files.of_fragment(tell_kind(message, "fragment", str)))
     else:
         session.open(*files.open_document(session.folder, tell_kind(message, "name", str)))
-    return {"recovered": remains_of(session)} | show(session)
-
-
-def undo(session: Session, message: Message) -> Reply:
-    session.undo()
-    return show(session)
-
-
-def redo(session: Session, message: Message) -> Reply:
-    session.redo()
-    return show(session)
-
-
-def text(session: Session, message: Message) -> Reply:
-    return {"text": session.text}
+    return {"recovered": remains_of(session), "scene": session.scene()}
 
 
 def save(session: Session, message: Message) -> Reply:
@@ -99,17 +76,17 @@ def save(session: Session, message: Message) -> Reply:
     content = write_document(session.text, session.document | {"name": path.stem})
     files.save(path, content, bool(message.get("replace")), session.path, session.saved)
     session.save_as(path, content)
-    return {"path": path.name} | show(session)
+    return {"path": path.name, "scene": session.scene()}
 
 
 def bring_in(session: Session, message: Message) -> Reply:
     content, left_out = files.import_file(tell_kind(message, "text", str))
     with session.lock:
         session.open(content)
-    return {"left_out": left_out} | show(session)
+        return {"left_out": left_out, "scene": session.scene()}
 
 
-def recover(session: Session, message: Message) -> Reply:
+def recover(session: Session, message: Message) -> None:
     """Take what a process that is no more left of this document, or let it go."""
     left = session.autosave.left()
     if left is not None:
@@ -117,17 +94,6 @@ def recover(session: Session, message: Message) -> Reply:
             session.put(left.text, frozenset(left.locks))
             session.lay(left.picture)
         left.forget()
-    return show(session)
-
-
-def export(session: Session, message: Message) -> Reply:
-    with session.lock:
-        text, reading = session.text, session.reading
-    return exports.export_drawing(text, reading, message)
-
-
-def share(session: Session, message: Message) -> Reply:
-    return {"fragment": files.fragment(session.text)}
 
 
 def make_edit(session: Session, message: Message) -> Reply:
@@ -137,17 +103,7 @@ def make_edit(session: Session, message: Message) -> Reply:
     made = steps.edit(session, {k: x for k, x in message.items() if k != "continues"})
     if message.get("continues") is True and session.text != before:
         session.join()
-    return {"made": made} | show(session)
-
-
-def lock(session: Session, message: Message) -> Reply:
-    steps.lock(session, message)
-    return show(session)
-
-
-def picture(session: Session, message: Message) -> Reply:
-    steps.picture(session, message)
-    return show(session)
+    return {"made": made, "scene": session.scene()}
 
 
 def behind(session: Session, message: Message) -> Reply:
@@ -156,48 +112,49 @@ def behind(session: Session, message: Message) -> Reply:
 
 
 def drag_begin(session: Session, message: Message) -> Reply:
-    session.drag = dragging.begun(session.reading, session.locks, message)
-    return {"poses": session.drag.reading.poses(session.drag.drag.q)}
+    session.drag = dragging.take_hold(session.reading, session.locks, message)
+    return {"poses": session.reading.poses(session.drag.q)}
 
 
 def drag(session: Session, message: Message) -> Reply:
     if session.drag is None:
         raise Refused("nothing is being dragged")
-    moved = dragging.drag_linkage(session.drag, message)
+    moved = dragging.drag_linkage(session.drag, session.reading, message)
     if message.get("centres") is True:
         with contextlib.suppress(Refused):  # where several motions are free there are none
-            moved["centres"] = motion.instant_centres(session.drag.reading, moved["poses"])
+            moved["centres"] = motion.instant_centres(session.reading, moved["poses"])
     return moved
 
 
-def drag_end(session: Session, message: Message) -> Reply:
+def drag_end(session: Session, message: Message) -> None:
     held, session.drag = session.drag, None
     if held is not None and message.get("keep", True):
-        steps.pose_sketch(session, held.drag.q)
-    return show(session)
+        steps.pose_sketch(session, held.q)
 
 
 def branches(session: Session, message: Message) -> Reply:
-    session.branches = session.reading, dragging.find_branches(session.reading)
-    names = ["as drawn", *(f"branch {k}" for k in range(1, len(session.branches[1])))]
-    named = zip(names, session.branches[1], strict=True)
-    return {"branches": [{"name": name, "poses": session.reading.poses(q)} for name, q in named]}
+    found = dragging.find_branches(session.reading)
+    return {
+        "branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in enumerate(found)]
+    }
 
 
-def branch(session: Session, message: Message) -> Reply:
-    index = message.get("index")
-    if session.branches is None or session.branches[0] is not session.reading:
-        session.branches = session.reading, dragging.find_branches(session.reading)
-    if not isinstance(index, int) or not 0 <= index < len(session.branches[1]):
+def branch(session: Session, message: Message) -> None:
+    index, found = message.get("index"), dragging.find_branches(session.reading)
+    if not isinstance(index, int) or not 0 <= index < len(found):
         raise Refused("there is no such branch", field="index")
-    steps.pose_sketch(session, session.branches[1][index])
-    return show(session)
+    steps.pose_sketch(session, found[index])
+
+
+def read_apart(session: Session) -> tuple[str, Reading]:
+    """Text and reading of one moment, for verbs that mind the lock themselves."""
+    with session.lock:
+        return session.text, session.reading
 
 
 def move_by_law(session: Session, message: Message) -> Reply:
     """The motion at once; what is singular along it in an event, because looking for that takes seconds."""
-    with session.lock:
-        text, reading = session.text, session.reading
+    text, reading = read_apart(session)
     mechanism, reply = motion.motion(text, reading, message)
     session.motions += 1
     job = -session.motions  # of no process that could be stopped
@@ -217,35 +174,29 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
 
 def centres(session: Session, message: Message) -> Reply:
-    with session.lock:
-        reading = session.reading
+    _, reading = read_apart(session)
     if "along" in message:
         return {"centres": motion.centres_along(reading, message["along"])}
     return {"centres": motion.instant_centres(reading, message.get("at"))}
 
 
-def stop(session: Session, message: Message) -> Reply:
-    session.jobs.stop(tell_kind(message, "job", int))
-    return {}
-
-
-VERBS: dict[str, Callable[[Session, Message], Reply]] = {
+VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # what replies nothing is told with the scene
     "hello": hello,
     "files": in_folder,
-    "new": new,
-    "template": template,
-    "drawing": drawing,
+    "new": lambda session, _: session.open(EMPTY),
+    "template": lambda session, message: session.open(templates.text_of(tell_kind(message, "name", str))),
+    "drawing": lambda _, message: {"svg": templates.drawing(tell_kind(message, "name", str))},
     "open": open_file,
-    "undo": undo,
-    "redo": redo,
-    "text": text,
+    "undo": lambda session, _: session.undo(),
+    "redo": lambda session, _: session.redo(),
+    "text": lambda session, _: {"text": session.text},
     "save": save,
     "import": bring_in,
     "recover": recover,
-    "export": export,
-    "share": share,
-    "lock": lock,
-    "picture": picture,
+    "export": lambda session, message: exports.export_drawing(*read_apart(session), message),
+    "share": lambda session, _: {"fragment": files.fragment(session.text)},
+    "lock": steps.lock,
+    "picture": steps.picture,
     "behind": behind,
     "drag_begin": drag_begin,
     "drag": drag,
@@ -256,40 +207,30 @@ VERBS: dict[str, Callable[[Session, Message], Reply]] = {
     "centres": centres,
     "release": dynamics.release,
     "recommend": dynamics.recommend,
-    "stop": stop,
+    "stop": lambda session, message: session.jobs.stop(tell_kind(message, "job", int)) or {},
     **dict.fromkeys(steps.EDITS, make_edit),
 }
-
-
-# These take long or must not wait for others; they mind the lock themselves.
-APART = (
-    "drawing",
-    "motion",
-    "centres",
-    "stop",
-    "import",
-    "export",
-)
 
 
 def answer(session: Session, message: Message) -> Reply:
     """The reply to a message: what it asked for, or a sentence on why not; never an exception of whatever kind."""
     id, verb = message.get("id"), message.get("do")
-    if not isinstance(id, (int, str)) or isinstance(id, bool):
-        id = None
+    error: dict[str, Any] = {"where": (), "field": ""}
     try:
         sound(message)
         if not isinstance(verb, str) or verb not in VERBS:
             raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
         with contextlib.nullcontext() if verb in APART else session.lock:
-            return {"id": id, "ok": True} | VERBS[verb](session, message)
-    except Refused as error:
-        return {"id": id, "ok": False, "error": {"text": str(error), "where": error.where, "field": error.field}}
-    except (ChoiceError, MissingExtra) as error:
-        return {"id": id, "ok": False, "error": {"text": str(error), "where": (), "field": ""}}
-    except LinkageError as error:
-        sentences = "; ".join(str(x) for x in error.faults[:5])
-        return {"id": id, "ok": False, "error": {"text": sentences, "where": (), "field": ""}}
-    except Exception as error:
-        said = f"a fault of the studio, not of the drawing: {type(error).__name__}: {in_a_sentence(error)}"
-        return {"id": id, "ok": False, "error": {"text": said, "where": (), "field": "", "fault": True}}
+            reply = VERBS[verb](session, message)
+            answered = {"ok": True} | ({"scene": session.scene()} if reply is None else reply)
+    except Refused as refused:
+        error |= {"text": str(refused), "where": refused.where, "field": refused.field}
+    except (ChoiceError, MissingExtra) as refused:
+        error["text"] = str(refused)
+    except LinkageError as faults:
+        error["text"] = "; ".join(str(x) for x in faults.faults[:5])
+    except Exception as fault:
+        said = f"a fault of the studio, not of the drawing: {type(fault).__name__}: {in_a_sentence(fault)}"
+        error |= {"text": said, "fault": True}
+    named = isinstance(id, (int, str)) and not isinstance(id, bool)
+    return {"id": id if named else None} | ({"ok": False, "error": error} if "text" in error else answered)

@@ -20,9 +20,11 @@ from urllib.parse import quote
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -42,16 +44,6 @@ from gauss_bench.studio.session import Session
 PAUSE = 0.02  # [s]
 SWITCH = 5e-4  # [s] a thread computes on while another waits: a frame of a drag goes through three, beside a search of seconds
 PAGE = Path(__file__).parent / "page"
-KINDS = {
-    ".html": "text/html; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".css": "text/css; charset=utf-8",
-    ".svg": "image/svg+xml",
-    ".woff2": "font/woff2",
-    ".png": "image/png",
-    ".txt": "text/plain; charset=utf-8",
-    ".md": "text/plain; charset=utf-8",
-}
 
 
 class Guarded:
@@ -64,27 +56,22 @@ class Guarded:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        given = [(k.decode("latin-1"), v.decode("latin-1")) for k, v in scope["headers"]]
-        hosts, origins = ([v for k, v in given if k == key] for key in ("host", "origin"))
+        given = Headers(scope=scope)
+        hosts, origins = given.getlist("host"), given.getlist("origin")
         only = len(hosts) == 1 and len(origins) <= 1
         refused = self.guard.refusal(hosts[0] if only else None, origins[0] if origins else None)
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(self.said)
+            await send(message)
+
         if not refused:
-            await self.app(scope, receive, self._with_headers(send))
+            await self.app(scope, receive, send_guarded)
         elif scope["type"] == "http":
             await PlainTextResponse(refused, 403, self.said)(scope, receive, send)
         else:
             await WebSocket(scope, receive, send).close(1008)
-
-    def _with_headers(self, send: Send) -> Send:
-        async def sending(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] = [
-                    *message.get("headers", []),
-                    *((k.encode(), v.encode()) for k, v in self.said.items()),
-                ]
-            await send(message)
-
-        return sending
 
 
 class Connection(H11Protocol):
@@ -112,7 +99,7 @@ class Studio:
         self.pages: set[Page] = set()
         self.revision = session.revision  # that all pages were told of
         self.loop: asyncio.AbstractEventLoop | None = None
-        routes = [Route("/", self.index), Route("/page/{name}", self.file), WebSocketRoute("/socket", self.socket)]
+        routes = [Route("/", self.index), Mount("/page", StaticFiles(directory=PAGE)), WebSocketRoute("/socket", self.socket)]
         self.app = Guarded(Starlette(routes=routes, lifespan=self._lifespan), guard)
 
     @contextlib.asynccontextmanager
@@ -125,12 +112,7 @@ class Studio:
     async def index(self, request: Request) -> Response:
         if not self.guard.knows(request.query_params.get("token")):
             return PlainTextResponse("the studio opens with the address that it printed", 403)
-        return serve_page(PAGE / "index.html")
-
-    async def file(self, request: Request) -> Response:
-        name = str(request.path_params["name"])
-        known = {x.name: x for x in PAGE.iterdir() if x.is_file()}
-        return serve_page(known[name]) if name in known else PlainTextResponse("there is no such file", 404)
+        return FileResponse(PAGE / "index.html")
 
     async def socket(self, socket: WebSocket) -> None:
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
@@ -156,10 +138,8 @@ class Studio:
                 task = asyncio.create_task(answering)
                 beside.add(task)
                 task.add_done_callback(beside.discard)
-        except (WebSocketDisconnect, KeyError, RuntimeError):  # gone, or it sent bytes
-            pass
-        except asyncio.CancelledError:  # it read nothing, or the studio ends
-            pass
+        except (WebSocketDisconnect, KeyError, RuntimeError, asyncio.CancelledError):
+            pass  # gone, it sent bytes, it read nothing, or the studio ends
         finally:
             self.pages.discard(page)
             for going in (*beside, *([sending] if sending else [])):
@@ -184,11 +164,7 @@ class Studio:
         scene = reply.get("scene")
         if scene is not None and scene["revision"] > self.revision:
             self.revision = scene["revision"]
-            others = self.pages - {page}
-            if others:
-                text = as_json({"event": "scene", "scene": scene})
-                for other in others:
-                    other.tell(text)
+            self._tell_all(as_json({"event": "scene", "scene": scene}), page)
 
     def tell(self, event: dict[str, Any]) -> None:
         """Tell every page; from any thread."""
@@ -197,8 +173,8 @@ class Studio:
             with contextlib.suppress(RuntimeError):  # it has ended meanwhile
                 self.loop.call_soon_threadsafe(self._tell_all, text)
 
-    def _tell_all(self, text: str) -> None:
-        for page in self.pages:
+    def _tell_all(self, text: str, but: "Page | None" = None) -> None:
+        for page in self.pages - {but}:
             page.tell(text)
 
 
@@ -235,11 +211,6 @@ def as_json(item: dict[str, Any]) -> str:
 
 def _no_number(word: str) -> float:
     raise ValueError(f"{word} is no number")
-
-
-def serve_page(path: Path) -> Response:
-    """A file of the page, as what it is."""
-    return FileResponse(path, media_type=KINDS.get(path.suffix, "application/octet-stream"))
 
 
 def session_of(linkage: str | None, folder: Path) -> Session:

@@ -5,13 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from gauss_bench.kinematics.dragging import Drag
 from gauss_bench.studio.autosave import Autosave, Picture
 from gauss_bench.studio.document import EMPTY, Document, parse_text
-from gauss_bench.studio.dragging import Dragging
 from gauss_bench.studio.jobs import Jobs
 from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.scene import scene
-from gauss_bench.terms import Array
 
 STEPS = 200  # texts that are remembered for undo
 
@@ -50,8 +49,7 @@ class Session:
         self.locks: frozenset[str] = frozenset()
         self.picture: Picture | None = None
         self._read: tuple[str, Reading] | None = None
-        self.drag: Dragging | None = None
-        self.branches: tuple[Reading, list[Array]] | None = None
+        self.drag: Drag | None = None
 
     def open(self, text: str, path: Path | None = None) -> None:
         """Begin anew with a text; one that was read from a file is saved there.
@@ -110,15 +108,15 @@ class Session:
             self.done.pop()
 
     def undo(self) -> None:
-        if self.done:
-            self.undone.append((self.text, self.locks))
-            self.text, self.locks = self.done.pop()
-            self._change()
+        self._step(self.done, self.undone)
 
     def redo(self) -> None:
-        if self.undone:
-            self.done.append((self.text, self.locks))
-            self.text, self.locks = self.undone.pop()
+        self._step(self.undone, self.done)
+
+    def _step(self, ahead: list[tuple[str, frozenset[str]]], behind: list[tuple[str, frozenset[str]]]) -> None:
+        if ahead:
+            behind.append((self.text, self.locks))
+            self.text, self.locks = ahead.pop()
             self._change()
 
     def lay(self, picture: Picture | None) -> None:

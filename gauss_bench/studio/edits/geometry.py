@@ -1,16 +1,20 @@
 """Drawing: pins, bars, larger links, slides; joining, grounding, moving them, and their lengths and angles as numbers."""
 
 import math
+from cmath import phase
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.linkage.closure import CLOSED, gauss_newton, joint_residual
-from gauss_bench.linkage.references import items, sequence, table
-from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, round_digits
+from gauss_bench.linkage.references import items, sequence
+from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, round_digits, tail
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number, place
 from gauss_bench.terms import Array
+
+SHORTEST = 1e-6  # [m] of a bar
+TURN = math.radians(5.0)  # of a link between two closures
 
 
 def add_pin(d: Drawing, message: Message) -> None:
@@ -18,8 +22,7 @@ def add_pin(d: Drawing, message: Message) -> None:
 
 
 def add_bar(d: Drawing, message: Message) -> None:
-    a, b = d.pin(message.get("from")), d.pin(message.get("to"))
-    _connect(d, [a, b], "bar")
+    _connect(d, [d.pin(message.get("from")), d.pin(message.get("to"))], "bar")
 
 
 def add_link(d: Drawing, message: Message) -> None:
@@ -29,24 +32,22 @@ def add_link(d: Drawing, message: Message) -> None:
     _connect(d, [d.pin(x) for x in given], "plate")
 
 
+def on_what(link: str) -> str:
+    return "fixed to the ground" if link == "ground" else f"on {link}"
+
+
 def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
     """A new rigid link through pins."""
-    for k, a in enumerate(pins):
-        for b in pins[:k]:
-            if a.id == b.id or math.dist(a.at, b.at) < 1e-6:
-                raise Refused("a bar between two pins at one place has no length", (f"pins.{a.id}",))
-            both = [x for x in map(owner, a.members) if x in map(owner, b.members)]
-            if both:
-                fixed = "fixed to the ground" if both[0] == "ground" else f"on {both[0]}"
-                where = (f"pins.{a.id}", f"pins.{b.id}")
-                raise Refused(f"pins {b.id} and {a.id} are both {fixed} already: no bar is needed between them", where)
-    theta = math.atan2(pins[1].at[1] - pins[0].at[1], pins[1].at[0] - pins[0].at[0])
+    for a, b in ((a, b) for k, a in enumerate(pins) for b in pins[:k]):
+        if a.id == b.id or abs(a.at - b.at) < SHORTEST:
+            raise Refused("a bar between two pins at one place has no length", (f"pins.{a.id}",))
+        both = [x for x in map(owner, a.members) if x in map(owner, b.members)]
+        if both:
+            said = f"pins {b.id} and {a.id} are both {on_what(both[0])} already: no bar is needed between them"
+            raise Refused(said, (f"pins.{a.id}", f"pins.{b.id}"))
     name = d.fresh(word, "links")
-    d.add_link(name, pins[0].at, theta, {"bars": [], "kg_per_m": KG_PER_M})
-    ends = []
-    for pin in pins:
-        held = d.attach(pin, name)
-        ends.append(next(x for x in reversed(held.members) if owner(x) == name).partition(".")[2])
+    d.add_link(name, pins[0].at, phase(pins[1].at - pins[0].at), {"bars": [], "kg_per_m": KG_PER_M})
+    ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]
     around = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]
     d.link(name)["bars"] = around if len(ends) > 2 else around[:1]
 
@@ -56,82 +57,57 @@ def add_point(d: Drawing, message: Message) -> None:
     if link == "ground":
         d.pin({"at": message.get("at"), "ground": True})
         return
-    table_of = d.link(link)
-    name = d.letter(str(link))
-    table_of["points"][name] = pair(d.local(str(link), at))
-    d.made.append(f"pins.{link}.{name}")
+    d.link(link)
+    reference = f"{link}.{d.letter(str(link))}"
+    d.set_point(reference, at)
+    d.made.append(f"pins.{reference}")
     if message.get("observe"):
-        _observe(d).append(f"{link}.{name}")
-
-
-def _observe(d: Drawing) -> list[Any]:
-    observe = d.group("observe")
-    points = observe.get("points")
-    if not isinstance(points, list):
-        observe["points"] = points = []
-    return points
+        observe(d, {"point": reference})
 
 
 def observe(d: Drawing, message: Message) -> None:
-    point, on = d.on_link(str(message.get("point"))), bool(message.get("on", True))
-    listed = _observe(d)
-    if on and point not in listed:
-        listed.append(point)
-    if not on:
-        d.group("observe")["points"] = [x for x in listed if x != point]
+    point, listed = d.on_link(str(message.get("point"))), sequence(d.group("observe"), "points")
+    d.group("observe")["points"] = [x for x in listed if x != point] + [point] * bool(message.get("on", True))
 
 
 def add_slide(d: Drawing, message: Message) -> None:
     guide = message.get("guide", "ground")
     pin = d.pin(message["pin"] if "pin" in message else {"at": message.get("at")})
-    if guide != "ground":
-        d.link(guide)
+    bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
     if guide in map(owner, pin.members):
         fixed = "the ground" if guide == "ground" else guide
         raise Refused(f"pin {pin.id} is on {fixed} itself, and cannot slide along it", (f"pins.{pin.id}",))
-    through = place(message["through"], "through") if "through" in message else None
-    angle = _direction(d, message, guide, pin, through)
-    point = _guide_point(d, guide, through, pin)
-    offset = float(np.array([-math.sin(angle), math.cos(angle)]) @ (np.array(pin.at) - d.place(f"{guide}.{point}")))
+    through, turn = place(message["through"], "through") if "through" in message else None, d.poses[guide][1]
+    # the direction [rad] in the world: as given, else from a place to the pin, else along the guide's first bar
+    if "angle_deg" in message:
+        angle = math.radians(number(message, "angle_deg"))
+    elif through is not None and abs(pin.at - through) > SAME:
+        angle = phase(pin.at - through)
+    else:
+        a, b = (d.place(f"{guide}.{x}") for x in bars[0]) if bars else (0j, 0j)
+        angle = phase(b - a) if bars else turn
+    point = _guide_point(d, guide, through or (pin.at if guide == "ground" else None), [x for bar in bars for x in bar])
+    offset = ((pin.at - d.place(f"{guide}.{point}")) * complex(math.cos(angle), -math.sin(angle))).imag
     block, name = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
-    held = d.attach(pin, block)
-    turn = 0.0 if guide == "ground" else float(d.poses[guide][2])
+    at = d.attach(pin, block).members[-1]
     degrees = round_digits(math.degrees(math.remainder(angle - turn, 2 * math.pi)), DIGITS)
-    at = next(x for x in held.members if owner(x) == block)
-    d.group("joints")[name] = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
-    if abs(offset) > SAME:
-        d.group("joints")[name]["offset"] = round_digits(offset, DIGITS)
+    joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
+    d.group("joints")[name] = joint | ({"offset": round_digits(offset, DIGITS)} if abs(offset) > SAME else {})
     d.made.insert(0, f"slides.{name}")
 
 
-def _direction(d: Drawing, message: Message, guide: str, pin: Pin, through: tuple[float, float] | None) -> float:
-    """The direction [rad] in the world of a new slide: as given, else from a place to the pin, else along the guide's first bar."""
-    if "angle_deg" in message:
-        return math.radians(number(message, "angle_deg"))
-    if through is not None and math.dist(through, pin.at) > SAME:
-        return math.atan2(pin.at[1] - through[1], pin.at[0] - through[0])
-    bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
-    if bars:
-        a, b = (d.place(f"{guide}.{x}") for x in bars[0])
-        return math.atan2(b[1] - a[1], b[0] - a[0])
-    return 0.0 if guide == "ground" else float(d.poses[guide][2])
-
-
-def _guide_point(d: Drawing, guide: str, through: tuple[float, float] | None, pin: Pin) -> str:
-    """The point of the guide that its line runs through, made where there is none."""
+def _guide_point(d: Drawing, guide: str, at: complex | None, ends: list[Any]) -> str:
+    """The point of the guide that its line runs through, made where there is none; its first one where no place is given."""
     points = d.points(guide)
-    if through is None and guide != "ground":
-        bars = sequence(d.link(guide), "bars")
-        return str(bars[0][0]) if bars else next(iter(points))
-    at = through or pin.at
+    if at is None:
+        return str(ends[0]) if ends else next(iter(points))
     local = d.local(guide, at)
-    known = next((k for k, x in points.items() if np.abs(x - local).max() < SAME), None)
-    if known is not None:
-        return known
-    name = d.number() if guide == "ground" else d.letter(guide)
-    (d.sub("ground", "points") if guide == "ground" else d.link(guide)["points"])[name] = pair(local)
-    return name
+    known = next((k for k, x in points.items() if abs(x - local) < SAME), None)
+    if known is None:
+        known = d.letter(guide)
+        d.given(guide)[known] = pair(local)
+    return known
 
 
 def join(d: Drawing, message: Message) -> None:
@@ -140,36 +116,30 @@ def join(d: Drawing, message: Message) -> None:
         raise Refused("a pin is joined to another", (f"pins.{a.id}",))
     shared = {*map(owner, a.members)} & {*map(owner, b.members)}
     if shared:
-        what = "fixed to the ground" if "ground" in shared else f"on {min(shared)}"
+        what = on_what("ground" if "ground" in shared else min(shared))
         raise Refused(f"pins {a.id} and {b.id} are both {what}: they cannot be one", (f"pins.{a.id}", f"pins.{b.id}"))
     if any(owner(x) == "ground" for x in a.members):
         a, b = b, a
     _shift(d, a, b.at)
-    joint = d.joint_of(a)
+    joints, joint = d.group("joints"), d.joint_of(a)
     if joint is not None:
-        del d.group("joints")[joint]
+        del joints[joint]
     if not a.members:
-        table(table(d.document, "assembly"), "sketch").pop(a.id, None)
-    d.pins.pop(a.id)
+        d.unsketch(a)
+    del d.pins[a.id]
     if not b.members:  # nothing was held there: what is joined to it takes its place
-        table(table(d.document, "assembly"), "sketch").pop(b.id, None)
+        d.unsketch(b)
         if joint is not None:
-            d.group("joints")[joint] = {"type": "revolute", "at": [*a.members]}
+            joints[joint] = {"type": "revolute", "at": [*a.members]}
         return
-    held = b
     for reference in a.members:
         if owner(reference) in d.group("links") or owner(reference) == "ground":
-            held = d.hold(held, reference)
-    if joint is not None and (kept := d.joint_of(held)) is not None:
-        replace_joint(d, joint, kept)
-    d.made.append(f"pins.{held.id}")
-
-
-def replace_joint(d: Drawing, old: str, new: str) -> None:
-    """Let everything that acted in one joint act in another."""
-    for _, force in items(d.document, "forces"):
-        if force.get("joint") == old:
-            force["joint"] = new
+            b = d.hold(b, reference)
+    if joint is not None and (kept := d.joint_of(b)) is not None:
+        for _, force in items(d.document, "forces"):  # what acted in one joint acts in the other
+            if force.get("joint") == joint:
+                force["joint"] = kept
+    d.made.append(f"pins.{b.id}")
 
 
 def ground(d: Drawing, message: Message) -> None:
@@ -177,105 +147,102 @@ def ground(d: Drawing, message: Message) -> None:
     fixed = [x for x in pin.members if owner(x) == "ground"]
     if on == bool(fixed):
         return
-    points = d.sub("ground", "points")
+    points, joints = d.given("ground"), d.group("joints")
     if on:
-        wished = d.joint_of(pin) or (pin.members[0].partition(".")[2] if pin.members else pin.id)
-        table(table(d.document, "assembly"), "sketch").pop(pin.id, None)
-        name = wished if wished not in points else d.number()
+        d.unsketch(pin)
+        name = d.name_at(pin, points)
         points[name] = pair(pin.at)
         if pin.members:
-            held = d.hold(pin, f"ground.{name}")
-            joint = d.group("joints").get(held.id, {})
+            joint = joints.get(d.hold(pin, f"ground.{name}").id, {})
             if "at" in joint:  # the ground first, as in the linkages of the suite
                 joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
         return
-    joint_name = d.joint_of(pin)
+    held = d.joint_of(pin)
     for reference in fixed:
-        name = reference.partition(".")[2]
-        used = [x for _, j in items(d.document, "joints") for x in (j.get("guide"), j.get("block")) if x == reference]
-        if not used:
+        name = tail(reference)
+        if not any(reference in (j.get("guide"), j.get("block")) for _, j in items(d.document, "joints")):
             del points[name]
-        if joint_name is None:
-            d.sub("assembly", "sketch")[name if name not in d.group("joints") else d.number()] = pair(pin.at)
-    if joint_name is not None:
-        left = [x for x in d.group("joints")[joint_name]["at"] if owner(x) != "ground"]
-        d.group("joints")[joint_name]["at"] = left
-        if len(left) < 2:
-            del d.group("joints")[joint_name]
+        if held is None:
+            d.group("assembly", "sketch")[name if name not in joints else d.fresh("")] = pair(pin.at)
+    if held is not None:
+        joints[held]["at"] = [x for x in joints[held]["at"] if owner(x) != "ground"]
+        if len(joints[held]["at"]) < 2:
+            del joints[held]
 
 
 def move(d: Drawing, message: Message) -> None:
     _shift(d, d.pin(message.get("pin")), place(message.get("at")))
 
 
-def _shift(d: Drawing, pin: Pin, at: tuple[float, float]) -> None:
+def _shift(d: Drawing, pin: Pin, at: complex) -> None:
     """Put a pin elsewhere: the links that it is on get other lengths; a guide on the ground that it slides along comes along."""
     if not pin.members:
-        d.sub("assembly", "sketch")[pin.id] = pair(at)
+        d.group("assembly", "sketch")[pin.id] = pair(at)
     joints = d.group("joints")
     for _, joint in items(d.document, "joints"):
         guide = str(joint.get("guide"))
-        if joint.get("block") in pin.members and owner(guide) == "ground":
-            used = sum(str(x).count(f"'{guide}'") for x in joints.values())
-            if used == 1:
-                d.set_point(guide, d.place(guide) + np.array(at) - np.array(pin.at))
+        used = sum(str(x).count(f"'{guide}'") for x in joints.values())
+        if joint.get("block") in pin.members and owner(guide) == "ground" and used == 1:
+            d.set_point(guide, d.place(guide) + at - pin.at)
     for reference in pin.members:
         link = owner(reference)
-        if link != "ground" and link not in d.group("links"):
+        if link == "ground":
+            d.set_point(reference, at)
+        elif link not in d.group("links"):
             continue  # of a cylinder, which follows
-        if link != "ground" and len(d.points(link)) == 1:  # a block goes where its pin goes
-            d.poses[link][:2] += np.array(at) - np.array(pin.at)
-            continue
-        framed = link != "ground" and d.framed(link)
-        d.set_point(reference, at)
-        if link != "ground":
-            for a, b in sequence(d.link(link), "bars"):
-                if math.dist(d.place(f"{link}.{a}"), d.place(f"{link}.{b}")) < 1e-6:
-                    raise Refused(f"{link} would have no length", (f"links.{link}",))
-        if framed:
-            d.reframe(link)
+        elif len(d.points(link)) == 1:  # a block goes where its pin goes
+            origin, theta = d.poses[link]
+            d.poses[link] = origin + at - pin.at, theta
+        else:
+            _put(d, reference, at)
+
+
+def _put(d: Drawing, reference: str, at: complex) -> None:
+    """Put a point of a link elsewhere in the world."""
+    link = owner(reference)
+    framed = d.framed(link)
+    d.set_point(reference, at)
+    bars = [[d.place(f"{link}.{x}") for x in bar] for bar in sequence(d.link(link), "bars")]
+    if any(abs(a - b) < SHORTEST for a, b in bars):
+        raise Refused(f"{link} would have no length", (f"links.{link}",))
+    if framed:
+        d.reframe(link)
 
 
 def set_length(d: Drawing, message: Message) -> None:
     name, length = str(message.get("link")), number(message, "value")
     points = d.points(name)
     a, b = str(message.get("a")), str(message.get("b"))
+    where = (f"links.{name}",)
     if a not in points or b not in points or a == b:
-        raise Refused(f"{name} has no length {a[:40]}-{b[:40]}", (f"links.{name}",), "a")
-    if not 1e-6 <= length <= 1e5:
-        raise Refused("a length is between 1e-6 and 1e5 m", (f"links.{name}",), "value")
-    along, framed = points[b] - points[a], d.framed(name)
-    if math.hypot(*along) < SAME:
-        raise Refused(f"{a} and {b} lie at one place of {name}", (f"links.{name}",))
-    d.set_point(f"{name}.{b}", d.world(name, points[a] + along * (length / math.hypot(*along))))
-    if framed:
-        d.reframe(name)
+        raise Refused(f"{name} has no length {a[:40]}-{b[:40]}", where, "a")
+    if not SHORTEST <= length <= 1e5:
+        raise Refused("a length is between 1e-6 and 1e5 m", where, "value")
+    along = points[b] - points[a]
+    if abs(along) < SAME:
+        raise Refused(f"{a} and {b} lie at one place of {name}", where)
+    _put(d, f"{name}.{b}", d.world(name, points[a] + along * (length / abs(along))))
 
 
 def set_angle(d: Drawing, message: Message) -> None:
-    name, degrees = str(message.get("link")), number(message, "value_deg")
+    name, degrees, reading = str(message.get("link")), number(message, "value_deg"), d.reading
     d.link(name)
-    reading = d.reading
     if reading.mechanism is None or reading.joints is None or not reading.closed:
         raise Refused("a link is turned once the drawing assembles", (f"links.{name}",))
     body, turn = reading.mechanism.placed(name)
-    q, close = reading.q, joint_residual(reading.joints)
-    goal = math.radians(degrees) - float(turn)
-    first = float(q[3 * body + 2])
-    way = math.remainder(goal - first, 2 * math.pi)
-    row = np.zeros((1, len(q)))
-    row[0, 3 * body + 2] = 1.0
-    steps = max(1, math.ceil(abs(way) / math.radians(5.0)))
-    for k in range(1, steps + 1):
+    q, close, k = reading.q, joint_residual(reading.joints), 3 * body + 2
+    first, row = float(q[k]), np.eye(len(q))[k]
+    way = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)
+    for goal in np.linspace(first, first + way, max(1, math.ceil(abs(way) / TURN)) + 1)[1:]:
 
-        def residual(x: Array, held: float = first + way * k / steps) -> tuple[Array, Array]:
+        def residual(x: Array, goal: float = goal) -> tuple[Array, Array]:
             F, J = close(x)
-            return np.append(F, x[3 * body + 2] - held), np.vstack([J, row])
+            return np.append(F, x[k] - goal), np.vstack([J, row])
 
         q, error = gauss_newton(q, residual)
         if error > CLOSED:
             raise Refused(f"{name} cannot stand at {degrees:g} degrees: the linkage does not reach that", (f"links.{name}",))
-    d.poses = {key: np.array(x) for key, x in reading.poses(q).items()}
+    d.lay(reading.poses(q))
 
 
 GEOMETRY = {

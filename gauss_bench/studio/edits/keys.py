@@ -1,34 +1,36 @@
 """The tables of a file by their keys: setting, renaming, deleting, forces and locks."""
 
-import copy
-import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-
+from gauss_bench.exchange.toml import GROUPS
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
-from gauss_bench.studio.document import GROUPS, Document
-from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits
+from gauss_bench.studio.document import Document, split_path
+from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits, tail
 from gauss_bench.studio.edits.scenarios import RELEASED
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
 from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
 
 EITHER = (("mass", "kg_per_m"), ("angle", "angle_deg"), ("rest", "rest_deg"), ("start", "start_deg"), ("travel", "travel_deg"))
-USUAL: dict[str, dict[str, Any]] = {  # numbers of a force that is drawn without any
-    "torque": {"value": 1.0},
-    "force": {"value": [0.0, -10.0]},
-    "spring_damper": {"k": 100.0, "c": 0.0},
-    "axis_spring_damper": {"k": 100.0},
-    "rotational_spring_damper": {"k": 1.0},
-    "joint_damping": {"c": 0.05},
-    "coulomb_friction": {"mu": 0.1, "speed": 0.01},
+USUAL: dict[str, dict[str, Any]] = {  # word of a force -> its type and the numbers of one that is drawn without any
+    "torque": {"type": "torque", "value": 1.0},
+    "force": {"type": "force", "value": [0.0, -10.0]},
+    "spring": {"type": "spring_damper", "k": 100.0, "c": 0.0},
+    "damper": {"type": "spring_damper", "k": 0.0, "c": 10.0},
+    "axis_spring_damper": {"type": "axis_spring_damper", "k": 100.0},
+    "rotational_spring_damper": {"type": "rotational_spring_damper", "k": 1.0},
+    "joint_damping": {"type": "joint_damping", "c": 0.05},
+    "coulomb_friction": {"type": "coulomb_friction", "mu": 0.1, "speed": 0.01},
 }
-LINKS = ("crank", "link", "reaction", "frame", "to", "links", "hold", "angles", "angles_deg", "speeds")  # keys that name links
-JOINTS = ("joint", "joints", "hold", "slides", "slide_speeds", "sketch")
+WORDS = {  # group -> keys whose texts name an entry of it, wherever they stand
+    "links": ("crank", "link", "reaction", "frame", "to", "links", "hold", "angles", "angles_deg", "speeds"),
+    "joints": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
+    "cylinders": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
+}
+TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that name nothing
 
 
 def set_key(d: Drawing, message: Message) -> None:
@@ -36,23 +38,19 @@ def set_key(d: Drawing, message: Message) -> None:
     path, given = message.get("path"), message.get("value")
     if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+|\[\d{1,4}\])*", path):
         raise Refused("a path is keys with dots between them", field="path")
-    keys = [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", path)]
-    if keys[0] in ("format", "scenarios") and len(keys) == 1:
+    if path in ("format", "scenarios"):
         raise Refused(f"{path} cannot be set", field=path)
-    before = copy.deepcopy(d.document)
+    *keys, last = split_path(path)
     at: Any = d.document
-    for key in keys[:-1]:
-        if isinstance(at, list):
-            at = at[key] if isinstance(key, int) and key < len(at) else None
-        elif isinstance(at, dict):
+    for key in keys:
+        if isinstance(at, dict) and isinstance(key, str):
             at = at.setdefault(key, {})
-        if not isinstance(at, (dict, list)):
-            raise Refused(f"there is no {path}", field=path)
-    last = keys[-1]
-    if isinstance(at, list):
-        if not isinstance(last, int) or last >= len(at):
-            raise Refused(f"there is no {path}", field=path)
+        else:
+            at = at[key] if isinstance(at, list) and isinstance(key, int) and key < len(at) else None
+    if isinstance(at, list) and isinstance(last, int) and last < len(at):
         at[last] = given
+    elif not isinstance(at, dict) or isinstance(last, int):
+        raise Refused(f"there is no {path}", field=path)
     elif given is None:
         at.pop(last, None)
     else:
@@ -60,13 +58,22 @@ def set_key(d: Drawing, message: Message) -> None:
         for a, b in EITHER:
             if last in (a, b) and a in at and b in at:
                 del at[b if last == a else a]
-    if faults := new_faults(before, d.document):
-        raise Refused("; ".join(str(x) for x in faults[:3]), (), faults[0].path)
+    d.check()
+
+
+def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
+    """The tables and lists of x with every text, and every key of a table, as `change(text, key it stands under)` has it."""
+    if isinstance(x, dict):
+        named = key in GROUPS  # whose entries' names are no keys
+        return {change(k, key): rewrite(y, change, "" if named else k) for k, y in x.items()}
+    if isinstance(x, list):
+        return [rewrite(y, change, key) for y in x]
+    return change(x, key) if isinstance(x, str) and key not in TEXTS else x
 
 
 def rename(d: Drawing, message: Message) -> None:
     id, to = str(message.get("what", message.get("id"))), str(message.get("to"))  # pages of before called it id, as the message is
-    group, _, name = id.partition(".")
+    group, name = owner(id), tail(id)
     if not NAME.fullmatch(to) or len(to) > 60:
         raise Refused("a name has letters, digits and underscores", (id,), "to")
     if id == "name":
@@ -75,90 +82,56 @@ def rename(d: Drawing, message: Message) -> None:
     if group == "pins":
         _rename_pin(d, name, to)
         return
-    at = {"slides": "joints"}.get(group, group)
-    if at not in GROUPS or name not in d.group(at):
+    group = "cylinders" if group == "forces" and name in d.group("cylinders") else {"slides": "joints"}.get(group, group)
+    if group not in GROUPS or name not in d.group(group):
         raise Refused(f"there is no {id[:60]}", (id,), "id")
-    if to == name:
-        return
-    taken = {"links": (*d.group("links"), "ground"), "joints": (*d.group("joints"), *d.group("cylinders"))}.get(at, (*d.group(at),))
-    if to in taken:
+    others = {"links": {"ground"}, "joints": d.group("cylinders").keys(), "cylinders": d.group("joints").keys()}.get(group, set())
+    if to != name and to in others | d.group(group).keys():
         raise Refused(f"{to} is taken already", (id,), "to")
-    if at == "forces" and name in d.group("cylinders"):
-        at = "cylinders"
-    _rename_in(d.document, at, name, to)
-    if at == "links":
-        d.poses[to] = d.poses.pop(name, np.zeros(3))
+    _rename_in(d.document, group, name, to)
+    if group == "links":
+        d.poses = {to if k == name else k: x for k, x in d.poses.items()}
 
 
 def _rename_in(document: Document, group: str, old: str, new: str) -> None:
     """Rename an entry of a group and all that refers to it, in its place."""
-    document[group] = {new if k == old else k: x for k, x in document[group].items()}
-    words = {"links": LINKS, "joints": JOINTS, "cylinders": JOINTS, "forces": ("forces",)}.get(group, ())
+    words = (group, *WORDS.get(group, ()))
 
-    def renamed(x: Any, key: str) -> Any:
-        if isinstance(x, dict):
-            return {_name(k, key): renamed(y, k if isinstance(k, str) else key) for k, y in x.items()}
-        if isinstance(x, list):
-            return [renamed(y, key) for y in x]
-        return _name(x, key) if isinstance(x, str) and key not in ("title", "name", "format", "type", "law") else x
-
-    def _name(x: Any, key: str) -> Any:
+    def change(x: str, key: str) -> str:
         if key in words and x == old:
             return new
-        if group == "links" and isinstance(x, str) and x.startswith(f"{old}."):
-            return f"{new}.{x.partition('.')[2]}"
-        return x
+        return f"{new}.{tail(x)}" if group == "links" and x.startswith(f"{old}.") else x
 
-    for key, x in [*document.items()]:
-        if not (key == group and group in ("links", "forces", "joints")):
-            document[key] = renamed(x, key)
-        else:
-            document[key] = {k: renamed(y, "") for k, y in x.items()}
+    document.update(rewrite(document, change))
 
 
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
     """A pin's joint gets the name, and its points where theirs was the same and the new one is free."""
     pin = d.pin(name)
-    joint = d.joint_of(pin)
-    where = (f"pins.{name}",)
+    joint, where = d.joint_of(pin), (f"pins.{name}",)
     if to in {*d.group("joints"), *d.group("cylinders"), *lone_pins(d.document)} - {joint}:
         raise Refused(f"{to} is taken already", where, "to")
     if not pin.members:
-        sketch = d.sub("assembly", "sketch")
+        sketch = d.group("assembly", "sketch")
         sketch[to] = sketch.pop(name)
         return
-    old = joint or pin.members[0].partition(".")[2]
+    old = joint or tail(pin.members[0])
     for reference in pin.members:
-        link, _, point = reference.partition(".")
-        if link == "ground" or link in d.group("links"):
-            if point == old and to not in d.points(link):
-                _rename_point(d.document, link, point, to)
-            elif joint is None and point == old:
+        link, point = owner(reference), tail(reference)
+        if (link == "ground" or link in d.group("links")) and point == old:
+            if to not in d.points(link):
+                _rename_point(d, link, point, to)
+            elif joint is None:
                 raise Refused(f"{link} has a point {to} already", where, "to")
     if joint is not None and joint != to:
         _rename_in(d.document, "joints", joint, to)
 
 
-def _rename_point(document: Document, link: str, old: str, new: str) -> None:
-    given = document["ground"] if link == "ground" else document["links"][link]
-    given["points"] = {new if k == old else k: x for k, x in given["points"].items()}
-    for value_of in given["points"].values():
-        if isinstance(value_of, dict) and value_of.get("from") == old:
-            value_of["from"] = new
-    if "bars" in given:
-        given["bars"] = [[new if x == old else x for x in bar] for bar in given["bars"]]
-    for mass in given.get("point_masses", []):
-        mass["point"] = new if mass.get("point") == old else mass.get("point")
-
-    def renamed(x: Any) -> Any:
-        if isinstance(x, dict):
-            return {renamed(k): renamed(y) for k, y in x.items()}
-        if isinstance(x, list):
-            return [renamed(y) for y in x]
-        return f"{link}.{new}" if x == f"{link}.{old}" else x
-
-    for key, x in [*document.items()]:
-        document[key] = renamed(x)
+def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
+    given = d.group("ground") if link == "ground" else d.link(link)
+    words = ("points", "bars", "point", "from")  # of the link's own table
+    given.update(rewrite(given, lambda x, key: new if x == old and key in words else x))
+    d.document.update(rewrite(d.document, lambda x, key: f"{link}.{new}" if x == f"{link}.{old}" else x))
 
 
 def delete(d: Drawing, message: Message) -> None:
@@ -166,54 +139,49 @@ def delete(d: Drawing, message: Message) -> None:
     ids = message.get("ids")
     if not isinstance(ids, list) or not all(isinstance(x, str) for x in ids):
         raise Refused("ids is a list of what to delete", field="ids")
-    before = copy.deepcopy(d.document)
     for id in ids[:1000]:
-        group, _, name = id.partition(".")
-        match group:
-            case "pins" if name in d.pins:
-                _delete_pin(d, name)
-            case "slides" if name in d.group("joints"):
-                block = owner(str(d.group("joints").pop(name).get("block")))
-                if len(table(table(d.document, "links").get(block, {}), "points")) == 1:
-                    del d.group("links")[block]
-            case "slides" | "forces" if name in d.group("cylinders"):
-                del d.group("cylinders")[name]
-            case "links" | "forces" | "scenarios" | "welds" | "cylinders" | "constraints" if name in d.group(group):
-                del d.group(group)[name]
-                ends = (f"{name}_barrel", f"{name}_rod")
-                d.poses = {k: x for k, x in d.poses.items() if k not in (*ends, *([name] if group == "links" else []))}
-            case _:
-                continue  # it went with something else
-    prune(d, before)
+        group, name = owner(id), tail(id)
+        if group in ("slides", "forces") and name in d.group("cylinders"):
+            group = "cylinders"
+        if group == "pins" and name in d.pins:
+            _delete_pin(d, name)
+        elif group == "slides" and name in d.group("joints"):
+            block = owner(str(d.group("joints").pop(name).get("block")))
+            if len(table(table(d.document, "links").get(block, {}), "points")) == 1:
+                del d.group("links")[block]
+        elif group in GROUPS and group != "joints" and name in d.group(group):  # else it went with something else
+            del d.group(group)[name]
+            ends = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())
+            d.poses = {k: x for k, x in d.poses.items() if k not in ends}
+    prune(d)
 
 
 def _delete_pin(d: Drawing, name: str) -> None:
     """Take a pin's points from all that is on it; bars that are left with one end go too."""
     pin = d.pins[name]
     if not pin.members:
-        d.sub("assembly", "sketch").pop(name, None)
+        d.unsketch(pin)
     for reference in pin.members:
-        link, _, point = reference.partition(".")
+        link, point = owner(reference), tail(reference)
         if link == "ground":
-            d.sub("ground", "points").pop(point, None)
+            d.given("ground").pop(point, None)
         elif link in d.group("links"):
             given = d.link(link)
             if len(given["points"]) <= 2:
-                del d.group("links")[link]
-                d.poses.pop(link, None)
+                del d.group("links")[link], d.poses[link]
                 continue
             given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
             kept = [bar for bar in sequence(given, "bars") if point not in bar]
-            ends = [bar for bar in sequence(given, "bars") if point in bar]
-            if len(ends) == 2:  # of a polygon: its neighbours are joined
-                a, b = (next(x for x in bar if x != point) for bar in ends)
-                kept += [[a, b]] if a != b and not any({a, b} == {*bar} for bar in kept) else []
+            beside = [x for bar in sequence(given, "bars") if point in bar for x in bar if x != point]
+            if len(beside) == 2 and beside[0] != beside[1] and not any({*beside} == {*bar} for bar in kept):
+                kept.append(beside)  # of a polygon: its neighbours are joined
             if "bars" in given:
                 given["bars"] = kept or [[*given["points"]][:2]]
 
 
-def prune(d: Drawing, before: Document) -> None:
+def prune(d: Drawing) -> None:
     """Leave out what refers to what is no more."""
+    before = d.reading.document
     for _ in range(1000):
         faults = [x for x in new_faults(before, d.document) if x.path not in ("links", "scenarios")]
         if not faults:
@@ -224,46 +192,37 @@ def prune(d: Drawing, before: Document) -> None:
     sketched = table(table(d.document, "assembly"), "sketch")
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
         sketched.pop(joint, None)  # its place is that of no pin any more
-    gone = [
-        k
-        for k, x in items(d.document, "scenarios")
-        if "driver" in table(d.reading.document, "scenarios").get(k, {}) and not (x.get("driver") or x.get("drivers"))
-    ]
-    for name in gone:
-        del d.group("scenarios")[name]
+    for name, scenario in [*items(d.document, "scenarios")]:
+        if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
+            del d.group("scenarios")[name]
 
 
 def add_force(d: Drawing, message: Message) -> None:
-    kind = str(message.get("type"))
+    word = str(message.get("type"))
     given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}
     if "a" in message or "b" in message:
-        ends = d.ends(*(d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b"))))
-        given["between"] = [*ends]
-    if kind == "cylinder":
-        _add_cylinder(d, message, given)
+        given["between"] = d.ends(*(d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b"))))
+    if word == "cylinder":
+        _add_cylinder(d, given)
         return
-    kind = {"spring": "spring_damper", "damper": "spring_damper"}.get(kind, kind)
-    if kind not in FORCES:
-        raise Refused(f"there is no force {kind[:40]!r}; there are {', '.join(FORCES)}, cylinder", field="type")
+    word = "spring" if word == "spring_damper" else word
+    if word not in USUAL:
+        raise Refused(f"there is no force {word[:40]!r}; there are {', '.join(FORCES)}, cylinder", field="type")
     for key in ("point", "origin"):
         if isinstance(given.get(key), str):
             given[key] = d.on_link(given[key])
-    if isinstance(given.get("joint"), str):
-        given["joint"] = d.joint_of(d.pins[given["joint"]]) if given["joint"] in d.pins else given["joint"]
-    usual = {"k": 0.0, "c": 10.0} if message.get("type") == "damper" else USUAL[kind]
-    if kind == "spring_damper" and "rest" not in given and message.get("type") != "damper" and len(given.get("between", [])) == 2:
-        a, b = (d.place(x) for x in given["between"])
-        usual = usual | {"rest": round_digits(math.dist(a, b))}
-    if kind == "coulomb_friction" and table(table(d.document, "joints"), str(given.get("joint"))).get("type") == "revolute":
-        usual = usual | {"radius": 0.01}
+    if given.get("joint") in [*d.pins]:
+        given["joint"] = d.joint_of(d.pins[given["joint"]])
+    usual = dict(USUAL[word])
+    if word == "spring" and "rest" not in given and len(given.get("between", [])) == 2:
+        usual["rest"] = _apart(d, given)
+    if word == "coulomb_friction" and table(table(d.document, "joints"), str(given.get("joint"))).get("type") == "revolute":
+        usual["radius"] = 0.01
     name = message.get("name")
     if not (isinstance(name, str) and NAME.fullmatch(name) and name not in d.group("forces")):
-        word = {"damper": "damper", "spring_damper": "spring"}.get(str(message.get("type")), kind.partition("_")[0])
-        name = d.fresh(word, "forces")
-    before = copy.deepcopy(d.document)
-    d.group("forces")[name] = {"type": kind} | usual | given
-    if faults := new_faults(before, d.document):
-        raise Refused("; ".join(str(x) for x in faults[:3]), (), faults[0].path.rpartition(".")[2])
+        name = d.fresh(word.partition("_")[0], "forces")
+    d.group("forces")[name] = usual | given
+    d.check()
     d.made.append(f"forces.{name}")
     for key, scenario in items(d.document, "scenarios"):
         if key == RELEASED or (RELEASED not in d.group("scenarios") and not {"driver", "drivers"} & scenario.keys()):
@@ -271,29 +230,27 @@ def add_force(d: Drawing, message: Message) -> None:
             break
 
 
-def _add_cylinder(d: Drawing, message: Message, given: dict[str, Any]) -> None:
+def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
+    """The distance [m] of two points."""
+    a, b = (d.place(str(x)) for x in given["between"])
+    return round_digits(abs(b - a))
+
+
+def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
-    apart = math.dist(*(d.place(str(x)) for x in given["between"]))
-    part = {"length": round_digits(max(0.6 * apart, 1e-3)), "kg_per_m": KG_PER_M}
+    part = {"length": round_digits(max(0.6 * _apart(d, given), 1e-3)), "kg_per_m": KG_PER_M}
     name = d.fresh("cylinder", "cylinders", "joints")
-    before = copy.deepcopy(d.document)
-    _second_edition(d)
-    d.group("cylinders")[name] = {"between": given["between"], "barrel": dict(part), "rod": dict(part)}
-    if faults := new_faults(before, d.document):
-        raise Refused("; ".join(str(x) for x in faults[:3]), (), faults[0].path)
-    d.made.append(f"forces.{name}")
-
-
-def _second_edition(d: Drawing) -> None:
-    """The edition of the grammar that has cylinders; the damping of a pin through three links means something else there."""
-    if d.document.get("format") == FORMAT:
-        joints = table(d.document, "joints")
-        for name, force in items(d.document, "forces"):
-            if force.get("type") == "joint_damping" and len(sequence(joints.get(str(force.get("joint")), {}), "at")) > 2:
-                said = f"a file of the first edition has no cylinders, and in the second {name} would damp otherwise"
-                raise Refused(said, (f"forces.{name}",))
+    if d.document.get("format") == FORMAT:  # of which the damping of a pin through three links means something else
+        for damper, force in items(d.document, "forces"):
+            joint = table(d.document, "joints").get(str(force.get("joint")), {})
+            if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
+                said = f"a file of the first edition has no cylinders, and in the second {damper} would damp otherwise"
+                raise Refused(said, (f"forces.{damper}",))
     d.document["format"] = SECOND
+    d.group("cylinders")[name] = {"between": given["between"], "barrel": dict(part), "rod": dict(part)}
+    d.check()
+    d.made.append(f"forces.{name}")
 
 
 def lock_of(d: Drawing, message: Message) -> str:
@@ -310,8 +267,7 @@ def lock_of(d: Drawing, message: Message) -> str:
     length = message.get("length", message if "a" in message else None)
     if isinstance(length, Mapping):
         a, b = str(length.get("a")), str(length.get("b"))
-        points = d.points(str(length.get("link")))
-        if a in points and b in points:
+        if {a, b} <= d.points(str(length.get("link"))).keys():
             return f"links.{length['link']}:{a}-{b}"
         raise Refused("there is no such length", field="length")
     d.link(message.get("link"))

@@ -1,10 +1,7 @@
 """Steps of the history made by edits: the tables change, the linkage is closed again, and the file follows."""
 
-import math
 import re
 from collections.abc import Callable
-
-import numpy as np
 
 from gauss_bench.studio.autosave import Picture
 from gauss_bench.studio.document import write_document
@@ -18,9 +15,11 @@ from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.session import Session
 from gauss_bench.terms import Array
 
+EDITS: dict[str, Callable[[Drawing, Message], None]] = {**GEOMETRY, **KEYS, "drive": drive}
 STAYING = ("observe", "add_force", "drive", "rename")  # edits after which everything lies where it lay
 LENGTH = 1e-8  # [m] by which a locked length may differ, for its digits
 SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # what a linkage's places follow from
+PICTURES = tuple(f"data:image/{x};base64," for x in ("png", "jpeg", "webp", "gif"))
 
 
 def edit_document(session: Session, change: Callable[[Drawing], object], still: bool = False) -> list[str]:
@@ -32,15 +31,10 @@ def edit_document(session: Session, change: Callable[[Drawing], object], still: 
     before = session.reading
     d = Drawing(session.document, before)
     change(d)
-    if not still:
-        _keeps_lengths(session.locks, before, d)
-        d.sketch()
-    d.tidy()
+    d.tidy() if still else _settle(session.locks, d)
     after = read(d.document)
     if not still and after.closed:
-        closed = Drawing(d.document, after)
-        closed.sketch()
-        closed.tidy()
+        Drawing(d.document, after).sketch()
         follow(d.document, before, after)
     release(d.document, after)
     session.put(write_document(session.text, d.document), session.locks)
@@ -55,10 +49,9 @@ def edit(session: Session, message: Message) -> list[str]:
     """
     verb = str(message.get("do"))
     still = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
-    change = (GEOMETRY | KEYS | {"drive": drive})[verb]
     if verb == "move":
         _movable(session.locks, message)
-    return edit_document(session, lambda d: change(d, message), still)
+    return edit_document(session, lambda d: EDITS[verb](d, message), still)
 
 
 def try_edit(session: Session, message: Message) -> Reading:
@@ -70,9 +63,7 @@ def try_edit(session: Session, message: Message) -> Reading:
     _movable(session.locks, message)
     d = Drawing(session.document, session.reading)
     move(d, message)
-    _keeps_lengths(session.locks, session.reading, d)
-    d.sketch()
-    d.tidy()
+    _settle(session.locks, d)
     return read(d.document, starts=False)
 
 
@@ -83,29 +74,25 @@ def _movable(locks: frozenset[str], message: Message) -> None:
         raise Refused(f"pin {pin} is locked", (f"pins.{pin}",))
 
 
-def _keeps_lengths(locks: frozenset[str], before: Reading, d: Drawing) -> None:
-    """See that locked lengths are what they were.
+def _settle(locks: frozenset[str], d: Drawing) -> None:
+    """Write the sketch of a drawing whose locked lengths are what they were.
 
     Raises:
         Refused: one is not.
     """
-    for lock in sorted(locks):
+    before = Drawing(d.reading.document, d.reading)
+    for lock in sorted(x for x in locks if x.startswith("links.") and ":" in x):
         link, _, ends = lock.removeprefix("links.").partition(":")
-        if not ends or not lock.startswith("links."):
-            continue
         a, b = ends.split("-")
-        was, now = (x.points(link) if link in x.poses else {} for x in (Drawing(before.document, before), d))
-        if {a, b} <= was.keys() & now.keys() and abs(math.dist(was[a], was[b]) - math.dist(now[a], now[b])) > LENGTH:
+        was, now = (x.points(link) if link in x.poses else {} for x in (before, d))
+        if {a, b} <= was.keys() & now.keys() and abs(abs(was[a] - was[b]) - abs(now[a] - now[b])) > LENGTH:
             raise Refused(f"the length {ends} of {link} is locked: free it, or drag the linkage instead", (f"links.{link}",))
+    d.sketch()
 
 
 def pose_sketch(session: Session, q: Array) -> None:
     """Draw the linkage at another position q (n,) that its joints allow."""
-
-    def change(d: Drawing) -> None:
-        d.poses = {name: np.array(x) for name, x in d.reading.poses(q).items()}
-
-    edit_document(session, change)
+    edit_document(session, lambda d: d.lay(d.reading.poses(q)))
 
 
 def lock(session: Session, message: Message) -> None:
@@ -134,10 +121,6 @@ def picture(session: Session, message: Message) -> None:
     if not (1e-6 <= width <= 1e5 and 1e-6 <= height <= 1e5):
         raise Refused("a picture is between 1e-6 and 1e5 m wide and high", field="width")
     url = given.get("url", session.picture and session.picture.url)
-    kinds = tuple(f"data:image/{x};base64," for x in ("png", "jpeg", "webp", "gif"))
-    if not isinstance(url, str) or not url.startswith(kinds):
+    if not isinstance(url, str) or not url.startswith(PICTURES):
         raise Refused("a picture is PNG, JPEG, WebP or GIF", field="picture")
-    session.lay(Picture(url, at, width, height))
-
-
-EDITS = (*GEOMETRY, *KEYS, "drive")
+    session.lay(Picture(url, (at.real, at.imag), width, height))
