@@ -11,14 +11,12 @@ from gauss_bench.engines.exudyn.accelerations import Readout, verify
 from gauss_bench.engines.exudyn.adapter import VARIANTS, Exudyn, ExudynModel, library, simulation_settings
 from gauss_bench.engines.exudyn.items import System
 from gauss_bench.linkage.load import document_of, load, load_document
-from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.conftest import DATA, needs
+from tests.conftest import needs
 from tests.engine_runs import (
-    DRIVEN,
     LINKAGES,
     TURNS,
     acceleration_errors,
@@ -62,13 +60,6 @@ def test_default_settings_are_the_shipped_ones(linkages):
 
 
 @pytest.mark.parametrize("name", LINKAGES)
-def test_tuned_acceleration_is_exact_but_for_fourth_order_differences(name, linkages):
-    errors = acceleration_errors(ENGINE, linkages[name], "tuned", random_states(linkages[name]))
-    assert np.median(errors) < 1e-11, "rounding 1e-16 over a relative step of 1e-3, times the conditioning of a linkage"
-    assert errors.max() < 1e-9, "the worst transmission angle costs two or three digits more"
-
-
-@pytest.mark.parametrize("name", LINKAGES)
 def test_default_acceleration_has_the_error_of_its_own_differencing(name, linkages):
     mechanism = linkages[name]
     moving = acceleration_errors(ENGINE, mechanism, "default", random_states(mechanism, 50))
@@ -76,16 +67,6 @@ def test_default_acceleration_has_the_error_of_its_own_differencing(name, linkag
     resting = acceleration_errors(ENGINE, mechanism, "default", random_states(mechanism, 50, speed=0.0))
     assert resting.max() < 1e-10, "at rest there is nothing to differentiate"
     assert np.median(moving) > 100 * np.median(resting)
-
-
-@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
-def test_accelerations_under_a_driver(name, scenario):
-    mechanism = load(name, scenario)
-    states = random_states(mechanism, 50)
-    errors = acceleration_errors(ENGINE, mechanism, "tuned", states)
-    assert np.median(errors) < 1e-11, "as without a driver"
-    assert errors.max() < 1e-9
-    np.testing.assert_array_less(acceleration_errors(ENGINE, mechanism, "default", states), 1e-4)
 
 
 @pytest.mark.slow("four_bar-cycloid", "shaper-cycloid")
@@ -116,24 +97,6 @@ def test_a_law_that_begins_with_a_jump_is_met_from_the_first_sample_on(integrato
     assert relative_error(found.a[0], exact.a[0]) < 1e-11, "given, not found by Exudyn"
     assert relative_error(found.q, exact.q) < 1e-4
     assert relative_error(found.a[10:], exact.a[10:]) < 1e-3, "an offset in the start would stay in the trapezoidal rule"
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_two_driven_links_and_samples_off_the_grid(integrator):
-    mechanism, times = load("five_bar", "driven"), [0.0, 0.0707, 0.1, 0.10012, 0.2]
-    found = run(mechanism, times, integrator)
-    true = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
-    assert np.abs(found.q - true.q).max() < 1e-5, "1e-6 of both integrators at a millisecond"
-
-
-@pytest.mark.parametrize(("name", "scenario"), [("excavator", "dig"), (str(DATA / "gripper.toml"), "close")])
-def test_driven_lengths_and_slides_are_equations_of_their_own(name, scenario):
-    mechanism, times = load(name, scenario), [0.0, 0.05, 0.1]
-    found = run(mechanism, times, INTEGRATORS[0])
-    true = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
-    for driver in mechanism.drivers:
-        assert np.abs(value(driver.coordinate, found.q) - driver.law(np.array(times))[0]).max() < 1e-10
-    assert np.abs(found.q - true.q).max() < 1e-5, "of the integrator at a millisecond"
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -179,35 +142,6 @@ def test_recording_does_not_change_the_motion(integrator, linkages):
         assert np.array_equal(getattr(few, name)[[0, -1]], getattr(many, name)[[0, -1]])
     middle = run(mechanism, [0.0, 0.1], integrator)
     assert np.abs(many.q[20] - middle.q[-1]).max() < 1e-12, "a sample stands for the end of its step"
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_samples_off_the_grid_of_steps_are_met(integrator, linkages):
-    times = [0.0, 0.0707, 0.1, 0.10012, 0.2]
-    found, true = run(linkages["crank_slider"], times, integrator), by_gauss(linkages["crank_slider"], times)
-    assert found.steps == 71 + 30 + 1 + 100
-    single = np.abs(run(linkages["crank_slider"], [0.0, 0.2], integrator).q[-1] - true.q[-1]).max()
-    assert np.abs(found.q - true.q).max() < 2 * single, "restarts cost no more than the truncation error itself"
-
-
-def test_a_single_time_is_the_start(linkages):
-    mechanism = linkages["eight_bar"]
-    start = run(mechanism, [0.0])
-    assert np.array_equal(start.q[0], mechanism.q0)
-    assert np.array_equal(start.v[0], mechanism.v0)
-    assert start.steps == 0
-
-
-def test_a_model_can_be_run_again(linkages):
-    model = ENGINE.build(linkages["four_bar"], Choice("default", INTEGRATORS[0], step=1e-3))
-    ends = []
-    for times in ([0.0, 0.1], [0.0, 0.033, 0.1], [0.0, 0.1]):
-        model.prepare(np.array(times))
-        model.acceleration(0.0, model.mechanism.q0, np.zeros(model.mechanism.n))  # a look elsewhere, between the two
-        model.prepare(np.array(times))
-        model.run()
-        ends.append(model.read().q[-1])
-    assert np.array_equal(ends[0], ends[2])
 
 
 @pytest.mark.slow("tuned")
@@ -260,9 +194,6 @@ def test_a_missing_joint_or_a_wrong_mass_is_noticed(linkages):
 def test_what_cannot_be_modelled_is_skipped_without_the_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "exudyn", None)  # importing it now fails
     choice = Choice("default", INTEGRATORS[0])
-    assert ENGINE.skip(load("excavator", "dig"), choice) is None
-    assert "friction" in ENGINE.skip(linkage("friction"), choice)
-    assert ENGINE.skip(load("four_bar", "driven"), choice) is None
     assert "across" in ENGINE.skip(with_forces("across"), choice)
     content = document("all_kinds")
     content["forces"]["anchor"] |= {"c": 0.5, "between": ["ground.O", "arm.O"]}
@@ -272,7 +203,6 @@ def test_what_cannot_be_modelled_is_skipped_without_the_library(monkeypatch):
     content["constraints"] = {"skate": {"type": "knife_edge", "point": "plate.M", "angle_deg": heading}}
     content["scenarios"]["all"]["forces"] = []
     assert "knife" in ENGINE.skip(load_document(content), choice)
-    assert ENGINE.skip(load("crank_slider", "paper"), choice) is None
 
 
 def test_the_skipped_axis_spring_would_indeed_be_wrong():

@@ -1,0 +1,98 @@
+"""What every library's engine must do on the same linkages: true accelerations, driven motions, honest samples, and refusals."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from gauss_bench.engines import FOREIGN, get
+from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.coordinates import value
+from gauss_bench.mechanism.spaces import angles
+from gauss_bench.reference.build import random_states
+from tests.conftest import DATA, needs
+from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, ran
+
+BEST = {
+    "pinocchio": "default",
+    "exudyn": "tuned",
+    "mujoco": "rigid",
+    "casadi": "interpreted/rk4",
+}  # settings, the most exact of each
+RIGHT = {  # median and largest relative error of accelerations that an engine's arithmetic explains
+    "pinocchio": (1e-12, 1e-10),  # rounding, amplified by transmission angles
+    "exudyn": (1e-11, 1e-9),  # fourth-order differences at a relative step of 1e-3
+    "mujoco": (5e-9, 1e-7),  # closures a little soft, and the load on a driven crank over its armature
+    "casadi": (1e-12, 1e-10),
+}
+EQUAL = {"pinocchio": "rk4", "exudyn": "generalized_alpha", "mujoco": "rk4", "casadi": "rk4"}  # integrators with equal steps
+FOLLOWS = {"pinocchio": 1e-8, "exudyn": 1e-5, "mujoco": 1e-5, "casadi": 1e-8}  # [m, rad] off at a millisecond
+ENGINES = pytest.mark.parametrize("name", FOREIGN)
+SLIDES = [(str(DATA / "gripper.toml"), "close"), (str(DATA / "excavator_arm.toml"), "lift")]
+
+
+@pytest.fixture(autouse=True)
+def _library(request: pytest.FixtureRequest) -> None:
+    if "missing" not in request.node.name:
+        needs(request.node.callspec.params["name"])
+
+
+@ENGINES
+@pytest.mark.parametrize(("kind", "scenario"), [*LINKAGES.items(), *DRIVEN])
+def test_accelerations_at_given_states_are_those_of_the_linkage(kind: str, scenario: str, name: str) -> None:
+    mechanism = load(kind, scenario)
+    errors = acceleration_errors(get(name), mechanism, BEST[name], random_states(mechanism, 25))
+    assert np.median(errors) < RIGHT[name][0]
+    assert errors.max() < RIGHT[name][1]
+
+
+@ENGINES
+@pytest.mark.parametrize(("kind", "scenario"), [*SLIDES, ("excavator", "dig"), ("five_bar", "driven"), ("six_bar", "cycloid")])
+def test_what_is_driven_follows_its_law(kind: str, scenario: str, name: str) -> None:
+    mechanism, times = load(kind, scenario), np.array([0.0, 0.05, 0.1])
+    if name == "mujoco" and kind == "five_bar":
+        assert "pin between a driven link and the ground" in str(get(name).skip(mechanism, Choice()))
+        return
+    found = ran(get(name), mechanism, times, settings=BEST[name], integrator=EQUAL[name])
+    for driver in mechanism.drivers:
+        assert np.abs(value(driver.coordinate, found.q) - driver.law(times)[0]).max() < 1e-7
+    expected = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
+    assert np.abs(found.q - expected.q).max() < FOLLOWS[name]
+
+
+@ENGINES
+def test_samples_are_where_they_were_asked_for(name: str) -> None:
+    """The first is the start, angles are not wrapped, and a time between two steps is met by shorter ones."""
+    mechanism, times = load("crank_slider", "paper"), [0.0, 0.0707, 0.1, 0.10012, 0.2]
+    found, exact = (ran(get(name), mechanism, times, settings=BEST[name], integrator=EQUAL[name]), by_gauss(mechanism, times))
+    assert found.steps == 71 + 30 + 1 + 100
+    np.testing.assert_allclose(found.q[0], mechanism.q0, rtol=0, atol=1e-12)
+    assert np.abs(found.q - exact.q).max() < 1e-4
+    turned = angles(ran(get(name), mechanism, [0.0, 1.5], settings=BEST[name], integrator=EQUAL[name], step=2e-3).q)[:, 0]
+    assert turned[-1] < -4 * np.pi
+
+
+@ENGINES
+def test_a_model_can_be_run_again_and_a_single_time_is_the_start(name: str) -> None:
+    mechanism = load("six_bar", "torque")
+    model = get(name).build(mechanism, Choice(BEST[name], EQUAL[name]))
+    runs = []
+    for times in ([0.0, 0.1], [0.0, 0.033, 0.1], [0.0], [0.0, 0.1]):
+        model.prepare(np.array(times))
+        model.acceleration(0.0, mechanism.q0, np.zeros(mechanism.n))  # a look elsewhere
+        model.prepare(np.array(times))
+        model.run()
+        runs.append(model.read())
+    np.testing.assert_array_equal(runs[0].q, runs[3].q)
+    assert (runs[2].steps, runs[2].q.shape) == (0, (1, mechanism.n))
+    np.testing.assert_allclose(runs[2].q[0], mechanism.q0, rtol=0, atol=1e-12)
+
+
+@ENGINES
+def test_what_cannot_be_modelled_is_said_where_the_library_is_missing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, name, None)  # importing it now fails
+    choice = Choice(BEST[name], EQUAL[name])
+    assert "friction" in str(get(name).skip(linkage("friction"), choice))
+    for kind, scenario in (("four_bar", "driven"), ("excavator", "dig"), ("crank_slider", "paper")):
+        assert get(name).skip(load(kind, scenario), choice) is None
