@@ -14,12 +14,8 @@ from gauss_bench.reference.build import random_states
 from tests.conftest import DATA, needs
 from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, ran
 
-BEST = {
-    "pinocchio": "default",
-    "exudyn": "tuned",
-    "mujoco": "rigid",
-    "casadi": "interpreted/rk4",
-}  # settings, the most exact of each
+# settings, the most exact of each
+BEST = {"pinocchio": "default", "exudyn": "tuned", "mujoco": "rigid", "casadi": "interpreted/rk4"}
 RIGHT = {  # median and largest relative error of accelerations that an engine's arithmetic explains
     "pinocchio": (1e-12, 1e-10),  # rounding, amplified by transmission angles
     "exudyn": (1e-11, 1e-9),  # fourth-order differences at a relative step of 1e-3

@@ -518,6 +518,11 @@ class LengthDriver:
 Driver = AngleDriver | SlideDriver | LengthDriver
 
 
+def _require(kind: Any, name: str, x: object) -> None:
+    if not isinstance(x, kind):
+        raise TypeError(f"{name}: nothing is known of the kind {type(x).__name__}")
+
+
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """One linkage in one scenario, assembled: all engines start from the same q0, v0.
@@ -583,18 +588,11 @@ class Mechanism:
                 object.__setattr__(self, name, fixed := given.view())
                 fixed.flags.writeable = False
         loads(f for f in self.forces if not factor_of(f))
-        parts: tuple[tuple[str, tuple[Any, ...], Any], ...] = (
-            ("joint", self.joints, Joint),
-            ("driver", self.drivers, Driver),
-            ("constraint", self.knife_edges, KnifeEdge),
-            ("friction", self.frictions, CoulombFriction),
-        )
-        for word, some, known in parts:
+        kinds: tuple[Any, ...] = (Joint, Driver, KnifeEdge, CoulombFriction)
+        for known, some in zip(kinds, (self.joints, self.drivers, self.knife_edges, self.frictions), strict=True):
             for x in some:
-                if not isinstance(x, known):
-                    raise TypeError(f"{word} {x.name}: nothing is known of the kind {type(x).__name__}")
-        if not isinstance(self.measured.coordinate, Coordinate):
-            raise TypeError(f"{self.measured.name}: nothing is known of the kind {type(self.measured.coordinate).__name__}")
+                _require(known, x.name, x)
+        _require(Coordinate, self.measured.name, self.measured.coordinate)
 
     @property
     def pins(self) -> tuple[Revolute, ...]:

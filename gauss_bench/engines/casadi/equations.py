@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from gauss_bench.mechanism.equations import Given, Motion, Row, energies, generalise, rows
 from gauss_bench.mechanism.model import Mechanism, loads
@@ -80,10 +79,9 @@ def equations(mechanism: Mechanism) -> Equations:
     J, gamma = jacobian(every, n), stack([row.gamma for row in every])
     Q, potential, power = ca.SX(n, 1), ca.SX(0), ca.SX(0)
     for i, link in enumerate(mechanism.links):
-        for k in range(2):
-            weight = link.mass * mechanism.gravity[k]
-            Q[3 * i + k] = weight
-            potential -= weight * q[3 * i + k]
+        for k, g in zip(range(n)[slots(i)], mechanism.gravity, strict=False):
+            Q[k] = link.mass * g
+            potential -= link.mass * g * q[k]
     for load in loads(mechanism.forces):
         for k, x in generalise(at, load).items():
             Q[k] += x

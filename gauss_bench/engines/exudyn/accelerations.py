@@ -15,7 +15,6 @@ import numpy as np
 from gauss_bench.engines.exudyn.items import System
 from gauss_bench.engines.shared import require_agreement, size
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -134,8 +133,7 @@ def states_near_the_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
     """The start and up to two consistent states near it, with speeds of order one."""
     mechanism = evaluator.mechanism
     states: list[tuple[Array, Array]] = [(mechanism.q0, mechanism.v0)]
-    reach = extent(mechanism)
-    spread = 0.01 * np.tile([reach, reach, 1.0], len(mechanism.links))
+    spread = 0.01 * np.tile([mechanism.size, mechanism.size, 1.0], len(mechanism.links))
     rng = np.random.default_rng(0)
     for _ in range(2):
         q: Array = mechanism.q0 + spread * rng.standard_normal(mechanism.n)
@@ -143,9 +141,3 @@ def states_near_the_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
         if np.abs(evaluator.terms(0.0, q, v).phi).max(initial=0.0) < CLOSED:
             states.append((q, v))
     return states
-
-
-def extent(mechanism: Mechanism) -> float:
-    """Largest distance [m] of a point from its link's centre of mass; 1 where every link is a point."""
-    arms = [point - link.com for link in mechanism.links for point in link.points.values()]
-    return max((float(np.linalg.norm(arm)) for arm in arms), default=0.0) or 1.0

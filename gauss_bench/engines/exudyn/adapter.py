@@ -17,7 +17,6 @@ where the law's rate varies the acceleration at a given state is that system's t
 import contextlib
 import os
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkstemp
 from typing import IO, Any
@@ -25,13 +24,14 @@ from typing import IO, Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, extent, kkt_acceleration, verify
+from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
 from gauss_bench.engines.shared import finite, finite_acceleration, refused
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import step_counts, stretches
+from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
+from gauss_bench.mechanism.constraints import Constraints
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
@@ -90,7 +90,7 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
-    name = linear_solver(options["linear_solver"], mechanism.n + rows(mechanism))
+    name = linear_solver(options["linear_solver"], mechanism.n + Constraints(mechanism).m)
     if mechanism.redundant:
         name = options["linear_solver_where_redundant"]
         settings.linearSolver.ignoreSingularJacobian = True
@@ -111,11 +111,6 @@ def linear_solver(said: str, unknowns: int) -> str:
     """The first of "NAME to MOST, NAME to MOST, NAME" that takes so many unknowns."""
     pairs = (part.partition(" to ") for part in said.split(", "))
     return next(name for name, _, most in pairs if not most or unknowns <= int(most))
-
-
-def rows(mechanism: Mechanism) -> int:
-    """Algebraic equations of the joints and drivers."""
-    return 2 * len(mechanism.joints) + len(mechanism.drivers)
 
 
 class Log:
@@ -140,17 +135,6 @@ class Log:
         with self.file as lines:
             self.file = None
             return next((line.strip() for line in lines if "warning" in line.lower()), None)
-
-
-@dataclass(frozen=True)
-class SolverRun:
-    """One run of Exudyn's solver: from, to [s], how many; until when what varies goes on; the sample at its end, if any."""
-
-    begin: float
-    end: float
-    steps: int
-    last: float
-    row: int | None
 
 
 class ExudynModel:
@@ -189,12 +173,10 @@ class ExudynModel:
         counts = step_counts(times, self.choice.step)
         self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
         sizes = np.array([size for _, size in counts])
-        parts = list(stretches(times, self.choice.step, self.mechanism.kinks))
         if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
-            self.solver_runs = [SolverRun(float(times[0]), float(times[-1]), int(self.last_steps[-1]), np.inf, len(times) - 1)]
+            self.solver_runs = [Stretch(float(times[0]), int(self.last_steps[-1]), float(sizes[0]), np.inf, len(times) - 1)]
         else:
-            ends = [*(part.begin for part in parts[1:]), float(times[-1])]
-            self.solver_runs = [SolverRun(x.begin, end, x.steps, x.last, x.row) for x, end in zip(parts, ends, strict=False)]
+            self.solver_runs = list(stretches(times, self.choice.step, self.mechanism.kinks))
         self.q, self.v, self.a = np.full((3, len(times), self.mechanism.n), np.nan)
         self.failure: RunFailure | None = None
         self.log.open()
@@ -209,7 +191,7 @@ class ExudynModel:
         alpha.computeInitialAccelerations, alpha.resetAccelerations = not given, False
         data.SetTime(float(self.times[0]), initial)
         data.SetODE2Coordinates_tt(np.zeros(self.mechanism.n), initial)
-        data.SetAECoordinates(np.zeros(rows(self.mechanism)), initial)
+        data.SetAECoordinates(np.zeros(self.evaluator.constraints.m), initial)
         self.q[0], self.v[0] = 0.0, self.mechanism.v0
         try:
             self.a[0] = self.built_in(self.mechanism.q0, self.mechanism.v0)
@@ -249,7 +231,7 @@ class ExudynModel:
         for part in self.solver_runs:
             if self.failure:
                 return
-            clock.startTime, clock.endTime, clock.numberOfSteps = part.begin, part.end, part.steps
+            clock.startTime, clock.endTime, clock.numberOfSteps = part.begin, self._end(part), part.steps
             self.system.last = part.last
             try:
                 done = mbs.SolveDynamic(settings, updateInitialValues=len(self.solver_runs) > 1)
@@ -270,12 +252,15 @@ class ExudynModel:
             if part.last != np.inf:
                 self._restart(part)
 
-    def _restart(self, part: SolverRun) -> None:
+    def _end(self, part: Stretch) -> float:
+        return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
+
+    def _restart(self, part: Stretch) -> None:
         """Let what follows a kink begin with its own accelerations."""
         data = self.system.mbs.systemData
         q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
         try:
-            a = self.acceleration(part.end, q, v)
+            a = self.acceleration(self._end(part), q, v)
         except RunFailure as failure:
             self.failure = failure
             return
@@ -305,9 +290,8 @@ class ExudynModel:
         Raises:
             RunFailure: a joint is far open.
         """
-        size = extent(self.mechanism)
-        turns = [isinstance(joint, Prismatic) for joint in self.mechanism.joints]  # the second row of a slide is an angle
-        scale = np.array([x for turn in turns for x in (size, 1.0 if turn else size)] + [1.0] * len(self.mechanism.drivers))
+        held = [x.unit for joint in self.mechanism.joints for x, _ in joint.held]
+        scale = np.array([self.mechanism.size if unit == "m" else 1.0 for unit in held] + [1.0] * len(self.mechanism.drivers))
         gap = (np.abs(self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).phi) / scale).max(axis=-1, initial=0.0)
         if (gap > FAR).any():
             k = int(np.argmax(gap > FAR))

@@ -76,12 +76,9 @@ def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
 
 def slides_along(mechanism: Mechanism, origin: int, other: int, theta: float) -> bool:
     """Tell whether a slide between the two links runs along the axis at `theta` [rad] in the origin's link."""
-    for joint in mechanism.joints:
-        if isinstance(joint, Prismatic) and set(ends(joint)) == {origin, other}:
-            line = joint.angle if joint.guide.link == origin else joint.angle - joint.turn
-            if abs(np.sin(line - theta)) < PARALLEL:
-                return True
-    return False
+    between = [slide for slide in mechanism.slides if {*ends(slide)} == {origin, other}]
+    lines = [slide.angle if slide.guide.link == origin else slide.angle - slide.turn for slide in between]
+    return any(abs(np.sin(line - theta)) < PARALLEL for line in lines)
 
 
 class System:
@@ -311,4 +308,4 @@ class System:
 
 def span(driver: SlideDriver | LengthDriver) -> tuple[Point, Point]:
     """The points that a driver moves apart."""
-    return (driver.joint.guide, driver.joint.block) if isinstance(driver, SlideDriver) else (driver.a, driver.b)
+    return driver.joint.ends if isinstance(driver, SlideDriver) else (driver.a, driver.b)
