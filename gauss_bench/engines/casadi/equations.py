@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from gauss_bench.mechanism.equations import Given, Motion, Row, energies, generalise, rows
 from gauss_bench.mechanism.model import Mechanism, loads
