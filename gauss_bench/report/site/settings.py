@@ -22,6 +22,7 @@ POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be 
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N]
 USUAL = 1e-4  # [m]
 NUMBERS = ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")
+RACED = {"seconds": "seconds", "low": "seconds_low", "high": "seconds_high"}  # a setting's and a race's names
 METHOD = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization")
 HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s], those within the stored run
 
@@ -201,8 +202,8 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
             alike = (x for x in settings if method_of(row) == method_of(vars(x)) and _size(row) == _size(vars(x)))
             like = next(alike, None)
             more = {"force": like.force, "until": like.until} if like else {}
-            ends = {"low": number(row, "seconds_low"), "high": number(row, "seconds_high"), "position": number(row, "error")}
-            leaders[str(row["engine"])] = make_setting(row, **ends, **more)
+            ends = {k: number(row, x) for k, x in RACED.items()}
+            leaders[str(row["engine"])] = make_setting(row, **ends, **more, position=number(row, "error"))
     return leaders
 
 
