@@ -42,10 +42,10 @@ def written(block: Block, folder: Path) -> None:
     if block.remark.startswith("added to"):
         whole = (folder / block.remark.split()[2].rstrip(",")).read_text(encoding="utf-8").replace("linkage/1", "linkage/2")
         name = Path(block.title).stem
-        text = (
-            whole.replace('name   = "rocker"', f'name   = "{name}"').replace('["motor", "brake"]', f'["motor", "brake", "{name}"]')
-            + text
+        whole = whole.replace('name   = "rocker"', f'name   = "{name}"').replace(
+            '["motor", "brake"]', f'["motor", "brake", "{name}"]'
         )
+        text = whole + text
     path = folder / block.title
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
@@ -111,7 +111,6 @@ def test_it_builds_and_asks_nothing_of_other_machines(tmp_path: Path) -> None:
     built = list((tmp_path / "docs").rglob("*.html"))
     assert {x.stem for x in PAGES} <= {x.stem for x in built}
     for page in built:
-        asked = re.findall(
-            r"<(?:link|script|img|iframe)\b[^>]*?(?:src|href)=\"?((?:https?:)?//[^\"> ]+)", page.read_text(encoding="utf-8")
-        )
+        text = page.read_text(encoding="utf-8")
+        asked = re.findall(r"<(?:link|script|img|iframe)\b[^>]*?(?:src|href)=\"?((?:https?:)?//[^\"> ]+)", text)
         assert not [x for x in asked if "canonical" not in x], f"{page.name}: {asked}"

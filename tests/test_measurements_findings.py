@@ -14,14 +14,8 @@ KEY = ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0)
 def row(**columns: Any) -> dict[str, Any]:
     """A valid row of 2 s at 1 ms, with an error of 2e-4 rad, at 50 us a step, but for the columns given."""
     found = dict(zip(KEYS, KEY, strict=True)) | {"status": "ok", "message": "", "note": "", "valid": True, "control": False}
-    found |= {
-        "measured": "angle of crank",
-        "measured_unit": "rad",
-        "measured_error_t2": 2e-4,
-        "measured_error_bar_t2": 1e-12,
-        "position_drift": 1e-6,
-        "velocity_drift": 1e-5,
-    }
+    found |= {"measured": "angle of crank", "measured_unit": "rad", "measured_error_t2": 2e-4, "measured_error_bar_t2": 1e-12}
+    found |= {"position_drift": 1e-6, "velocity_drift": 1e-5}
     found |= {"acceleration_error_median": 1e-14, "step_time": 50e-6}
     found |= columns
     return {"steps": round(found["t_end"] / found["step"])} | found
@@ -118,14 +112,8 @@ def test_an_integrator_that_took_other_steps_than_asked_chose_them(steps: int, o
 
 
 def published(difference: float) -> dict[str, Any]:
-    return {
-        "quantity": "beta",
-        "difference": difference,
-        "floor": 1e-13,
-        "error_bar": 2e-13,
-        "printed_digits": 16,
-        "true_digits": 9,
-    }
+    digits = {"printed_digits": 16, "true_digits": 9}
+    return {"quantity": "beta", "difference": difference, "floor": 1e-13, "error_bar": 2e-13} | digits
 
 
 @pytest.mark.parametrize(("difference", "off"), [(1.9e-12, False), (2.1e-12, True), (0.0, False)])
@@ -227,11 +215,8 @@ def test_one_sentence_tells_the_papers_claim_for_every_linkage_and_way() -> None
 )
 def test_what_a_headline_leaves_out_stands_beside_it(title: str, table: str, told: dict[str, Any]) -> None:
     whole = told | {"mechanism": "four_bar", "status": "ok", "message": ""}
-    lost = {k: x for k, x in whole.items() if isinstance(x, str)} | {
-        "mechanism": "shaper",
-        "status": "skip",
-        "message": "no compiler",
-    }
+    lost = {k: x for k, x in whole.items() if isinstance(x, str)}
+    lost |= {"mechanism": "shaper", "status": "skip", "message": "no compiler"}
     text = kernels(title, **{table: [whole, lost]})
     assert text.endswith("Left out: shaper (no compiler).")
     assert "Left out" not in kernels(title, **{table: [whole]})

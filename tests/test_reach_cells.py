@@ -104,14 +104,8 @@ def test_no_cell_of_the_published_rows_denies_what_a_stored_row_shows() -> None:
     assert not any("cannot" in x.text.replace("cannot be modelled", "") for x in found)
 
 
-ROW = {
-    "mechanism": "four_bar",
-    "scenario": "torque",
-    "engine": "exudyn",
-    "settings": "x",
-    "integrator": "rk4",
-    "stabilization": "none",
-}
+ROW: dict[str, Any] = {"mechanism": "four_bar", "scenario": "torque", "engine": "exudyn"}
+ROW |= {"settings": "x", "integrator": "rk4", "stabilization": "none"}
 ROW |= {"tolerance": math.nan, "until": 1.0, "status": "ok", "message": "", "ended": ""}
 
 

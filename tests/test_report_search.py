@@ -8,24 +8,16 @@ from gauss_bench.report.sections import search
 
 
 def winner(mechanism: str, engine: str, ratio: float | None, own: bool = False, accuracy: float = 1e-6) -> dict[str, Any]:
-    row = {
-        "mechanism": mechanism,
-        "scenario": "torque",
-        "required": "position",
-        "accuracy": accuracy,
-        "unit": "m",
-        "engine": engine,
-    }
+    row: dict[str, Any] = {"mechanism": mechanism, "scenario": "torque", "engine": engine, "required": "position", "unit": "m"}
     row |= {
+        "accuracy": accuracy,
         "settings": "lean",
         "integrator": "rk4",
         "stabilization": "none",
         "budget": 24.0,
         "most_steps": 1e5,
-        "own": own,
-        "ours": "native" in engine,
     }
-    row |= {"step": 1e-3, "error": accuracy / 2, "evaluations": 30.0, "passing": 2.0, "message": ""}
+    row |= {"own": own, "ours": "native" in engine, "step": 1e-3, "error": accuracy / 2, "evaluations": 30.0, "passing": 2.0}
     if ratio is None:
         return row | {"status": "not reached", "steps": 8600.0, "message": "", "seconds": float("nan")}
     spread = {"ratio": ratio, "ratio_low": 0.98 * ratio, "ratio_high": 1.02 * ratio}
@@ -96,12 +88,8 @@ def test_what_is_left_out_stands_beside_the_figures() -> None:
 
 def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
     lost = {"mechanism": "shaper", "scenario": "torque", "required": "", "status": "timeout", "message": "no answer within 600 s"}
-    crashed = winner("six_bar", "exudyn", None) | {
-        "status": "crashed",
-        "message": "SIGSEGV",
-        "steps": float("nan"),
-        "budget": float("nan"),
-    }
+    crashed = winner("six_bar", "exudyn", None) | {"status": "crashed", "message": "SIGSEGV"}
+    crashed |= dict.fromkeys(("steps", "budget"), float("nan"))
     first, second = search.findings(run(*ROWS, lost, crashed))
     assert (first.tone, "shaper: no answer within 600 s" in first.text) == ("bad", True)
     assert "`exudyn` six_bar not reached: SIGSEGV" in second.text

@@ -59,14 +59,9 @@ def run() -> Run:
 
 def table(name: str) -> pd.DataFrame:
     """A published table as pandas reads it, its times beside it."""
-    parts = [REPORTS / f"{name}.{kind}" for kind in ("csv", "parquet")] + [
-        REPORTS / "times" / f"{name}.{kind}" for kind in ("csv", "parquet")
-    ]
-    frames = [
-        pd.read_csv(p, keep_default_na=False, na_values=[""]) if p.suffix == ".csv" else pd.read_parquet(p)
-        for p in parts
-        if p.exists()
-    ]
+    places = [folder / f"{name}.{kind}" for folder in (REPORTS, REPORTS / "times") for kind in ("csv", "parquet")]
+    reads = {".csv": lambda p: pd.read_csv(p, keep_default_na=False, na_values=[""]), ".parquet": pd.read_parquet}
+    frames = [reads[p.suffix](p) for p in places if p.exists()]
     rows = frames[0]
     for more in frames[1:]:
         rows = rows.merge(more, on=[c for c in more.columns if c in rows.columns], how="left")
@@ -252,15 +247,11 @@ def test_a_setting_is_in_the_engines_own_words(run: Run) -> None:
     assert in_words(Run(), rigid) == rigid.words
 
 
-def test_a_finding_begins_with_one_sentence_of_bounded_length() -> None:
+def test_a_finding_begins_with_one_sentence_of_bounded_length(run: Run) -> None:
     assert headline("**A is slow.** It is `b`.") == "A is slow."
     assert headline(f"7 of 9 fail: {'x, ' * 200}y.") == "7 of 9 fail."
     assert headline(f"Slower than `a` ({'x, ' * 100}) on b 0.5.") == "Slower than `a` on b 0.5."
-    assert len(headline("word " * 200)) <= HEADLINE + 1
-
-
-def test_findings_of_the_published_run_begin_shortly(run: Run) -> None:
-    assert all(len(headline(x.text)) <= HEADLINE + 1 for x in all_findings(run))
+    assert all(len(headline(x)) <= HEADLINE + 1 for x in ("word " * 200, *(x.text for x in all_findings(run))))
 
 
 def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
@@ -413,9 +404,10 @@ def address(out: Path) -> Iterator[str]:
 DRAWN = "!document.querySelector('[data-chart]') || document.documentElement.dataset.drawn === 'true'"
 
 
-def opened(browser: Any, url: str, **look: Any) -> tuple[Any, list[str]]:
+def opened(browser: Any, url: str, first: str = "", **look: Any) -> tuple[Any, list[str]]:
     """A page with everything drawn, and what went wrong or was asked of others."""
     page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
+    page.add_init_script(first)
     wrong: list[str] = []
     page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else None)
     page.on("pageerror", lambda e: wrong.append(str(e)))
@@ -507,21 +499,11 @@ WATCHED = """new MutationObserver(() => {
 
 
 @pytest.mark.slow
-def test_the_first_screen_answers_before_any_figure_is_drawn(browser: Any, out: Path) -> None:
-    """Its answer waits for nothing large; how many milliseconds that takes is the machine's."""
-    page = browser.new_page()
-    page.add_init_script(WATCHED)
-    page.goto((out / "site" / "index.html").as_uri())
-    page.wait_for_function(DRAWN, timeout=30_000)
-    at = {x: page.evaluate("x => performance.getEntriesByName(x)[0].startTime", x) for x in ("answered", "drawn")}
-    print(at)
-    assert 0 < at["answered"] < at["drawn"]
-    page.close()
-
-
-@pytest.mark.slow
 def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: Path, run: Run) -> None:
-    page, wrong = opened(browser, (out / "site" / "index.html").as_uri())
+    """The answer waits for nothing large: it is there before any figure is drawn."""
+    page, wrong = opened(browser, (out / "site" / "index.html").as_uri(), first=WATCHED)
+    at = {x: page.evaluate("x => performance.getEntriesByName(x)[0].startTime", x) for x in ("answered", "drawn")}
+    assert 0 < at["answered"] < at["drawn"]
     page.select_option("#linkage", "eight_bar")
     page.select_option("#position", label="0.1 mm")
     line = page.locator("#answers li", has_text="mujoco")
@@ -571,13 +553,6 @@ def test_what_moves_moves_and_what_toggles_toggles(browser: Any, out: Path) -> N
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.tagName + (document.activeElement.type || '')"))
     assert {"A", "BUTTONbutton", "INPUTrange", "INPUTcheckbox", "SUMMARY"} <= reached
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4, "printed, it fills more than four sheets"
     assert not wrong
-    page.close()
-
-
-@pytest.mark.slow
-def test_a_linkage_prints_on_four_sheets(browser: Any, out: Path) -> None:
-    page, _ = opened(browser, (out / "site" / "linkage-eight_bar.html").as_uri())
-    sheets = len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4")))
-    assert 1 <= sheets <= 4
     page.close()

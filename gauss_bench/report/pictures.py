@@ -5,6 +5,7 @@ them with README's first table; so does `python -m gauss_bench.report.pictures R
 """
 
 import math
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
+import vl_convert
 from scipy.interpolate import PchipInterpolator
 
 from gauss_bench.mechanism.coordinates import position
@@ -23,8 +25,9 @@ from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linka
 from gauss_bench.report.drawings.pose import crank_angles
 from gauss_bench.report.first_table import FIRST, mark, renew, way_of
 from gauss_bench.report.linkages import pose_in
-from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline, slots
+from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline
 from gauss_bench.report.rows import Run
+from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE, points
 from gauss_bench.report.site.linkage import front
 from gauss_bench.report.site.motion import turn_frames
 from gauss_bench.report.site.playback import Played, Turn, play_runs, truth_of
@@ -43,15 +46,7 @@ OPEN = 1.0  # [px] from which a joint is drawn open
 RED = "#c62828"
 GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # between the halves, above them, a line of words, and all words [px]
 COARSEST = 1e-2  # [m] a larger error is of no use on a linkage of half a metre
-SIZE, PLOT = (900.0, 430.0), (104.0, 22.0, 640.0, 366.0)  # of the chart [px]: all of it; left, top, right and bottom of its axes
-SHAPES = (
-    "M-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0Z",
-    "M-3.6 -3.6h7.2v7.2h-7.2Z",
-    "M0 -4.8L4.4 3.2H-4.4Z",
-    "M0 -5L5 0L0 5L-5 0Z",
-    "M0 4.8L4.4 -3.2H-4.4Z",
-)
-PREFIXES = (("", 0), ("m", -3), ("µ", -6), ("n", -9), ("p", -12), ("f", -15), ("a", -18))
+LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "var(--ink)", "labelFontSize": 13, "labelLimit": 260}}
 
 
 def motion_picture(run: Run) -> str:
@@ -141,47 +136,21 @@ def animated(attribute: str, values: Array, film: Film) -> str:
 def cost_picture(run: Run) -> str:
     """Return error against time of every engine on LINKAGE, both axes as long as the data."""
     lines = fronts(run)
-    shown = [s for some in lines.values() for s in some]
-    xs, ys = [s.seconds for s in shown], [s.position for s in shown]
-    left, top, right, bottom = PLOT
-    x_low, x_high, y_low, y_high = (math.log10(x) for x in (min(xs), max(xs), min(ys), max(ys)))
-
-    def at(x: float, y: float) -> tuple[float, float]:
-        along, up = (math.log10(x) - x_low) / (x_high - x_low), (math.log10(y) - y_low) / (y_high - y_low)
-        return left + along * (right - left), bottom - up * (bottom - top)
-
-    parts = []
-    for n in range(math.ceil(x_low), math.floor(x_high) + 1):
-        x, _ = at(10.0**n, min(ys))
-        parts += [grid(f"M{x:.1f} {top}V{bottom}"), words_at(x, bottom + 20, decade(n, "s"), "middle")]
-    for n in range(math.ceil(y_low), math.floor(y_high) + 1):
-        _, y = at(min(xs), 10.0**n)
-        parts += [grid(f"M{left} {y:.1f}H{right}"), words_at(left - 8, y + 5, decade(n, "m"), "end")]
-    hue = slots(dict.fromkeys(way.partition(",")[0] for way in lines))
-    own = [w for w in lines if w.partition(",")[0] in run.own_engines]
-    for k, (way, some) in enumerate(lines.items()):
-        kind = own if way in own else [w for w in lines if w not in own]
-        shape, colour = SHAPES[kind.index(way) % len(SHAPES)], f"var(--{hue[way.partition(',')[0]]})"
-        fill = colour if way in own else "var(--paper)"
-        marker = f'<path d="{shape}" fill="{fill}" stroke="{colour}" stroke-width="1.6"'
-        points = [at(s.seconds, s.position) for s in some]
-        path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-        parts.append(f'<path d="{path}" fill="none" stroke="{colour}" stroke-opacity="0.6" stroke-width="1.4"/>')
-        parts += [f'{marker} transform="translate({x:.1f} {y:.1f})"/>' for x, y in points]
-        y = top + 14 + 25 * k
-        parts += [
-            f'{marker} transform="translate({right + 22:.1f} {y - 5:.1f})"/>',
-            words_at(right + 36, y, mark(run, way), "start", INK),
-        ]
-    until = max(s.until for some in lines.values() for s in some)
-    parts.append(words_at((left + right) / 2, bottom + 46, f"processor time of {until:g} s of motion", "middle", INK))
-    middle = (top + bottom) / 2
-    text = words_at(0, 0, "largest error of any link", "middle", INK)
-    parts.append(f'<g transform="translate(20 {middle:.1f}) rotate(-90)">{text}</g>')
+    rows = [
+        {"engine": mark(run, way), "line": way, "x": one.seconds, "y": one.position} for way, some in lines.items() for one in some
+    ]
+    until = max(one.until for some in lines.values() for one in some)
+    words = f"processor time of {until:g} s of motion [s]", "largest error of any link [m]"
+    spec = points(rows, *words, 430, list(dict.fromkeys(row["engine"] for row in rows)))
+    spec |= {"data": {"values": rows}, "width": 900, "padding": 16, "config": GRAMMAR["config"] | LOOK}
+    drawn = vl_convert.vegalite_to_svg(spec, vl_version=VEGA_LITE)
+    width, height = (float(x) for x in re.findall(r'(?:width|height)="([\d.]+)"', drawn)[:2])
+    inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]
     title = (
-        f"Error against time on the four-bar, of each engine the settings that none of its others beats in both; {way_count(lines)}"
+        "Error against time on the four-bar, of each engine the settings that none of its others beats in both; "
+        f"{sum(map(len, lines.values()))} settings of {len(lines)} engines"
     )
-    return svg(title, *SIZE, parts, "")
+    return svg(title, width, height, [inside], "")
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
@@ -199,22 +168,8 @@ def fronts(run: Run) -> dict[str, list[Setting]]:
     return {way: lines[way] for way in sorted(lines, key=time) if lines[way]}
 
 
-def way_count(lines: dict[str, list[Setting]]) -> str:
-    return f"{sum(map(len, lines.values()))} settings of {len(lines)} engines; filled marks are this suite's own"
-
-
-def grid(path: str) -> str:
-    return f'<path d="{path}" stroke="var(--grid)"/>'
-
-
 def words_at(x: float, y: float, text: str, anchor: str, colour: str = MUTED, size: int = 15) -> str:
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}" fill="{colour}">{escape(text)}</text>'
-
-
-def decade(n: int, unit: str) -> str:
-    """A power of ten of metres or seconds in words: "10 µs"."""
-    prefix, power = next((p, k) for p, k in PREFIXES if n >= k)
-    return f"{10 ** (n - power)} {prefix}{unit}"
 
 
 def length(x: float) -> str:

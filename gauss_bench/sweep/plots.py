@@ -24,7 +24,7 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
         told = list(figures[:1])
     engines = list(dict.fromkeys(rows["engine"]))
     colours = engine_colours(engines)
-    figure, axes = panels(1 + len(plan.paths), len(told), height=2.2, share=False)
+    figure, axes = panels(1 + len(plan.paths), len(told), height=2.2)
     for name, line in zip(told, axes, strict=True):
         for engine in engines:
             part = rows[(rows["engine"] == engine) & (rows["status"] == "ok")].dropna(subset=[name])

@@ -14,6 +14,7 @@ from gauss_bench.report.palette import SHAPES, slots
 from gauss_bench.report.rows import Row, is_known, number
 
 GRAMMAR: Mapping[str, Any] = json.loads((Path(__file__).parent / "assets" / "charts.json").read_text(encoding="utf-8"))
+VEGA_LITE = "6.4"  # whose grammar that is
 MOST_LINES = 6  # with their names at the ends
 APART = 0.065  # of the height: least distance of two names
 FLOOR = 1e-17  # an error of zero is drawn here
@@ -37,9 +38,9 @@ def look(engines: Sequence[str]) -> dict[str, Any]:
     return {"engines": list(engines), "colours": colours, "shapes": [SHAPES[i % len(SHAPES)] for i in range(len(engines))]}
 
 
-def points(rows: Sequence[Row], x: str, y: str, height: int = 340) -> dict[str, Any]:
-    """Rows with x, y, engine and line (what a thin line joins) on two logarithmic axes."""
-    values = look(sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
+def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequence[str] = ()) -> dict[str, Any]:
+    """Rows with x, y, engine and line (what a thin line joins) on two logarithmic axes; engines by name if no order is given."""
+    values = look(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
     return dict(fill(GRAMMAR["points"], values))
 
 

@@ -21,6 +21,9 @@ from gauss_bench.report.rows import Key, Row, Run, group_rows, is_known, may_ran
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N]
 USUAL = 1e-4  # [m]
+NUMBERS = ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")
+RACED = {"seconds": "seconds", "low": "seconds_low", "high": "seconds_high"}  # a setting's and a race's names
+METHOD = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization")
 HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s], those within the stored run
 
 
@@ -62,17 +65,7 @@ class Setting:
     @property
     def choice(self) -> tuple[Any, ...]:
         """Everything that a program of it depends on."""
-        return (
-            self.mechanism,
-            self.scenario,
-            self.engine,
-            self.settings,
-            self.integrator,
-            self.stabilization,
-            self.step,
-            self.tolerance,
-            self.until,
-        )
+        return tuple(getattr(self, k) for k in (*METHOD, "step", "tolerance", "until"))
 
     @property
     def words(self) -> str:
@@ -135,14 +128,19 @@ def _option_in_words(name: str, value: Any) -> str:
     return f"{name} {' '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in values)}"
 
 
-def method_of(row: Row) -> tuple[str, str, str, str, str, str]:
-    """Linkage, scenario, engine, variant, integrator, stabilisation."""
-    start = str(row["mechanism"]), str(row["scenario"]), str(row["engine"])
-    return *start, str(row["settings"]), str(row["integrator"]), str(row["stabilization"])
+def method_of(row: Row) -> tuple[str, ...]:
+    """What METHOD names of a row."""
+    return tuple(str(row[k]) for k in METHOD)
 
 
-def _size(row: Row) -> tuple[float, float]:
-    return tuple(-1.0 if not is_known(row.get(k)) else short(row[k], 6) for k in ("step", "tolerance"))  # type: ignore[return-value]
+def _size(row: Row) -> tuple[float, ...]:
+    return tuple(short(row[k], 6) if is_known(row.get(k)) else -1.0 for k in ("step", "tolerance"))
+
+
+def make_setting(row: Row, **more: Any) -> Setting:
+    """A setting from a row and what the row does not say; numbers that neither knows are NaN."""
+    known = {k: more.get(k, number(row, k)) for k in NUMBERS}
+    return Setting(*method_of(row), **known, estimated=bool(more.get("estimated")))
 
 
 @lru_cache(maxsize=2)
@@ -159,29 +157,29 @@ def _search(run: Run) -> Iterable[Setting]:
         times = raced.get(method_of(row), [])
         if row["status"] != "ok" or not is_known(row.get("position_error")) or not number(row, "steps") > 0:
             continue
-        seconds = low = high = math.nan
         same = next((t for t in times if _size(t) == _size(row)), None)
         if same is not None:
-            seconds, low, high = (number(same, f"seconds{end}") for end in ("", "_low", "_high"))
-        elif times:
-            near = min(
-                times, key=lambda t: abs(math.log(max(steps_of.get((method_of(t), _size(t)), 1.0), 1.0) / number(row, "steps")))
-            )
-            each = number(near, "seconds") / max(steps_of.get((method_of(near), _size(near)), math.nan), 1.0)
-            seconds = each * number(row, "steps")
-        numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"), seconds, low, high)
-        errors = (number(row, "position_error"), number(row, "force_error"), number(row, "until"))
-        yield Setting(*method_of(row), *numbers, same is None, *errors)
+            raced_at = {
+                "seconds": number(same, "seconds"),
+                "low": number(same, "seconds_low"),
+                "high": number(same, "seconds_high"),
+            }
+        else:
+            steps = number(row, "steps")
+            by = {steps_of.get((method_of(t), _size(t)), math.nan): number(t, "seconds") for t in times}
+            near = min(by, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
+            raced_at = {"seconds": by.get(near, math.nan) / max(near, 1.0) * steps}
+        errors = {"position": number(row, "position_error"), "force": number(row, "force_error")}
+        yield make_setting(row, **raced_at, **errors, estimated=same is None)
 
 
 def _cases(run: Run) -> Iterable[Setting]:
     for row in run.results:
         error = number(row, "length_error") if is_known(row.get("length_error")) else number(row, "position_error")
-        if not may_rank(row) or not is_known(error) or not is_known(run_time(row)):
-            continue
-        step = math.nan if own_steps(row) else number(row, "step")
-        numbers = (step, math.nan, number(row, "steps"), run_time(row), math.nan, math.nan)
-        yield Setting(*method_of(row), *numbers, True, error, math.nan, number(row, "t_end"))
+        if may_rank(row) and is_known(error) and is_known(run_time(row)):
+            step = math.nan if own_steps(row) else number(row, "step")
+            costs = {"step": step, "seconds": run_time(row), "until": number(row, "t_end")}
+            yield make_setting(row, **costs, position=error, estimated=True)
 
 
 def cheapest(settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
@@ -201,19 +199,11 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
     for row in run.table("search_winners"):
         exact = row["required"] == "position" and math.isclose(number(row, "accuracy"), position, rel_tol=1e-6)
         if row["mechanism"] == mechanism and exact and row["status"] == "ok" and is_known(row.get("seconds")):
-            like = next(
-                (
-                    x
-                    for x in settings
-                    if method_of(row) == (x.mechanism, x.scenario, x.engine, x.settings, x.integrator, x.stabilization)
-                    and _size(row) == _size({"step": x.step, "tolerance": x.tolerance})
-                ),
-                None,
-            )
-            numbers = (number(row, "step"), number(row, "tolerance"), number(row, "steps"))
-            times = (number(row, "seconds"), number(row, "seconds_low"), number(row, "seconds_high"))
-            errors = (number(row, "error"), like.force if like else math.nan, like.until if like else math.nan)
-            leaders[str(row["engine"])] = Setting(*method_of(row), *numbers, *times, False, *errors)
+            alike = (x for x in settings if method_of(row) == method_of(vars(x)) and _size(row) == _size(vars(x)))
+            like = next(alike, None)
+            more = {"force": like.force, "until": like.until} if like else {}
+            ends = {k: number(row, x) for k, x in RACED.items()}
+            leaders[str(row["engine"])] = make_setting(row, **ends, **more, position=number(row, "error"))
     return leaders
 
 
@@ -259,8 +249,7 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
 
 
 def _describe(run: Run, x: Setting) -> dict[str, Any]:
-    numbers = {k: getattr(x, k) for k in ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force")}
-    known = {k: seen(v) for k, v in numbers.items()} | {"estimated": x.estimated}
+    known = {k: seen(getattr(x, k)) for k in NUMBERS if k != "until"} | {"estimated": x.estimated}
     return {"engine": x.engine, "words": in_words(run, x)} | {k: v for k, v in known.items() if v not in (None, False)}
 
 

@@ -17,7 +17,7 @@ from gauss_bench.report.pages import facts
 from gauss_bench.report.palette import hues
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page
-from gauss_bench.report.site.charts import GRAMMAR
+from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE
 from gauss_bench.report.site.engine import engine_names, engine_page, engines_page
 from gauss_bench.report.site.first import Programs, first_page
 from gauss_bench.report.site.linkage import linkage_page, rows_page
@@ -28,7 +28,6 @@ from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, wr
 from gauss_bench.tables import write_text
 
 SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
-VEGA_LITE = "6.4"  # of `assets/charts.json`
 SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "search.js")
 
 
