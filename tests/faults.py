@@ -1,19 +1,7 @@
-"""Engines of others that each fail in a way of their own, installed as a package with entry points; what verbs make of them.
+"""Engines of others that each fail in a way of their own: while they run, by what they tell or are, or when they are imported."""
 
-`python -m tests.faults` runs every one of them through `list`, `simulate`, `run` and `check`, as a user would.
-"""
-
-import csv
-import json
 import os
-import subprocess
-import sys
-import tempfile
-from collections.abc import Collection, Sequence
 from pathlib import Path
-
-from gauss_bench.tables import TABLES, csv_text, read_file, row_of, write_text
-from gauss_bench.trajectory import Status
 
 ENGINES = """
 import ctypes, os, signal, subprocess, sys, threading, time
@@ -112,6 +100,10 @@ kind("told_steps", told=lambda x: replace(x, steps="many"))
 """
 
 
+WHEN = ("init", "version", "skip", "build", "prepare", "read")
+FAULTS = [f"run_{name.strip()}" for name in ENGINES.partition("FAULTS = [")[2].partition("]")[0].split(",")]
+FAULTS += [f"{when}_{how}" for when in WHEN for how in ("boom", "leave")] + ["init_abort", "init_loop"]
+FAULTS += [f"told_{line.partition(chr(34))[0]}" for line in ENGINES.split('kind("told_')[1:]]
 IMPORTS = {
     "import_boom": "1 / 0",
     "import_exit": "import sys; sys.exit(0)",
@@ -139,16 +131,13 @@ LIES = {  # what stands in the place of a class that is sound but for this
 }
 
 
-def classes() -> list[str]:
-    faults = ENGINES[ENGINES.index("FAULTS = [") + 10 : ENGINES.index("]\nfor fault")].replace("\n", " ").split(",")
-    names = [f"run_{x.strip()}" for x in faults]
-    names += [f"{place}_{how}" for place in ("init", "version", "skip", "build", "prepare", "read") for how in ("boom", "leave")]
-    return [
-        *names,
-        "init_abort",
-        "init_loop",
-        *(line.split('"')[1] for line in ENGINES.splitlines() if line.startswith('kind("told_')),
-    ]
+def write_modules(folder: Path, mark: str) -> list[str]:
+    """Write the engines into a folder, and return their addresses; processes that they start sleep for `mark` seconds."""
+    lies = "".join(f"class {name}(Sound):\n    {text}\n" for name, text in LIES.items())
+    (folder / "faults40.py").write_text(f"MARKED = {mark!r}\n{ENGINES}\n{lies}", encoding="utf-8")
+    for name, text in IMPORTS.items():
+        (folder / f"{name}.py").write_text(f"{text}\nfrom faults40 import Sound\nEngine = Sound\n", encoding="utf-8")
+    return [*(f"faults40:{name}" for name in [*FAULTS, *LIES]), *(f"{name}:Engine" for name in IMPORTS)]
 
 
 def alive(sign: bytes) -> list[int]:
@@ -161,130 +150,3 @@ def alive(sign: bytes) -> list[int]:
         except OSError:
             continue
     return [pid for pid in found if pid != os.getpid()]
-
-
-def installed(folder: Path) -> tuple[list[str], dict[str, str]]:
-    """Names of engines that a package in this folder has, each with a fault; and the environment of a process that has it.
-
-    Whatever such a process starts carries the sign of the folder in its environment.
-    """
-    lies = "".join(f"class {name}(Sound):\n    {text}\n" for name, text in LIES.items())
-    (folder / "faults40.py").write_text(f"MARKED = '36001.7'\n{ENGINES}\n{lies}", encoding="utf-8")
-    for name, text in IMPORTS.items():
-        (folder / f"{name}.py").write_text(f"{text}\nfrom faults40 import Sound\nEngine = Sound\n", encoding="utf-8")
-    made = folder / "faults-1.0.dist-info"
-    made.mkdir()
-    (made / "METADATA").write_text("Metadata-Version: 2.1\nName: faults\nVersion: 1.0\n", encoding="utf-8")
-    inside = [*classes(), *LIES]
-    points = [f"{x} = faults40:{x}" for x in inside] + [f"{x} = {x}:Engine" for x in IMPORTS]
-    points += ["point_nowhere = nowhere:Engine", "point_nothing = faults40:nothing", "point_module = faults40"]
-    (made / "entry_points.txt").write_text("\n".join(["[gauss_bench.engines]", *points, ""]), encoding="utf-8")
-    path = os.pathsep.join([str(Path(__file__).parents[1]), str(folder)])
-    return [x.partition(" = ")[0] for x in points], os.environ | {"PYTHONPATH": path, "SIGN_OF_FAULTS": str(folder)}
-
-
-HARMLESS = {"version_boom", "told_function", "lie_version", "lie_name", "lie_settings_function"}  # they spoil no motion
-SHOWN = ("init", "version_leave", "lie", "import", "point")  # what `list` already says of an engine
-HIDDEN = {"lie_version", "lie_name", "lie_settings_function", "lie_skip", "lie_build"}
-TRACES = ("Traceback", "fault of gauss-bench")
-HURRIED = """
-import contextlib, io, json, os, sys
-from functools import partial
-from gauss_bench import cli
-from gauss_bench.bench import runner
-from gauss_bench.runs import offers
-offers.LIMIT = 5.0
-runner.measure_all = partial(runner.measure_all, limit=5.0)
-"""
-ONE = HURRIED + "sys.exit(cli.command())"
-MANY = (  # the verb once for each engine: its exit code, and what it wrote
-    HURRIED
-    + """
-found = {}
-for name in sys.argv[1].split(","):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = cli.main([*sys.argv[2:], "--engine", name])
-    found[name] = [code, out.getvalue(), err.getvalue()]
-os.write(1, json.dumps(found).encode())
-"""
-)
-
-
-def verb(environment: dict[str, str], folder: Path, *arguments: str, code: str = ONE) -> "subprocess.CompletedProcess[str]":
-    """A verb as a user runs it, but that an engine is waited for no longer than 5 s."""
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, check=False, timeout=3000)
-
-
-def wrong(status: str, message: str, fine: bool) -> bool:
-    """Whether a row does not say what is to be said: ok of what spoils no motion, else another status and a sentence."""
-    if fine:
-        return status != "ok"
-    return status not in {str(x) for x in Status if x is not Status.OK} or not message or not message.isprintable()
-
-
-def baseline_for(names: Sequence[str], path: Path) -> None:
-    """A baseline in which each of these engines did what gauss does."""
-    rows = read_file("baseline", Path(__file__).parents[1] / "reports" / "baseline.csv")
-    like = [x for x in rows if (x["mechanism"], x["engine"], x["integrator"], x["step"]) == ("four_bar", "gauss", "rk4", 1e-2)]
-    like = [x for x in like if x["stabilization"] == "none"]
-    table = TABLES["baseline"]
-    write_text(path, csv_text(table.columns, [row_of(table, x | {"engine": name}) for name in names for x in like]))
-
-
-def over_verbs(folder: Path, chosen: Collection[str] = ()) -> list[str]:
-    """Sentences on what list, simulate, run and check make of the faults (all, or those chosen) other than they should."""
-    names, environment = installed(folder)
-    names = [x for x in names if not chosen or x in chosen]
-    bad = list[str]()
-
-    def judged(
-        what: str,
-        done: "subprocess.CompletedProcess[str]",
-        code: int,
-        rows: dict[str, tuple[str, str]],
-        fine: Collection[str] = HARMLESS,
-    ) -> None:
-        if done.returncode != code or any(x in done.stderr for x in TRACES):
-            bad.append(f"{what}: exit code {done.returncode}, not {code}: {done.stderr[-600:]}")
-        bad.extend(f"{what}: {x}: {rows.get(x)}" for x in names if x not in rows or wrong(*rows[x], x in fine))
-        print(f"{what}: {len(rows)} rows", file=sys.stderr, flush=True)
-
-    done = verb(environment, folder, "list", "--json")
-    told = json.loads(done.stdout)["engines"]
-    at_work = {x for x in names if not x.startswith(SHOWN) or x in HIDDEN}  # their faults do not show before they are asked to run
-    judged("list", done, 0, {x: (told[x]["status"], told[x]["reason"]) for x in names if x in told}, at_work)
-    asked = [y for x in names for y in ("--engine", x)]
-    shared = ["--no-costs", "--steps", "0.01", "--until", "0.1", "--budget", "5", "--out", "run"]
-    done = verb(environment, folder, "run", "four_bar", *asked, *shared)
-    with (folder / "run" / "results.csv").open(encoding="utf-8", newline="") as file:
-        rows = {x["engine"]: (x["status"], x["message"]) for x in csv.DictReader(file)}
-    judged("run", done, 0, rows)
-    baseline_for(names, folder / "baseline.csv")
-    done = verb(environment, folder, "check", "four_bar", *asked, "--baseline", "baseline.csv", "--json")
-    rows = {
-        x["case"].split()[2]: (x["value"], x["cause"] or x["outcome"])
-        for x in json.loads(done.stdout)["verdicts"]
-        if x["metric"] == "status" and x["value"] != "none"
-    }
-    judged("check", done, 1, rows)
-    shared = ["four_bar", "--at", "0.05", "--step", "0.01", "--budget", "5", "--json"]
-    done = verb(environment, folder, ",".join(names), "simulate", *shared, code=MANY)
-    rows = {}
-    for name, (code, out, err) in (json.loads(done.stdout) if done.stdout else {}).items():
-        found = json.loads(out) if out else {"status": "error", "message": err.strip()}
-        rows[name] = found["status"], found["message"]
-        usual = (0,) if found["status"] in ("ok", "skip") else (1, 2)
-        if code not in usual or any(x in err for x in TRACES):
-            bad.append(f"simulate: {name}: exit code {code} of {found['status']}: {err[-600:]}")
-    judged("simulate", done, 0, rows)
-    left = alive(f"SIGN_OF_FAULTS={folder}".encode())
-    return [*bad, *(f"process {pid} is left" for pid in left)]
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as place:
-        found = over_verbs(Path(place), sys.argv[1:])
-    print(*found, f"{len(found)} are not as they should be", sep="\n")
-    raise SystemExit(bool(found))

@@ -1,23 +1,33 @@
 """Adapters that each break one rule of engines; the rest is our own formulation."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
+from gauss_bench.diagnosis.checks import alter
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import Trajectory
 
 
+def same(x: Any) -> Any:
+    return x
+
+
 class Sound:
-    """An adapter that keeps every rule, to be spoilt."""
+    """An adapter that keeps every rule, to be spoilt: by the linkage that is modelled, the terms that are solved, what is told."""
 
     integrators, stabilizations, settings = ("rk4",), ("none", "projection"), {"default": dict[str, Any]()}
     native_loop, python_loop = False, True
+    modelled: Callable[[Mechanism], Mechanism] = staticmethod(same)
+    terms: Callable[[Terms], Terms] = staticmethod(same)
+    told: Callable[[Trajectory], Trajectory] = staticmethod(same)
 
     def __init__(self) -> None:
         self.name = type(self).__name__
@@ -29,23 +39,20 @@ class Sound:
         return None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Any:
-        return Wrapped(self, Interpreted("gauss").build(self.modelled(mechanism), choice))
+        model = InterpretedModel("gauss", self.modelled(mechanism), choice)
+        plain = model.evaluator.terms
+        model.evaluator.terms = lambda t, q, v: self.terms(plain(t, q, v))  # type: ignore[method-assign]
+        return Wrapped(self, model)
 
-    def modelled(self, mechanism: Mechanism) -> Mechanism:
-        return mechanism
-
-    def told(self, x: Trajectory) -> Trajectory:
-        return x
-
-    def asked(self, model: Model, t: float, q: Array, v: Array) -> Array:
-        return model.acceleration(t, q, v)
+    def asked(self, model: Any, t: float, q: Array, v: Array) -> Array:
+        return np.asarray(model.acceleration(t, q, v))
 
 
 class Wrapped:
     """A model whose adapter may touch what goes out."""
 
-    def __init__(self, adapter: Sound, model: Model) -> None:
-        self.adapter, self.model, self.ran = adapter, model, 0
+    def __init__(self, adapter: Sound, model: Model, choice: Choice | None = None) -> None:
+        self.adapter, self.model, self.choice, self.ran = adapter, model, choice, 0
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self.adapter.asked(self.model, t, q, v)
@@ -66,50 +73,10 @@ class Remembers(Sound):
     """A run begins where the last one left something."""
 
 
-class Degrees(Sound):
-    def told(self, x: Trajectory) -> Trajectory:
-        q = x.q.copy()
-        q[:, 2::3] = np.degrees(q[:, 2::3])
-        return replace(x, q=q)
-
-
-class Late(Sound):
-    """Velocities are those of the step before."""
-
-    def told(self, x: Trajectory) -> Trajectory:
-        return replace(x, v=np.vstack([x.v[:1], x.v[:-1]]))
-
-
-class Short(Sound):
-    def told(self, x: Trajectory) -> Trajectory:
-        return replace(x, t=x.t[:-1], q=x.q[:-1], v=x.v[:-1], a=x.a[:-1])
-
-
-class Weightless(Sound):
-    """No force but gravity acts."""
-
-    def modelled(self, mechanism: Mechanism) -> Mechanism:
-        return replace(mechanism, forces=())
-
-
-class Unsure(Sound):
-    """Asked for accelerations, it has none."""
-
-    def asked(self, model: Model, t: float, q: Array, v: Array) -> Array:
-        return np.full_like(q, np.nan)
-
-
-class Altered(Sound):
-    """What is solved is not what the linkage says: an adapter that spoils the terms at a state, or the linkage that is modelled."""
-
-    def build(self, mechanism: Mechanism, choice: Choice) -> Any:
-        model = InterpretedModel("gauss", self.modelled(mechanism), choice)
-        plain = model.evaluator.terms
-        model.evaluator.terms = lambda t, q, v: self.terms(plain(t, q, v))  # type: ignore[method-assign]
-        return Wrapped(self, model)
-
-    def terms(self, terms: Terms) -> Terms:
-        return terms
+def in_degrees(x: Trajectory) -> Trajectory:
+    q = x.q.copy()
+    angles(q)[...] = np.degrees(angles(q))
+    return replace(x, q=q)
 
 
 def with_links(mechanism: Mechanism, **factors: float) -> Mechanism:
@@ -117,54 +84,52 @@ def with_links(mechanism: Mechanism, **factors: float) -> Mechanism:
     return replace(mechanism, links=tuple(links))
 
 
-class OneInertia(Altered):
-    def modelled(self, mechanism: Mechanism) -> Mechanism:
-        first, *others = mechanism.links
-        return replace(mechanism, links=(replace(first, inertia=1.01 * first.inertia), *others))
-
-
-class AllInertias(Altered):
-    def modelled(self, mechanism: Mechanism) -> Mechanism:
-        return with_links(mechanism, inertia=1.01)
-
-
-class AllMasses(Altered):
-    def modelled(self, mechanism: Mechanism) -> Mechanism:
-        return with_links(mechanism, mass=1.01)
-
-
-class Gravity(Altered):
-    """9.80665 where a file says 9.81, and in proportion where it says another."""
-
-    def modelled(self, mechanism: Mechanism) -> Mechanism:
-        return replace(mechanism, gravity=mechanism.gravity * (9.80665 / 9.81))
-
-
-class Gamma(Altered):
-    def terms(self, terms: Terms) -> Terms:
-        return replace(terms, gamma=1.01 * terms.gamma)
-
-
-class Entry(Altered):
+def with_entry(terms: Terms) -> Terms:
     """One entry of the Jacobian, a thousandth too large."""
-
-    def terms(self, terms: Terms) -> Terms:
-        J = terms.J.copy()
-        J[1, 2] *= 1.001
-        return replace(terms, J=J)
+    J = terms.J.copy()
+    J[1, 2] *= 1.001
+    return replace(terms, J=J)
 
 
-class Excused(AllInertias):
+SPOILT: dict[str, dict[str, Callable[[Any], Any]]] = {
+    "Degrees": {"told": in_degrees},
+    "Late": {"told": lambda x: replace(x, v=np.vstack([x.v[:1], x.v[:-1]]))},  # velocities are those of the step before
+    "Short": {"told": lambda x: replace(x, t=x.t[:-1], q=x.q[:-1], v=x.v[:-1], a=x.a[:-1])},
+    "Weightless": {"modelled": lambda x: replace(x, forces=())},  # no force but gravity acts
+    "OneInertia": {"modelled": lambda x: alter(x, of=x.links[0].name, inertia=1.01)},
+    "AllInertias": {"modelled": partial(with_links, inertia=1.01)},
+    "AllMasses": {"modelled": partial(with_links, mass=1.01)},
+    "Gravity": {"modelled": partial(alter, gravity=9.80665 / 9.81)},
+    "Gamma": {"terms": lambda x: replace(x, gamma=1.01 * x.gamma)},
+    "Entry": {"terms": with_entry},
+    "Fixed": {  # the inertia of one link stands in the code, as it is in one file
+        "modelled": lambda x: replace(x, links=tuple(replace(y, inertia=0.023) if y.name == "rod" else y for y in x.links))
+    },
+}
+globals().update({name: type(name, (Sound,), {k: staticmethod(x) for k, x in parts.items()}) for name, parts in SPOILT.items()})
+
+
+class Unsure(Sound):
+    """Asked for accelerations, it has none."""
+
+    def asked(self, model: Any, t: float, q: Array, v: Array) -> Array:
+        return np.full_like(q, np.nan)
+
+
+class Excused(Sound):
     """Declares its loops soft, which they are not, to hide inertias."""
 
+    modelled = staticmethod(partial(with_links, inertia=1.01))
     soft: ClassVar = {"default": "an excuse that is long enough to be read"}
 
 
-class Regular(Altered):
+class Regular(Sound):
     """Constraint forces are regularised, J a = gamma + e lambda, and nothing says so."""
 
     def asked(self, model: Any, t: float, q: Array, v: Array) -> Array:
-        return compliant(model.evaluator.terms(t, q, v))
+        terms = model.evaluator.terms(t, q, v)
+        K = np.block([[terms.M, terms.J.T], [terms.J, -0.01 * np.eye(len(terms.J))]])
+        return np.asarray(np.linalg.solve(K, np.concatenate([terms.Q, terms.gamma]))[: len(q)])
 
 
 class Springs(Regular):
@@ -177,12 +142,6 @@ class Springs(Regular):
         wrapped = super().build(mechanism, choice)
         wrapped.model.stabilized = partial(self.asked, wrapped.model)
         return wrapped
-
-
-def compliant(terms: Terms) -> Array:
-    n, m = terms.J.shape[1], len(terms.J)
-    K = np.block([[terms.M, terms.J.T], [terms.J, -0.01 * np.eye(m)]])
-    return np.asarray(np.linalg.solve(K, np.concatenate([terms.Q, terms.gamma]))[:n])
 
 
 class Hasty(Sound):
@@ -198,13 +157,12 @@ class Trap(Sound):
     settings: ClassVar = {"default": dict[str, Any](), "tuned": {"x": 1}}
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Any:
-        return Trapped(self, Interpreted("gauss").build(mechanism, replace(choice, settings="default", integrator="rk4")), choice)
+        model = Interpreted("gauss").build(mechanism, replace(choice, settings="default", integrator="rk4"))
+        return Trapped(self, model, choice)
 
 
 class Trapped(Wrapped):
-    def __init__(self, adapter: Sound, model: Model, choice: Choice):
-        super().__init__(adapter, model)
-        self.choice = choice
+    choice: Choice
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return super().acceleration(t, q, v) * (-1 if self.choice.settings == "tuned" else 1)
@@ -220,8 +178,7 @@ class TwoFaced(Sound):
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Any:
         runs = super().build(with_links(mechanism, inertia=1.01), choice)
-        answers = Interpreted("gauss").build(mechanism, choice)
-        runs.acceleration = answers.acceleration
+        runs.acceleration = Interpreted("gauss").build(mechanism, choice).acceleration
         return runs
 
 
@@ -232,10 +189,3 @@ class Deaf(Sound):
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Any:
         return super().build(mechanism, replace(choice, tolerance=1e-4))
-
-
-class Fixed(Altered):
-    """The inertia of one link stands in the code, as it is in one file."""
-
-    def modelled(self, mechanism: Mechanism) -> Mechanism:
-        return replace(mechanism, links=tuple(replace(x, inertia=0.023) if x.name == "rod" else x for x in mechanism.links))

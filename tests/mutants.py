@@ -30,45 +30,24 @@ from tests.test_mutations import NEEDED, ROOT, SECOND, Spoilt
 HANGS = 60  # [s] after which a test that waits for ever has seen the fault
 SURVIVED = ROOT / "tests" / "mutants_survived.toml"
 NEAR = {  # pattern of files -> the tests near them
-    "gauss_bench/judge.py": ("test_scrutiny", "test_measurements_metrics", "test_conformance", "test_api"),
-    "gauss_bench/runs/scrutiny.py": ("test_scrutiny", "test_api"),
-    "gauss_bench/advice/*.py": ("test_recommend",),
-    "gauss_bench/diagnosis/*.py": ("test_diagnosis", "test_diagnosis_limits", "test_selftest"),
-    "gauss_bench/sweep/*.py": ("test_sweep",),
-    "gauss_bench/atlas/*.py": ("test_atlas",),
-    "gauss_bench/bench/clock.py": ("test_measurements_clock", "test_measurements_kernel", "test_search"),
-    "gauss_bench/bench/search.py": ("test_search", "test_measurements_findings"),
-    "gauss_bench/bench/conformance.py": ("test_conformance",),
-    "gauss_bench/bench/gate.py": ("test_measurements_gate", "test_bench_check"),
+    "judge.py": "test_scrutiny test_measurements_metrics test_conformance test_api",
+    "runs/scrutiny.py": "test_scrutiny test_api",
+    "advice/*.py": "test_recommend",
+    "diagnosis/*.py": "test_diagnosis test_diagnosis_limits test_selftest",
+    "sweep/*.py": "test_sweep",
+    "atlas/*.py": "test_atlas",
+    "bench/clock.py": "test_measurements_clock test_measurements_kernel test_search",
+    "bench/search.py": "test_search test_measurements_findings",
+    "bench/conformance.py": "test_conformance",
+    "bench/gate.py": "test_measurements_gate test_bench_check",
 }
-OPPOSITE: dict[type[ast.AST], tuple[str, str]] = {
-    ast.Lt: ("<", ">="),
-    ast.LtE: ("<=", ">"),
-    ast.Gt: (">", "<="),
-    ast.GtE: (">=", "<"),
-    ast.Eq: ("==", "!="),
-    ast.NotEq: ("!=", "=="),
-    ast.In: ("in", "not in"),
-    ast.NotIn: ("not in", "in"),
-    ast.Is: ("is", "is not"),
-    ast.IsNot: ("is not", "is"),
-    ast.And: ("and", "or"),
-    ast.Or: ("or", "and"),
-    ast.Add: ("+", "-"),
-    ast.Sub: ("-", "+"),
-    ast.Mult: ("*", "/"),
-    ast.Div: ("/", "*"),
-}
-EXCHANGED = {
-    "min": "max",
-    "max": "min",
-    "fmax": "fmin",
-    "fmin": "fmax",
-    "maximum": "minimum",
-    "minimum": "maximum",
-    "any": "all",
-    "all": "any",
-}
+SIGNS = (
+    "Lt <, GtE >=, LtE <=, Gt >, Eq ==, NotEq !=, In in, NotIn not in, Is is, IsNot is not, And and, Or or, Add +, Sub -, Mult *"
+)
+SIGN = dict(pair.split(" ", 1) for pair in f"{SIGNS}, Div /".split(", "))
+PAIRS = "Lt GtE, LtE Gt, Eq NotEq, In NotIn, Is IsNot, And Or, Add Sub, Mult Div"
+CALLS = "min max, fmin fmax, minimum maximum, any all"
+OTHER = {a: b for pair in f"{PAIRS}, {CALLS}".split(", ") for a, b in (pair.split(), pair.split()[::-1])}
 
 
 @dataclass(frozen=True)
@@ -96,60 +75,51 @@ def mutants_of(file: str, source: str) -> list[Mutant]:
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
 
-    def offset(line: int, column: int) -> int:
-        begin = starts[line - 1]  # columns count bytes
-        return begin + len(source[begin : starts[line]].encode()[:column].decode())
+    def offset(line: int | None, column: int | None) -> int:
+        begin = starts[(line or 1) - 1]  # columns count bytes
+        return begin + len(source[begin : starts[line or 1]].encode()[:column].decode())
 
-    def start_of(node: ast.expr) -> int:
-        return offset(node.lineno, node.col_offset)
+    def span(node: ast.expr) -> tuple[int, int]:
+        return offset(node.lineno, node.col_offset), offset(node.end_lineno, node.end_col_offset)
 
-    def end_of(node: ast.expr) -> int:
-        return offset(node.end_lineno or 0, node.end_col_offset or 0)
+    def between(left: ast.expr, right: ast.expr, operator: ast.AST) -> Iterator[tuple[int, int, str]]:
+        name, (_, start), (end, _) = type(operator).__name__, span(left), span(right)
+        if name in OTHER and (at := source.find(SIGN[name], start, end)) >= 0:
+            yield at, at + len(SIGN[name]), SIGN[OTHER[name]]
+
+    def changes(node: ast.AST, within: bool) -> Iterator[tuple[int, int, str]]:
+        match node:
+            case ast.Compare(ops=[operator]):
+                yield from between(node.left, node.comparators[0], operator)
+            case ast.BoolOp(values=[first, second, *_]):
+                yield from between(first, second, node.op)
+            case ast.BinOp() if within:
+                yield from between(node.left, node.right, node.op)
+            case ast.UnaryOp(op=ast.Not()):
+                start, _ = span(node)
+                yield start, start + len("not "), ""
+            case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name)) if name in OTHER:
+                _, end = span(node.func)
+                yield end - len(name), end, OTHER[name]
+            case ast.Call(func=ast.Attribute(attr="abs")):
+                yield *span(node.func), ""
+            case ast.Constant(value=bool()):
+                yield *span(node), str(not node.value)
+            case ast.Constant(value=int() | float()) if within:
+                yield *span(node), repr(node.value + 1 if isinstance(node.value, int) else 2 * node.value or 1.0)
+            case ast.Constant(value=int() | float()):
+                for factor in (10, 0.1):
+                    yield *span(node), repr(_scaled(node.value, factor))
 
     found: list[Mutant] = []
 
-    def add(start: int, end: int, new: str, deciding: bool) -> None:
-        line = source.count("\n", 0, start) + 1
-        begin, stop = starts[line - 1], source.find("\n", end)
-        whole = source[begin:start] + new + source[end:stop]
-        found.append(Mutant(file, start, end, new, deciding, line, source[begin:stop].strip(), whole.strip()))
-
-    def between(left: ast.expr, right: ast.expr, operator: ast.AST, deciding: bool) -> None:
-        old, new = OPPOSITE[type(operator)]
-        start, end = end_of(left), start_of(right)
-        at = source.find(old, start, end)
-        if at >= 0:
-            add(at, at + len(old), new, deciding)
-
     def visit(node: ast.AST, within: bool) -> None:
-        match node:
-            case ast.Compare(ops=[operator]) if type(operator) in OPPOSITE:
-                between(node.left, node.comparators[0], operator, True)
-            case ast.BoolOp(values=[first, second, *_]):
-                between(first, second, node.op, False)
-            case ast.BinOp() if type(node.op) in OPPOSITE and within:
-                between(node.left, node.right, node.op, False)
-            case ast.UnaryOp(op=ast.Not()):
-                add(start_of(node), start_of(node) + len("not "), "", False)
-            case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name)) if name in EXCHANGED:
-                end = end_of(node.func)
-                add(end - len(name), end, EXCHANGED[name], False)
-            case ast.Call(func=ast.Attribute(attr="abs")):
-                add(
-                    offset(node.func.lineno, node.func.col_offset),
-                    offset(node.func.end_lineno, node.func.end_col_offset),
-                    "",
-                    False,
-                )
-            case ast.Constant(value=bool()):
-                add(start_of(node), end_of(node), str(not node.value), False)
-            case ast.Constant(value=int() | float()):
-                place = start_of(node), end_of(node)
-                if within:
-                    add(*place, repr(node.value + 1 if isinstance(node.value, int) else 2 * node.value or 1.0), False)
-                else:
-                    for factor in (10, 0.1):
-                        add(*place, repr(_scaled(node.value, factor)), True)
+        number = isinstance(node, ast.Constant) and not isinstance(node.value, bool) and not within
+        for start, end, new in changes(node, within):
+            line = source.count("\n", 0, start) + 1
+            begin, stop = starts[line - 1], source.find("\n", end)
+            text, mutant = source[begin:stop].strip(), (source[begin:start] + new + source[end:stop]).strip()
+            found.append(Mutant(file, start, end, new, number or isinstance(node, ast.Compare), line, text, mutant))
         for child in ast.iter_child_nodes(node):
             if not (isinstance(node, ast.Subscript) and child is node.slice):  # an index that is off mostly crashes
                 visit(child, within or isinstance(node, ast.FunctionDef))
@@ -224,13 +194,18 @@ def trace_tests(copy: Path, files: Sequence[str], tests: Sequence[str]) -> tuple
 
 def tests_near(files: Sequence[str]) -> list[str]:
     """Return the test files near some files."""
-    names = [x for pattern, near in NEAR.items() if any(Path(file).match(pattern) for file in files) for x in near]
+    names = [x for pattern, near in NEAR.items() if any(Path(file).match(pattern) for file in files) for x in near.split()]
     return [f"tests/{x}.py" for x in dict.fromkeys(names)]
 
 
 def deciding_files() -> list[str]:
     """Return the files whose mutants are looked at."""
-    return [str(x.relative_to(ROOT)) for pattern in NEAR for x in sorted(ROOT.glob(pattern)) if x.name != "__init__.py"]
+    return [
+        str(x.relative_to(ROOT))
+        for pattern in NEAR
+        for x in sorted((ROOT / "gauss_bench").glob(pattern))
+        if x.name != "__init__.py"
+    ]
 
 
 def listed() -> dict[tuple[str, str, str], str]:

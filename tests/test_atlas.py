@@ -107,30 +107,13 @@ def shifted(run: Run, by: float) -> Run:
 def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) -> None:
     mechanism, run, reference = known
     assert decide(mechanism, run, reference).verdict is Verdict.PASS
-    assert decide(mechanism, shifted(run, 0.9 * PASSES), reference).verdict is Verdict.PASS
-    degraded = decide(mechanism, shifted(run, 1.1 * PASSES), reference)
+    assert decide(mechanism, shifted(run, 0.9e-3), reference).verdict is Verdict.PASS
+    degraded = decide(mechanism, shifted(run, 1.1e-3), reference)
     assert degraded.verdict is Verdict.DEGRADED
-    assert degraded.error == pytest.approx(1.1 * PASSES, rel=1e-9)
+    assert degraded.error == pytest.approx(1.1e-3, rel=1e-9)
     failed = decide(mechanism, shifted(run, 0.02), reference)
     assert failed.verdict is Verdict.FAILED
     assert "loops open by 0.02" in failed.reason
-
-
-@pytest.mark.parametrize(("off", "verdict"), [(0.9e-3, Verdict.PASS), (1.1e-3, Verdict.DEGRADED)])
-def test_what_passes_is_off_by_a_thousandth_of_the_size(
-    off: float, verdict: Verdict, known: tuple[Mechanism, Run, Reference]
-) -> None:
-    mechanism, run, reference = known
-    assert mechanism.size == pytest.approx(1.0)
-    assert decide(mechanism, shifted(run, off), reference).verdict is verdict
-
-
-@pytest.mark.parametrize(("bar", "verdict"), [(0.9e-4, Verdict.PASS), (1.1e-4, Verdict.OPEN)])
-def test_a_reference_tells_where_it_is_known_to_a_tenth_of_what_passes(
-    bar: float, verdict: Verdict, known: tuple[Mechanism, Run, Reference]
-) -> None:
-    mechanism, run, reference = known
-    assert decide(mechanism, run, replace(reference, error_q=np.full(len(reference.t), bar))).verdict is verdict
 
 
 def test_an_error_is_a_share_of_the_linkages_size() -> None:
@@ -159,7 +142,7 @@ def test_what_does_not_end_has_failed_and_what_is_not_known_stays_open(known: tu
         assert (found.verdict, found.reason) == (Verdict.FAILED, f"{status}: why")
     skipped = replace(run, status=Status.SKIP, message="no such model", trajectory=None)
     assert decide(mechanism, skipped, reference).verdict is Verdict.CANNOT
-    vague = replace(reference, error_q=np.full(len(reference.t), 0.11 * PASSES))
+    vague = replace(reference, error_q=np.full(len(reference.t), 1.1e-4))
     assert decide(mechanism, run, vague).verdict is Verdict.OPEN
 
 
@@ -232,16 +215,6 @@ def test_a_reference_is_the_run_at_the_tighter_tolerance_and_its_bar_what_the_ot
 )
 def test_what_ends_a_way_is_said_as_what_it_is(last: Verdict, said: str) -> None:
     assert sentence(Reach(WAY, "size", 1.0, 1.0, last, "why", 0.0, 3)) == f"passes to 1; {said}"
-
-
-def test_an_engine_that_cannot_hold_what_is_harder_keeps_what_it_did(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    family, said = FAMILIES["redundancy"], {0.0: Verdict.PASS}
-    monkeypatch.setattr(
-        surveying, "look_at", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.CANNOT), 0.0, "rows")
-    )
-    found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
-    assert (found.passes_to, found.last) == (0.0, Verdict.CANNOT)
-    assert sentence(found) == "passes to 0; then cannot: rows"
 
 
 def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,6 @@
 """What is wrong with an engine: planted faults are named, sound engines are left alone, and what cannot run has a reason."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -284,57 +283,42 @@ def test_checkpoints_are_reached_by_whole_steps_with_one_more_after_them(step: f
 PLUGIN = """
 import os
 import time
-from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, Faulty, FaultyModel
+from gauss_bench.diagnosis.faults import BY_NAME, CLEAN, Faulty
 
 
 class Heavy(Faulty):
     def __init__(self):
         super().__init__(BY_NAME["inertia"])
-        self.name = "heavy"
 
 
-class Dies(Faulty):
-    def __init__(self):
-        super().__init__(CLEAN)
-        self.name = "dies"
-
+class Dies(Heavy):
     def build(self, mechanism, choice):
         os.abort()
 
 
-class Hangs(Dies):
+class Hangs(Heavy):
     def build(self, mechanism, choice):
         time.sleep(600)
 """
 
 
-@pytest.fixture
-def plugins(tmp_path: Path) -> Iterator[None]:
-    (tmp_path / "patients.py").write_text(PLUGIN, encoding="utf-8")
-    made = tmp_path / "patients-1.0.dist-info"
-    made.mkdir()
-    (made / "METADATA").write_text("Metadata-Version: 2.1\nName: patients\nVersion: 1.0\n", encoding="utf-8")
-    points = "".join(f"{x} = patients:{x.capitalize()}\n" for x in ("heavy", "dies", "hangs"))
-    (made / "entry_points.txt").write_text(f"[gauss_bench.engines]\n{points}", encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(tmp_path))
-        patch.setenv("PYTHONPATH", f"{Path(__file__).parents[1]}:{tmp_path}")
-        yield
-
-
 @pytest.mark.long
 @pytest.mark.slow
-def test_engines_of_others_are_diagnosed_in_a_worker(plugins: None, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["diagnose", "four_bar", "--engine", "heavy", "--step", "0.004", "--until", "0.3", "--json"]) == 0
+def test_engines_of_others_are_diagnosed_in_a_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "patients.py").write_text(PLUGIN, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", f"{Path(__file__).parents[1]}:{tmp_path}")
+    asked = ["diagnose", "four_bar", "--until", "0.3", "--json", "--engine"]
+    assert main([*asked, "patients:Heavy", "--step", "0.004"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["cause"] == "inertia"
-    assert found["part"] == "model"
+    assert (found["cause"], found["part"]) == ("inertia", "model")
     assert found["explanations"][0]["amount"] == pytest.approx(0.01, rel=1e-3)
-    for name, status in (("dies", "crashed"), ("hangs", "timeout")):
-        assert main(["diagnose", "four_bar", "--engine", name, "--until", "0.3", "--budget", "3", "--json"]) == 1
+    for name, status in (("Dies", "crashed"), ("Hangs", "timeout")):
+        assert main([*asked, f"patients:{name}", "--budget", "3"]) == 1
         found = json.loads(capsys.readouterr().out)
-        assert found["cause"] == "unknown"
-        assert found["runs"][0]["status"] == status
+        assert (found["cause"], found["runs"][0]["status"]) == ("unknown", status)
         assert status in found["verdict"]
 
 

@@ -337,13 +337,14 @@ def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path
         assert again["worst"] in range(12)
 
 
+DOCUMENT = of_one_scenario(document_of("crank_slider")[0], "paper")
 ASKED = Asked(
-    of_one_scenario(document_of("crank_slider")[0], "paper"),
+    json.dumps(DOCUMENT),
     "paper",
     "crank_slider",
     ("gravity.y",),
     0.2,
-    {"gauss": Choice("default", "rk4", step=1e-3)},
+    (("gauss", Choice("default", "rk4", step=1e-3)),),
     60.0,
 )
 
@@ -390,30 +391,6 @@ def test_a_sample_that_is_lost_when_repeated_is_counted_and_spoils_all(monkeypat
     found = repeated(monkeypatch, 20, {0: 1e-6, 19: 1.0}, lost=19)
     assert (found["ok"], found["worst"], found["lost"], found["m"]) == (False, 0, 1, pytest.approx(1e-6))
     assert repeated(monkeypatch, 20, {})["worst"] is None
-
-
-@pytest.mark.parametrize(("integrator", "how", "parts"), [("rk4", "half the step", 2), ("dop853", "a tighter tolerance", 1)])
-def test_steps_are_halved_and_tolerances_made_a_hundredth(
-    integrator: str, how: str, parts: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pandas = pytest.importorskip("pandas")
-    units = columns_of(load("crank_slider", "paper"), [])
-    seen: list[tuple[Choice, int]] = []
-
-    def again(asked: Asked, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
-        seen.append((asked.choices[engine], parts))
-        return dict.fromkeys(units, np.zeros(len(numbers))) | {"status": ["ok"] * len(numbers)}
-
-    monkeypatch.setattr(halving, "rows_of", again)
-    choice = Choice("default", integrator, step=1e-3, tolerance=1e-6)
-    table = pandas.DataFrame({"sample": range(3), "status": "ok"} | dict.fromkeys(units, 0.0))
-    found = halving.halve(replace(ASKED, choices={"gauss": choice}), "gauss", table, np.zeros((3, 1)))
-    assert found is not None
-    assert found["how"] == how
-    ((repeated_by, in_parts),) = seen
-    assert in_parts == parts
-    assert repeated_by.tolerance == pytest.approx(1e-6 if parts == 2 else 1e-8)
-    assert halving.halve(ASKED, "gauss", table.assign(status="invalid"), np.zeros((3, 1))) is None
 
 
 def test_what_a_repetition_says_in_words() -> None:
@@ -521,16 +498,16 @@ def test_batches_are_the_same_where_all_that_rows_depend_on_is() -> None:
     ],
 )
 def test_a_kernel_leaves_open_what_no_welded_body_holds(path: str, welds: bool, said: str) -> None:
-    family = Family(ASKED.document, "paper", [path], "crank_slider")
-    family.document = ASKED.document | ({"welds": {}} if welds else {})
+    family = Family(DOCUMENT, "paper", [path], "crank_slider")
+    family.document = DOCUMENT | ({"welds": {}} if welds else {})
     assert family.closed_to_kernels == (f"{path} {said}" if said else "")
 
 
 def test_a_force_that_varies_is_an_open_number_where_the_scenario_has_it() -> None:
     path = "forces.motor.value"
-    found = Family(ASKED.document, "paper", [path], "crank_slider").starts(np.array([[-0.4], [-0.6]]))
+    found = Family(DOCUMENT, "paper", [path], "crank_slider").starts(np.array([[-0.4], [-0.6]]))
     assert {name: x.tolist() for name, x in found.columns.items()} == {path: [-0.4, -0.6]}
-    assert Family(ASKED.document, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
+    assert Family(DOCUMENT, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
 
 
 def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:

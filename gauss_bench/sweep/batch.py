@@ -3,10 +3,12 @@
 Whatever happens to a sample is a row: numbers that are no linkage, a start that does not close, an engine that fails or is lost.
 """
 
+import atexit
+import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -15,23 +17,20 @@ from numpy.typing import NDArray
 from gauss_bench import metrics
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import BAUMGARTE, Kernel, compile_kernel
-from gauss_bench.engines import get, require
+from gauss_bench.engines import require
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
 from gauss_bench.judge import Evidence, Subject, judge, remark
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import LEVELS, TEXT, outcome_of, plain_run
-from gauss_bench.runs.offers import is_isolated
-from gauss_bench.runs.one_run import one_run, receive, sampling_at
+from gauss_bench.runs.apart import Request, run_of
+from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.runs.scrutiny import seen
-from gauss_bench.runs.worker import Worker, WorkerFailure
+from gauss_bench.runs.worker import Worker
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family, Varied, describe
 from gauss_bench.sweep.figures import figures, units
-from gauss_bench.sweep.paths import Document
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
@@ -43,33 +42,27 @@ Numbers = NDArray[np.intp]
 Rows = dict[str, Any]  # by columns: numbers (k,), or a list of texts
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Asked:
-    """What every sample of a sweep shares; plain data, so that it travels.
+    """What every sample of a sweep shares; plain data, so that it travels, and the same sweep is known again.
 
     Attributes:
-        document: of one scenario. source: the file. paths: of what varies. until: end [s].
-        choices: engine -> choice. limit: [s] that one sample may take in a worker. jobs: threads that share a call of the kernel.
+        text: the document of one scenario, as JSON. source: the file. paths: of what varies. until: end [s].
+        choices: engines and their choices. limit: [s] that one sample may take in a worker. jobs: threads that share a call of the
+            kernel, which change no row.
     """
 
-    document: Document
+    text: str
     scenario: str
     source: str
     paths: tuple[str, ...]
     until: float
-    choices: Mapping[str, Choice]
+    choices: tuple[tuple[str, Choice], ...]
     limit: float
-    jobs: int = 1
+    jobs: int = field(default=1, compare=False)
 
-    @cached_property
-    def _key(self) -> str:
-        return repr((self.document, self.scenario, self.source, self.paths, self.until, self.choices, self.limit))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Asked) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
+    def choice(self, engine: str) -> Choice:
+        return dict(self.choices)[engine]
 
 
 def times(step: float, until: float) -> tuple[float, int, int, Array]:
@@ -88,44 +81,33 @@ def in_batches(engine: str) -> bool:
     return engine in FORMULATIONS
 
 
-@lru_cache(maxsize=4)
-def _family(asked: Asked) -> Family:
-    return Family(asked.document, asked.scenario, asked.paths, asked.source)
-
-
-_making = threading.Lock()
 _stepping = threading.Lock()  # a kernel counts what it does, and may have to generate more code
 
 
+@lru_cache(maxsize=4)
 def family(asked: Asked) -> Family:
-    """The family of a sweep, made once in a process."""
-    with _making:
-        return _family(asked)
+    """The family of a sweep."""
+    return Family(json.loads(asked.text), asked.scenario, asked.paths, asked.source)
 
 
 @lru_cache(maxsize=4)
-def _kernel(asked: Asked, engine: str) -> Kernel:
-    some, choice = _family(asked), asked.choices[engine]
-    kernel = compile_kernel(some.nominal, FORMULATIONS[engine], choice.stabilization, some.open_numbers, baumgarte=BAUMGARTE)
-    kernel.prepare(choice.integrator, many=True)
-    return kernel
-
-
 def kernel(asked: Asked, engine: str) -> Kernel:
-    """The kernel that all samples share, made once in a process.
+    """The kernel that all samples share.
 
     Raises:
         MissingExtra: there is no compiler.
         SweepError: what varies cannot be left open, or the linkage has no kernel.
     """
     require("llvmlite")
-    if reason := family(asked).closed_to_kernels:
+    some, choice = family(asked), asked.choice(engine)
+    if reason := some.closed_to_kernels:
         raise SweepError(f"--vary {reason}; take an engine that builds every sample anew, such as gauss")
-    with _making:
-        try:
-            return _kernel(asked, engine)
-        except KernelError as error:
-            raise SweepError(f"--engine {engine}: {error}") from error
+    try:
+        code = compile_kernel(some.nominal, FORMULATIONS[engine], choice.stabilization, some.open_numbers, baumgarte=BAUMGARTE)
+    except KernelError as error:
+        raise SweepError(f"--engine {engine}: {error}") from error
+    code.prepare(choice.integrator, many=True)
+    return code
 
 
 def rows_of(asked: Asked, engine: str, numbers: Numbers, values: Array, parts: int = 1) -> Rows:
@@ -142,7 +124,7 @@ def _empty(asked: Asked, count: int) -> Rows:
 
 
 def _native(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
-    code, some, choice = kernel(asked, engine), family(asked), asked.choices[engine]
+    code, some, choice = kernel(asked, engine), family(asked), asked.choice(engine)
     h, count, every, t = times(choice.step, asked.until)
     h, count, every = h / parts, count * parts, every * parts
     starts, rows = some.starts(values), _empty(asked, len(values))
@@ -213,25 +195,15 @@ def _one_by_one(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
 
 def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
     """Status, sentence and figures of a sample."""
-    some, choice = family(asked), asked.choices[engine]
-    document = some.document_of(values)
+    choice = asked.choice(engine)
     try:
-        mechanism = load_document(document, asked.scenario, asked.source)
+        mechanism = family(asked).mechanism_of(values)
     except LinkageError as error:
         return NOT_ASSEMBLED, describe(error), {}
     h, _, _, t = times(choice.step, asked.until)
-    h = h / parts
-    wanted, taken = sampling_at(h, t), Choice(choice.settings, choice.integrator, choice.stabilization, h, choice.tolerance)
-    if is_isolated(engine):
-        largest = 8 * len(t) * (1 + len(LEVELS) * mechanism.n) + TEXT
-        arguments = (document, asked.scenario, asked.source, engine, taken, t)
-        try:
-            answer = _worker(engine).call(perform_there, arguments, asked.limit, largest)
-        except WorkerFailure as failure:
-            return str(failure.status), str(failure), {}
-        run = receive(outcome_of(answer), wanted, mechanism.n)
-    else:
-        run = one_run(get(engine), mechanism, taken, wanted)
+    taken = replace(choice, step=h / parts)
+    request = Request(asked.source, asked.scenario, engine, taken, sampling_at(taken.step, t))
+    run = run_of(request, mechanism, asked.limit, _worker(engine))
     if run.trajectory is None:
         return str(run.status), run.message, {}
     x = run.trajectory
@@ -245,18 +217,11 @@ def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> t
     return status, "; ".join(filter(None, (run.message, sentence))), by_name
 
 
-def perform_there(document: Document, scenario: str, source: str, engine: str, choice: Choice, t: Array) -> dict[str, Any]:
-    """A run as plain data, in the process of the engine."""
-    return plain_run(one_run(get(engine), load_document(document, scenario, source), choice, sampling_at(choice.step, t)))
-
-
 _here = threading.local()
 
 
 def _worker(engine: str) -> Worker:
     """The worker that this thread keeps for an engine, until the process ends."""
-    import atexit
-
     kept: dict[str, Worker] = _here.__dict__.setdefault("workers", {})
     if engine not in kept:
         kept[engine] = Worker()

@@ -28,14 +28,14 @@ def halve(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any]
         over the table. m, rad: the largest change of a figure of that unit. worst: the sample
         that has it. lost: how many are not ok when repeated. ok: whether the judge's limits of a repetition hold.
     """
-    choice, mechanism = asked.choices[engine], family(asked).nominal
+    choice, mechanism = asked.choice(engine), family(asked).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")
     if not len(good):
         return None
     parts, how = 2, HALF
     if choice.integrator in (offered := offer(engine)).adaptive:
         tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
-        asked, parts, how = replace(asked, choices={**asked.choices, engine: tighter}), 1, "a tighter tolerance"
+        asked, parts, how = replace(asked, choices=((engine, tighter),)), 1, "a tighter tolerance"
     chosen = np.unique(np.linspace(0, len(good) - 1, min(MOST, -(-len(good) // SHARE))).round().astype(int))
     units = columns_of(mechanism, [])
     of = {unit: [name for name, x in units.items() if x == unit] for unit in UNITS}

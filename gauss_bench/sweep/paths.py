@@ -15,6 +15,7 @@ bars follows.
 """
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -65,8 +66,11 @@ def _numbers(item: Any, path: str) -> Iterator[str]:
 def change(document: Document, values: Mapping[str, float]) -> Document:
     """The document with other numbers at some paths, lengths last; what is not touched is shared."""
     made = dict(document)
-    for head in {tuple(path.split(".")[:2]) for path in values}:
-        _own(made, head)
+    for head, *rest in {tuple(path.split(".")[:2]) for path in values}:  # what they touch becomes the document's own
+        whole = made[head]
+        shared = {key: x for key, x in whole.items() if key not in rest} if rest and isinstance(whole, dict) else {}
+        own = deepcopy({key: x for key, x in whole.items() if key in rest} if shared else whole)
+        made[head] = {key: shared.get(key, own.get(key)) for key in whole} if shared else own
     for path in sorted(values, key=is_length):
         if is_length(path):
             _stretch(made, path, values[path])
@@ -74,21 +78,6 @@ def change(document: Document, values: Mapping[str, float]) -> Document:
             owner, key = _place(made, path)
             owner[key] = values[path]
     return made
-
-
-def _own(document: Document, head: tuple[str, ...]) -> None:
-    """Make the table that a path begins with the document's own."""
-    document[head[0]] = (
-        _copy(document[head[0]])
-        if len(head) == 1 or not isinstance(document[head[0]], dict)
-        else {key: _copy(value) if key == head[1] else value for key, value in document[head[0]].items()}
-    )
-
-
-def _copy(item: Any) -> Any:
-    if isinstance(item, dict):
-        return {key: _copy(value) for key, value in item.items()}
-    return [_copy(value) for value in item] if isinstance(item, list) else item
 
 
 def _place(document: Document, path: str) -> tuple[Any, Any]:

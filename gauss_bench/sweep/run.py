@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.journal import fingerprint
+from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import chosen_scenario, document_of, load, of_one_scenario
 from gauss_bench.runs.offers import check_budget, duration, is_isolated, offer
@@ -105,7 +106,8 @@ def sweep(
     stamp = _stamp(asked, vary, some, sampling, seed)
     check(out, stamp)
     for engine in filter(in_batches, engines):
-        tell(f"{engine}: generating and compiling, with {', '.join(_open(asked, engine)) or 'nothing'} left open")
+        left_open = ", ".join(kernel(asked, engine).parameters)  # compiled here, so that nobody else need
+        tell(f"{engine}: generated and compiled, with {left_open or 'nothing'} left open")
     with Folder(out, stamp, columns) as folder:
         _run(folder, asked, some, engines, where, tell)
         rows = folder.read()
@@ -128,11 +130,6 @@ def _finish(out: Path, told: dict[str, Any], rows: Any, some: Plan, figures: lis
     write_text(out / "summary.json", json.dumps(told, indent=1) + "\n")
 
 
-def _open(asked: Asked, engine: str) -> tuple[str, ...]:
-    """List what a kernel leaves open; it is compiled here, so that nobody else need."""
-    return kernel(asked, engine).parameters
-
-
 def _ask(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) -> Asked:
     document, _, path = document_of(linkage)
     scenario = chosen_scenario(document, how.scenario, str(path), path.stem)
@@ -142,15 +139,15 @@ def _ask(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) 
     until = duration(mechanism.duration, None, how.until)
     if how.step is not None and not (np.isfinite(how.step) and 0 < how.step <= until * (1 + 1e-12)):
         raise SweepError(f"--step {how.step:g}: must be positive and at most the {until:g} s of a run")
-    choices = {name: _choice(name, how, until) for name in engines}
-    if (count := max(until / choice.step for choice in choices.values())) > MOST_STEPS:
+    choices = tuple((name, _choice(name, how, until)) for name in engines)
+    if (count := max(until / choice.step for _, choice in choices)) > MOST_STEPS:
         asked_for = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{asked_for}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
-    for name, choice in choices.items():
-        if not is_isolated(name) and (reason := _skip(name, mechanism, choice)):
+    for name, choice in choices:
+        if not is_isolated(name) and (reason := get(name).skip(mechanism, choice)):
             raise SweepError(f"--engine {name}: {reason}")
     limit = check_budget(how.limit, LIMIT)
-    return Asked(document, scenario, str(path), some.paths, until, choices, limit, jobs)
+    return Asked(json.dumps(document), scenario, str(path), some.paths, until, choices, limit, jobs)
 
 
 def _choice(engine: str, how: How, until: float) -> Choice:
@@ -165,12 +162,6 @@ def _choice(engine: str, how: How, until: float) -> Choice:
     return replace(choice, step=usual if how.step is None else how.step)
 
 
-def _skip(engine: str, mechanism: Any, choice: Choice) -> str | None:
-    from gauss_bench.engines import get
-
-    return get(engine).skip(mechanism, choice)
-
-
 def _stamp(asked: Asked, vary: Sequence[str], some: Plan, sampling: str, seed: int) -> dict[str, Any]:
     """All that the rows of a sweep depend on, as plain data."""
     return {
@@ -182,7 +173,7 @@ def _stamp(asked: Asked, vary: Sequence[str], some: Plan, sampling: str, seed: i
         "sampling": sampling,
         "seed": seed,
         "until": asked.until,
-        "engines": {name: asdict(choice) for name, choice in asked.choices.items()},
+        "engines": {name: asdict(choice) for name, choice in asked.choices},
         "limit": asked.limit,
         "made_by": fingerprint(),
     }
@@ -224,21 +215,15 @@ def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where
         work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
         # its arguments travel to wherever batches are run, its rows come back here and are written here
         tasks = (delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting)
-        with _no_word_of_tasks_broken_off(), closing(work(tasks)) as finished:
+        with warnings.catch_warnings(), closing(work(tasks)) as finished:
+            # joblib warns of tasks that are left where an interrupt reaches us between two answers: whoever interrupts knows
+            warnings.filterwarnings("ignore", ".*adjusting the input task iterator", UserWarning)
             for batch, rows in finished:
                 folder.write(batch.number, rows)
                 done += batch.end - batch.first
                 if time.monotonic() - told > PAUSE:
                     told = time.monotonic()
                     tell(f"{done} of {total} samples, {told - started:.0f} s")
-
-
-@contextmanager
-def _no_word_of_tasks_broken_off() -> Iterator[None]:
-    """joblib warns of tasks that are left where an interrupt reaches us between two of its answers: whoever interrupts knows."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".*adjusting the input task iterator", UserWarning)
-        yield
 
 
 def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
