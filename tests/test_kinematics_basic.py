@@ -129,20 +129,14 @@ def test_the_jacobian_is_the_derivative(name: str, rng: np.random.Generator) -> 
 # Equations ------------------------------------------------------------------------------------------------------------
 
 
-def kinds(mechanism: Mechanism, inputs: tuple[Input, ...]) -> list[tuple[str, str]]:
-    return [(e.kind, e.about) for e in PointModel(mechanism, inputs).equations]
+def count_rows(mechanism: Mechanism, inputs: tuple[Input, ...]) -> int:
+    return len(PointModel(mechanism, inputs).a)
 
 
 def test_the_shaper_has_the_equations_of_the_paper() -> None:
     mechanism = load("shaper", "driven")
     model = PointModel(mechanism, inputs_of(mechanism))
     assert model.names == ("B", "C")
-    assert kinds(mechanism, inputs_of(mechanism)) == [
-        ("length", "O1-B"),
-        ("length", "C-B"),
-        ("collinear", "slot"),
-        ("fixed y", "ram"),
-    ]
     A, B, C = 0.07 + 0.31j, 0.2 + 0.5j, 0.4 + 0.6j  # any points, also open ones: the formulas of eq. (2), with O1 at the origin
     z = np.array([1.0, 0.0, *({"A": A, "B": B, "C": C}.get(p.name, 0.0) for p in model.points.points)])
     expected = [
@@ -165,7 +159,6 @@ def test_the_quotient_form_fails_where_the_lever_is_level_and_the_cross_product_
     document["scenarios"]["driven"]["driver"]["start_deg"] = 90.0
     mechanism = load_document(document, "driven")
     model = PointModel(mechanism, inputs_of(mechanism))
-    assert ("fixed x", "ram") in [(e.kind, e.about) for e in model.equations]
     motion = basic_motion(mechanism, inputs_of(mechanism), np.array([0.2, 0.25, 0.3]))
     points = {name: position(motion.q[1], mechanism.point(i, name)) for i, name in ((0, "A"), (2, "B"), (2, "O1"))}
     (xa, ya), (xb, yb), (xo, yo) = points["A"], points["B"], points["O1"]
@@ -198,14 +191,11 @@ def slotted(slot_deg: float, offset: float, flag: bool) -> Mechanism:
     return load_document(document)
 
 
-@pytest.mark.parametrize(
-    ("slot_deg", "offset", "kind"),
-    [(0.0, 0.0, "collinear"), (90.0, 0.0, "perpendicular"), (30.0, 0.0, "fixed angle"), (30.0, 0.05, "offset")],
-)
-def test_every_kind_of_slot_moves_as_in_absolute_coordinates(slot_deg: float, offset: float, kind: str) -> None:
+@pytest.mark.parametrize(("slot_deg", "offset"), [(0.0, 0.0), (90.0, 0.0), (30.0, 0.05)])
+def test_every_slot_moves_as_in_absolute_coordinates(slot_deg: float, offset: float) -> None:
     mechanism = slotted(slot_deg, offset, flag=True)
     inputs = turning(mechanism, crank=6.0, flag=-2.0)
-    assert kinds(mechanism, inputs) == [("length", "O1-B"), (kind, "slot")]
+    assert count_rows(mechanism, inputs) == 2
     times = np.linspace(0.0, 1.0, 13)
     assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
 
@@ -214,7 +204,7 @@ def test_a_link_with_one_joint_point_gets_a_second() -> None:
     mechanism = slotted(30.0, 0.05, flag=False)
     inputs = turning(mechanism, crank=6.0)
     assert PointModel(mechanism, inputs).names == ("lever.+",)
-    assert kinds(mechanism, inputs) == [("length", "O1-lever.+"), ("offset", "slot")]
+    assert count_rows(mechanism, inputs) == 2
     times = np.linspace(0.0, 1.0, 13)
     assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
 
@@ -261,18 +251,15 @@ def test_a_cylinder_moves_by_any_of_its_parts(travel: dict[str, float]) -> None:
 
 def test_links_that_slide_on_each_other_are_held_as_their_points_allow() -> None:
     mechanism = cylinder()
-    boom = kinds(mechanism, turning(mechanism, boom=0.5))
-    assert boom == [("length", "A-piston.R"), ("offset", "bore")]  # the barrel has one point: the piston shows its direction
-    barrel = kinds(mechanism, turning(mechanism, barrel=0.1))
-    assert [kind for kind, _ in barrel] == ["length", "fixed x", "fixed y", "offset"]
-    bore = kinds(mechanism, turning(mechanism, bore=0.1))
-    assert ("fixed distance", "bore") in bore
+    assert count_rows(mechanism, turning(mechanism, boom=0.5)) == 2  # the barrel has one point: the piston shows its direction
+    assert count_rows(mechanism, turning(mechanism, barrel=0.1)) == 4
+    assert count_rows(mechanism, turning(mechanism, bore=0.1)) == 4
 
 
 def test_partners_with_two_points_each_are_held_by_a_fixed_angle() -> None:
     mechanism = cylinder(flag=True)
     inputs = turning(mechanism, boom=0.8, flag=1.0)
-    assert [kind for kind, _ in kinds(mechanism, inputs)] == ["length", "fixed angle", "fixed angle", "offset"]
+    assert count_rows(mechanism, inputs) == 4
     times = np.linspace(0.0, 1.0, 9)
     assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
 
@@ -343,7 +330,7 @@ def test_a_slide_driven_on_a_driven_arm() -> None:
     mechanism = load_document(document)
     arm, slide = motion_laws.rise("sine", np.radians(30.0), 3.0, 1.0), motion_laws.rise("poly345", 0.3, 0.2, 1.0)
     inputs = (Input(slide, joint="slot"), Input(arm, link=0))
-    assert PointModel(mechanism, inputs).equations == ()
+    assert count_rows(mechanism, inputs) == 2
     times = np.linspace(0.0, 1.0, 9)
     motion = basic_motion(mechanism, inputs, times)
     assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
@@ -352,7 +339,6 @@ def test_a_slide_driven_on_a_driven_arm() -> None:
 def test_active_bars_drive_by_their_length() -> None:
     mechanism = load("excavator")
     inputs = inputs_of(mechanism)
-    assert [kind for kind, _ in kinds(mechanism, inputs)].count("driven length") == 2
     times = np.linspace(0.0, mechanism.duration, 11)
     motion = basic_motion(mechanism, inputs, times)
     assert np.abs(motion.q[-1] - motion.q[0])[2::3].min() > 0.1
@@ -366,7 +352,7 @@ def test_an_open_chain_needs_no_equation() -> None:
     mechanism = load("four_bar", "driven")
     chain = replace(mechanism, joints=mechanism.joints[:2], links=mechanism.links[:2], q0=mechanism.q0[:6], drivers=(), dof=2)
     inputs = turning(chain, **{chain.links[0].name: 3.0, chain.links[1].name: -2.0})
-    assert PointModel(chain, inputs).equations == ()
+    assert count_rows(chain, inputs) == 0
     times = np.linspace(0.0, 1.0, 5)
     motion = basic_motion(chain, inputs, times)
     assert (violations(chain, inputs, times, motion) < ROUNDING).all()
