@@ -4,7 +4,7 @@ Two integrators that share no code run the same equations; their disagreement at
 no integration: its motion is geometry, and the bar is what rounding leaves of the closure.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -62,8 +62,8 @@ def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
     law = mechanism.driver.law
     motion = MinimalCoordinate(mechanism)
     levels = _join(motion.state(*(np.atleast_1d(x).astype(float) for x in law(t))) for t in times)
-    bars = [ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels]
-    return _with_bars(times, levels, bars, "closure of the driven loop by Newton's method")
+    q, v, a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
+    return _with_bars(times, levels, (q, v, a), "closure of the driven loop by Newton's method")
 
 
 def _join(parts: Iterable[Levels]) -> Levels:
@@ -84,13 +84,13 @@ def _integrate_twice(mechanism: Mechanism, times: Array, motion: Callable[..., L
     """DOP853 against Gauss-Legendre collocation, both in the same coordinates."""
     grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])  # both start anew where a force has a kink
     kept = np.searchsorted(grid, times)
-    first, second = ([x[kept] for x in motion(mechanism, grid, integrate)] for integrate in (_adaptive, _collocation))
+    first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
     gaps = [np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)) for x, y in zip(first, second, strict=True)]
-    method = f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16"
-    return _with_bars(times, second, [np.maximum.accumulate(gap) for gap in gaps], method)
+    bars, levels = (np.maximum.accumulate(gap)[kept] for gap in gaps), (x[kept] for x in second)
+    return _with_bars(times, (*levels,), (*bars,), f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")  # type: ignore[arg-type]
 
 
-def _with_bars(times: Array, levels: Sequence[Array], bars: Sequence[Array], method: str) -> Reference:
+def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
     none = np.zeros(len(times))
     return Reference(times, *levels, *bars, none, none, none, method)
 

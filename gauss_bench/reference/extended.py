@@ -190,6 +190,6 @@ def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ..
         multipliers=None if linkage.rank < rows.phi.shape[-1] else multipliers,
         drift=(float(np.abs(rows.phi).max(initial=0.0)), float(np.abs(rate).max(initial=0.0))),
         stopped=stopped,
-        method=f"absolute coordinates in long double ({np.finfo(LONG).nmant + 1} bits); Gauss-Legendre collocation of order 20 with "
-        f"projection, steps of at most {step:g} s; numpy {np.__version__}{near}",
+        method=f"absolute coordinates in long double ({np.finfo(LONG).nmant + 1} bits); Gauss-Legendre collocation of order 20 "
+        f"with projection, steps of at most {step:g} s; numpy {np.__version__}{near}",
     )
