@@ -15,7 +15,8 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.inputs import Input, inputs_of
-from gauss_bench.kinematics.loop_closure import LoopMotion, loop_motion
+from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.singular import singular_positions
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
@@ -50,7 +51,7 @@ def crank_angle(m: Mechanism) -> float:
     return float(m.q0[3 * (m.crank or 0) + 2])
 
 
-def library(m: Mechanism, angles: Array, link: int | None = None) -> LoopMotion:
+def library(m: Mechanism, angles: Array, link: int | None = None) -> Motion:
     """The motion at angles of a link, the crank, at one radian per second: derivatives by the angle."""
     index = (m.crank or 0) if link is None else link
     law = replace(constant(0.0, 1.0), motion=lambda t: (np.interp(t, np.arange(len(angles)), angles), 1.0 + 0 * t, 0 * t))
@@ -74,7 +75,7 @@ def turn_angles(m: Mechanism, count: int) -> Array:
 
 
 @cache
-def whole_turn(name: str, count: int) -> LoopMotion:
+def whole_turn(name: str, count: int) -> Motion:
     return library(mechanism(name), turn_angles(mechanism(name), count))
 
 

@@ -23,7 +23,6 @@ MAY_ASK = (
     "report/drawings/",
     "kinematics/loop_equations.py",
     "kinematics/topology.py",
-    "kinematics/assembly.py",
     "papers/",
 )
 STILL = {

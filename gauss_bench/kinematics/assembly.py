@@ -9,6 +9,7 @@ the nearest, with the gap g from the one end to the other and w the way of the l
 so that a link along the gap closes it by as much as the gap is long, and one across it never does.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +19,8 @@ from gauss_bench.kinematics.freedom import Freedom, Place
 from gauss_bench.kinematics.topology import Loop, find_graph, held_coordinates
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import Joint, Mechanism, Point, Revolute
+from gauss_bench.mechanism.model import Joint, Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
 TRIES = 6  # from the drawing, then from drawings with links turned by lot: the nearest of all is told
@@ -99,7 +101,7 @@ def put_together(mechanism: Mechanism) -> Assembly:
     for loop, chord in zip(graph.loops, chords, strict=True):
         nearer, gap = _nearest(bare, joints, chord, place)
         if gap > CLOSED:
-            alone = _nearest(bare, _of(mechanism, loop, chord), chord, place)
+            alone = _nearest(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
             open_loop = _describe(mechanism, loop, chord, nearer.q, gap, alone[1] > CLOSED)
             break
         joints = [x for x in mechanism.joints if x in joints or x is chord]
@@ -117,15 +119,11 @@ def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
     return [x for x in mechanism.joints if x.name in names]
 
 
-def _of(mechanism: Mechanism, loop: Loop, chord: Joint) -> list[Joint]:
-    return [x for x in _joints(mechanism, loop) if x is not chord]
-
-
 def _open(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
     """The pair at which a loop is opened: the last pin in the file that no loop before it needs, else the last pair."""
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
-    return next((x for x in reversed(own) if isinstance(x, Revolute)), own[-1])
+    return next((x for x in reversed(own) if not x.slides), own[-1])
 
 
 def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
@@ -138,50 +136,46 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
 def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
     """The place where the ends of a pair come nearest to each other, and how near [m]; 0 where they meet."""
     part = replace(mechanism, joints=tuple(joints))
-    if not isinstance(chord, Revolute):  # a loop of slides alone
+    if chord.slides:  # a loop of slides alone
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
+    onto, point = chord.ends
     for attempt in range(TRIES):
         q = np.array(place.q)
-        q[2::3] += rng.uniform(-TURNED, TURNED, size=len(q[2::3])) if attempt else 0.0
-        try:
-            drag = Drag(part, q, chord.b, onto=chord.a)
-        except ValueError:
-            continue
-        dragged = drag.to(np.zeros(2), most=200)
-        if dragged.apart < apart:
-            best, apart = drag.place, dragged.apart
-        if dragged.reached:
-            return best, 0.0
+        angles(q)[:] += rng.uniform(-TURNED, TURNED, size=len(mechanism.links)) if attempt else 0.0
+        with suppress(ValueError):
+            drag = Drag(part, q, point, onto=onto)
+            dragged = drag.to(np.zeros(2), most=200)
+            if dragged.reached:
+                return drag.place, 0.0
+            if dragged.apart < apart:
+                best, apart = drag.place, dragged.apart
     return best, apart
 
 
 def _describe(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float, alone: bool) -> OpenLoop:
     lengths: list[Length] = []
-    if isinstance(chord, Revolute):
-        gap = position(q, chord.b) - position(q, chord.a)
+    if not chord.slides:
+        a, b = chord.ends
+        gap = position(q, b) - position(q, a)
         at = next(k for k, x in enumerate(loop.passages) if x.leave.name == chord.name)
-        onward = loop.passages[at].link == chord.a.link  # the loop passes from a to b: its ways add up to a - b
+        sense = -1.0 if loop.passages[at].link == a.link else 1.0  # the loop passes from a to b: its ways add up to a - b
+        pins = {pin.name: pin.ends for pin in mechanism.pins}
         for passage in loop.passages:
-            a, b = (_point(mechanism, passage.link, x.node, x.name) for x in (passage.enter, passage.leave))
-            if a is None or b is None or not (now := float(np.hypot(*(way := position(q, b) - position(q, a))))):
+            pairs = (passage.enter.name, passage.leave.name)
+            points = [end for pair in pairs for end in pins.get(pair, ()) if end.link == passage.link]
+            if len(points) < 2:
                 continue
-            cosine = float(way @ gap) / (now * apart) * (-1.0 if onward else 1.0)
+            way = position(q, points[1]) - position(q, points[0])
+            now = float(np.hypot(*way))
+            cosine = sense * float(way @ gap) / (now * apart) if now else 0.0
             needed = now - apart / cosine if abs(cosine) > ALONG else 0.0
             if needed > 0.0:
-                names = (a.name.partition(".")[2], b.name.partition(".")[2])
-                lengths.append(Length(mechanism.link_name(passage.link), names, now, needed))
+                names = [point.name.partition(".")[2] for point in points]
+                lengths.append(Length(mechanism.link_name(passage.link), (names[0], names[1]), now, needed))
     lengths.sort(key=lambda x: (x.link == "ground", abs(x.needed / x.now - 1.0)))
     return OpenLoop(loop.joints, tuple(_links(mechanism, loop)), chord.joint, apart, alone, tuple(lengths))
-
-
-def _point(mechanism: Mechanism, link: int, node: str, name: str) -> Point | None:
-    """The point of a link at a pin of a loop."""
-    joint = next(x for x in mechanism.joints if x.name == name)
-    if not isinstance(joint, Revolute):
-        return None
-    return joint.a if joint.a.link == link else joint.b
 
 
 def rank_about(mechanism: Mechanism, q: Array) -> int:
@@ -213,5 +207,5 @@ def _rank(mechanism: Mechanism, place: Place) -> int:
     if moves or here == len(place.J):
         return rank
     turned = np.array(place.q)
-    turned[2::3] += rng.uniform(-GENERIC, GENERIC, size=len(turned[2::3]))
+    angles(turned)[:] += rng.uniform(-GENERIC, GENERIC, size=len(mechanism.links))
     return max(rank, mechanism.n - int(freedom.at(turned)[1].free.shape[1]))

@@ -16,14 +16,14 @@ Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root, RootFinder, largest, levenberg_marquardt
+from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, RootFinder, largest, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
@@ -40,27 +40,6 @@ PROBE = 1e-3  # of a largest step beyond a failure: far above its 1e-6, near eno
 Branch = Mapping[str, int]
 
 
-@dataclass(frozen=True, eq=False)
-class BasicMotion:
-    """States of a linkage at given times, by its points.
-
-    Attributes:
-        q, v, a: (k, n) absolute coordinates [m, rad], velocities and accelerations as in Mechanism; angles continuous from q0.
-        iterations: (k,) corrections since the previous time, all sub-steps counted.
-        flags: (k,) how the last search of each time ended; anything but CONVERGED is raised instead.
-        residual: (k,) largest equation left open [m].
-        branch: (k,) assembly, as from `branch_of`.
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    iterations: Array
-    flags: tuple[ExitFlag, ...]
-    residual: Array
-    branch: tuple[Branch, ...]
-
-
 @dataclass(frozen=True)
 class BranchChange:
     """A group of points on another side than in the state before; `index` counts states."""
@@ -71,7 +50,7 @@ class BranchChange:
     after: int
 
 
-def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, method: str = "gauss_newton") -> BasicMotion:
+def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, method: str = "gauss_newton") -> Motion:
     """The motion at times (k,) [s] under inputs, one for each degree of freedom, from the assembled start q0.
 
     Between two times the inputs are followed along the straight line of their values. `method` is a key of ROOT_FINDERS.
@@ -81,34 +60,25 @@ def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, 
         LimitOfMotion: a limit of motion lies between two times.
         SingularPosition: the rates are not determined at a time, or assemblies meet on the way.
     """
-    model = PointModel(mechanism, inputs)
-    walk = _Walk(model, ROOT_FINDERS[method])
-    samples: list[_Sample] = []
+    way = _Walk(PointModel(mechanism, inputs), ROOT_FINDERS[method])
+    states: list[Array] = []
+    corrections: list[int] = []
     try:
         for t in np.asarray(times, dtype=float):
             laws = np.array([given.law(t) for given in inputs], dtype=float).reshape(-1, 3)
-            root = walk.to(laws[:, 0])
-            samples.append(_Sample(walk.state(laws[:, 1], laws[:, 2]), root, walk.corrections, _name(model, walk.signs)))
+            way.to(laws[:, 0])
+            states.append(way.state(laws[:, 1], laws[:, 2]))
+            corrections.append(way.corrections)
     except MotionError as error:
-        error.reached = _motion(mechanism, samples)
+        error.reached = _motion(mechanism, states, corrections)
         raise
-    return _motion(mechanism, samples)
+    return _motion(mechanism, states, corrections)
 
 
-class _Sample(NamedTuple):
-    """One time: q, v, a (3, n), the last search, corrections since the time before, and the assembly."""
-
-    state: Array
-    root: Root
-    corrections: int
-    branch: Branch
-
-
-def _motion(mechanism: Mechanism, samples: list[_Sample]) -> BasicMotion:
-    q, v, a = np.array([x.state for x in samples]).reshape(-1, 3, mechanism.n).transpose(1, 0, 2)
-    flags, branch = tuple(x.root.flag for x in samples), tuple(x.branch for x in samples)
-    corrections, residual = np.array([x.corrections for x in samples], dtype=int), np.array([x.root.residual for x in samples])
-    return BasicMotion(q, v, a, corrections, flags, residual, branch)
+def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -> Motion:
+    """Samples of states (3, n)."""
+    q, v, a = np.array(states).reshape(-1, 3, mechanism.n).swapaxes(0, 1)
+    return Motion(q, v, a, np.array(corrections, dtype=int))
 
 
 def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Branch:
@@ -120,17 +90,13 @@ def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Bran
     """
     model = PointModel(mechanism, inputs)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
-    return _name(model, model.signs(J))
+    return {group.name: int(sign) for group, sign in zip(model.groups, model.signs(J), strict=True)}
 
 
 def branch_changes(branches: Sequence[Branch]) -> tuple[BranchChange, ...]:
     """List the changes from each state to the next, for the `branch` of a motion or any states of one linkage."""
     steps = enumerate(pairwise(branches), 1)
     return tuple(BranchChange(k, g, x[g], y[g]) for k, (x, y) in steps for g in x if x[g] != y[g])
-
-
-def _name(model: PointModel, signs: Array) -> Branch:
-    return {group.name: int(sign) for group, sign in zip(model.groups, signs, strict=True)}
 
 
 class _Astray(ArithmeticError):
@@ -150,7 +116,7 @@ class _Walk:
         self.tolerance = TOLERANCE * max(model.size, largest(model.at(self.x, self.p)[model.points.first :]))
         self.corrections = 0
 
-    def to(self, goal: Array) -> Root:
+    def to(self, goal: Array) -> None:
         """Solve at the inputs `goal` (i,), in as many steps as it takes."""
         if not np.isfinite(goal).all():
             raise ValueError(f"inputs are not finite: {goal}")
@@ -165,7 +131,6 @@ class _Walk:
             walk(advance, SHORTEST * longest, longest)
         except _Astray as error:
             raise self._failure(longest * gap) from error
-        return self.root
 
     def _step(self, x: Array) -> None:
         """Predict and correct; the walk moves on only where the result can be trusted."""
@@ -185,7 +150,7 @@ class _Walk:
         turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
             raise _Astray
-        self.x, self.p, self.theta, self.root = x, root.x, near + turn, root
+        self.x, self.p, self.theta = x, root.x, near + turn
 
     def _inverse(self, J: Array) -> Array:
         """Pseudo-inverse of J; raises _Astray where its columns are dependent."""

@@ -65,8 +65,8 @@ def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Cen
     pins = {}
     for name in {pin.joint for pin in mechanism.pins}:
         for pair in every_two(tuple(x for x in mechanism.pins if x.joint == name)):
-            a, b = pair.ends
-            pins[tuple(sorted((a.link, b.link)))] = position(q, a)
+            links = sorted(end.link for end in pair.ends)
+            pins[links[0], links[1]] = position(q, pair.ends[0])
     centres = []
     for a, b in combinations(range(GROUND, len(mechanism.links)), 2):
         if (a, b) in pins:

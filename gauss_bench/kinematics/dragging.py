@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kinematics.freedom import CORRECTIONS, Freedom, Place
+from gauss_bench.kinematics.freedom import Freedom, Place
 from gauss_bench.mechanism.coordinates import arm, position, rotate, value, velocity
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Revolute, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
@@ -61,15 +61,12 @@ class Dragged:
         q: (n,) the position.
         reached: whether the point is at its target. apart: how far from it [m].
         note: why it is not, in a sentence; empty where it is.
-        steps: steps along the way. solves: decompositions they took.
     """
 
     q: Array
     reached: bool
     apart: float
     note: str
-    steps: int
-    solves: int
 
 
 def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
@@ -151,30 +148,34 @@ class Drag:
 
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
         """Toward a target (2,) [m], by at most so many steps."""
-        target, size, solves = np.asarray(target, dtype=float), self.freedom.size, 0
-        last = not self.place.free.shape[1]
-        for steps in range(most + 1):
-            lacking = self.at(self.place) - target
-            apart = float(np.hypot(*lacking))
-            if apart <= NEAR * size or last or steps == most:
+        target, size = np.asarray(target, dtype=float), self.freedom.size
+        apart, last = self._apart(self.place, target), not self.place.free.shape[1]
+        for _ in range(most):
+            if apart <= NEAR * size or last:
                 break
-            bends = self._bends()
-            for y in self._steps(lacking, bends):
-                last = bool(np.abs(y).max() < RESTING * size)
-                place, more = self._go(y, bends)
-                solves += more
-                if place is not None and np.hypot(*(self.at(place) - target)) < apart:
-                    self.place = place
-                    self.side = self.side or self._side()
-                    break
-                if last:
-                    break
-            else:
-                last = True
+            last = not self._step(target, apart)
+            apart = self._apart(self.place, target)
         if apart <= REACHED * size:
-            return Dragged(self.q, True, apart, "", steps, solves)
+            return Dragged(self.q, True, apart, "")
         why = f"the linkage lets {self.point.name} come no nearer" if self.place.free.shape[1] else "nothing is left to move"
-        return Dragged(self.q, False, apart, why if last else "still on its way", steps, solves)
+        return Dragged(self.q, False, apart, why if last else "still on its way")
+
+    def _apart(self, place: Place, target: Array) -> float:
+        return float(np.hypot(*(self.at(place) - target)))
+
+    def _step(self, target: Array, apart: float) -> bool:
+        """Take the best step that brings the point nearer than `apart`; tell whether another may be worth it."""
+        bends = self._bends()
+        for y in self._steps(self.at(self.place) - target, bends):
+            place = self._go(y, bends)
+            resting = bool(np.abs(y).max() < RESTING * self.freedom.size)
+            if place is not None and self._apart(place, target) < apart:
+                self.place = place
+                self.side = self.side or self._side()
+                return not resting
+            if resting:
+                break
+        return False
 
     def _bends(self) -> Array:
         """Second derivatives (f, f, n) of the scaled coordinates by the free motions."""
@@ -218,22 +219,19 @@ class Drag:
         curved = abs(float(beside @ H @ beside))
         return np.asarray(base - beside * float(beside @ (gradient + H @ base)) / max(curved, FLAT * float(beside @ beside)))
 
-    def _go(self, y: Array, bends: Array) -> tuple[Place | None, int]:
-        """The place a step y (f,) leads to, if the linkage surely moves there; and the decompositions that took."""
+    def _go(self, y: Array, bends: Array) -> Place | None:
+        """The place a step y (f,) leads to, if the linkage surely moves there."""
         N, scale = self.place.free, self.freedom.scale
         way = N @ y
         guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
         place = self.freedom.close(guess)
-        if place is None or place.free.shape[1] > N.shape[1]:
-            return None, CORRECTIONS if place is None else place.solves
-        if place.free.shape[1] < N.shape[1]:  # off a fork of the motion, by one way or another
-            return place, place.solves
-        missed = float(np.abs((place.q - guess) * scale).max())
-        turned = N.T @ place.free
+        if place is None or place.free.shape[1] != N.shape[1]:  # with fewer it is off a fork of the motion, by one way or another
+            return place if place and place.free.shape[1] < N.shape[1] else None
+        missed, turned = float(np.abs((place.q - guess) * scale).max()), N.T @ place.free
         if missed > LARGEST_MISS * np.abs(way).max() or np.linalg.svd(turned)[1][-1] < SMALLEST_COSINE:
-            return None, place.solves
+            return None
         place = replace(place, free=place.free * np.append(np.ones(N.shape[1] - 1), np.sign(np.linalg.det(turned))))
-        return (None if self.side and self.side * self._det(place) < MARGIN / 2 else place), place.solves
+        return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 
     def _det(self, place: Place) -> float:
         """det P where the point's place determines that of the linkage; 0 where P is not square."""

@@ -30,14 +30,12 @@ class Place:
         q: (n,) absolute coordinates.
         J: (m, n) joint rows in scaled coordinates. inverse: (n, m) its pseudo-inverse.
         free: (n, f) orthonormal basis N of the free motions in scaled coordinates.
-        solves: decompositions that were needed to get here.
     """
 
     q: Array
     J: Array
     inverse: Array
     free: Array
-    solves: int
 
 
 class Freedom:
@@ -49,24 +47,23 @@ class Freedom:
         self.size = mechanism.size
         self.scale = np.tile([1.0, 1.0, self.size], len(mechanism.links))  # scaled coordinates are q * scale, all in metres
 
-    def at(self, q: Array, solves: int = 0) -> tuple[Array, Place]:
+    def at(self, q: Array) -> tuple[Array, Place]:
         """The residual phi (m,) and the decomposition at any q (n,)."""
         rows = self.constraints(0.0, q, np.zeros_like(q))
         J = rows.J / self.scale
         if not len(J):
-            return rows.phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)), solves + 1)
+            return rows.phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
         U, s, Vt = np.linalg.svd(J)
         rank = int((s > RANK_TOLERANCE * s[0]).sum())
-        inverse = (Vt[:rank].T / s[:rank]) @ U[:, :rank].T
-        return rows.phi, Place(q, J, inverse, Vt[rank:].T, solves + 1)
+        return rows.phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
     def close(self, q: Array) -> Place | None:
         """The nearest place on the constraints by Gauss-Newton, or None where none is found."""
         before = np.inf
-        for solves in range(CORRECTIONS):
+        for _ in range(CORRECTIONS):
             if not np.isfinite(q).all():
                 return None
-            phi, place = self.at(q, solves)
+            phi, place = self.at(q)
             error = float(np.abs(phi).max(initial=0.0))
             if error <= CLOSED * self.size or (error >= before / 2 and error <= 1e3 * CLOSED * self.size):
                 return place

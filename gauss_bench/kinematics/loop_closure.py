@@ -9,7 +9,6 @@ fig. 4 (the flow: position, velocity, acceleration at each time; exit where ther
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
+from gauss_bench.kinematics.motion import Motion
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -25,31 +25,6 @@ LARGEST_TURN = 0.3  # [rad] of any link in one part: far less than lies between 
 LARGEST_MISS = 0.05  # [rad] of the prediction, whose error is of the order of the cube of the turn
 SMALLEST_PART = 1e-10  # [rad, m] of the inputs: where halving ends, and so how sharply a limit is found
 BEYOND = 1e-3  # [rad, m] past the end: if the loops close there, it was no limit
-
-
-@dataclass(frozen=True, eq=False)
-class LoopMotion:
-    """States of a linkage that follows its inputs, at k times.
-
-    Attributes:
-        q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles unwrapped, continuous from q0.
-        iterations: (k,) Newton steps taken to reach each sample from the one before.
-        loops: names of the joints of each loop.
-        variables: loop variables, the inputs last: theta(link) [rad], s(slide or active bar) [m].
-        values, rates, second_rates: (k, variables) of the loop variables.
-        branch: the assembly, one sign per group of loops that is solved in turn; it is the same all along.
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    iterations: Array
-    loops: tuple[tuple[str, ...], ...]
-    variables: tuple[str, ...]
-    values: Array
-    rates: Array
-    second_rates: Array
-    branch: str
 
 
 class _State(NamedTuple):
@@ -68,7 +43,7 @@ class _End(Stopped):
         self.x = x
 
 
-def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> LoopMotion:
+def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> Motion:
     """Positions, velocities and accelerations at the times (k,) [s] of a linkage with as many inputs as degrees of freedom.
 
     The first sample is reached from q0, so that angles are continuous from there. Open chains have no loops: everything is input.
@@ -83,10 +58,9 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
     times = np.asarray(times, dtype=float)
     goals, *rates = equations.input_levels(times)
     states: list[_State] = []
-    branch, x = "", equations.start()
+    x = equations.start()
     try:
         state = _State(*equations.close(x))
-        branch = equations.branch(state.J)
         for goal in goals:
             state = _follow(equations, state, goal)
             x = state.x
@@ -94,12 +68,12 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
             states.append(state)
     except Stopped as stopped:
         end = stopped if isinstance(stopped, _End) else _End(f"singular position, {stopped}", True, x)
-        reached = _motion(equations, states, rates, branch)
+        reached = _motion(equations, states, rates)
         values, time = equations.input_values(end.x), float(times[len(states)])
         where = ", ".join(f"{name} = {value:.10g}" for name, value in values.items())
         kind = SingularPosition if end.singular else LimitOfMotion
         raise kind(f"{mechanism.name} stops at {where} on the way to t = {time:.6g} s: {end}", values, time, reached) from end
-    return _motion(equations, states, rates, branch)
+    return _motion(equations, states, rates)
 
 
 def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
@@ -158,11 +132,8 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     return _End("limit of motion, the linkage cannot be closed beyond", False, x)
 
 
-def _motion(equations: LoopEquations, states: list[_State], given: list[Array], branch: str) -> LoopMotion:
-    """The samples reached, with their rates, in absolute coordinates too; `given` are rates and second rates of the inputs."""
+def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
+    """The samples reached in absolute coordinates; `given` are rates and second rates of the inputs."""
     levels = [(s.x, *equations.rates(s.x, *level)) for s, *level in zip(states, *given, strict=False)]
-    x, x_rate, x_second = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
-    q, v, a = equations.absolute(x, x_rate, x_second)
-    steps = np.array([s.steps for s in states], dtype=int)
-    loops = tuple(loop.joints for loop in equations.graph.loops)
-    return LoopMotion(q, v, a, steps, loops, tuple(map(str, equations.variables)), x, x_rate, x_second, branch)
+    x = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
+    return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

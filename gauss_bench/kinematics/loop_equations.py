@@ -255,11 +255,3 @@ class LoopEquations:
             left = [l for l in left if l not in own]
             needs = [need - columns for need in needs]
         return groups
-
-    def branch(self, J: Array) -> str:
-        """Names the assembly: the sign of the determinant of each group, which can change at a singular position only.
-
-        A group with fewer unknowns than equations (a redundant loop) has none.
-        """
-        square = [g for g in self.groups if len(g.rows) == len(g.columns)]
-        return "".join("+" if np.linalg.slogdet(J[np.ix_(g.rows, g.columns)])[0] > 0 else "-" for g in square)

@@ -66,12 +66,9 @@ def link_equations(p: Points, link: int) -> Iterator[Equation]:
 
 
 def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
-    """The line of a slide, and its driven coordinate; neither where that places the block point."""
-    block = p.block(slide)
-    if p.placed_by.get(block) == slide.name:
-        return
+    """The line of a slide, and its driven coordinate."""
     u = exp(1j * slide.angle) * p.direction(slide.guide.link)
-    gap = p.unit(block) - p.point(slide.guide.link, place(slide.guide))
+    gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))
     yield u, -1j * gap, -slide.offset * p.unit(0)
     if slide.name in p.pushed:
         yield u, gap, -p.unit(p.pushed[slide.name])
@@ -172,7 +169,7 @@ def groups(model: PointModel) -> tuple[PointGroup, ...]:
     free = {i for i in range(m) if pattern[i].any() and ("row", i) not in matched}
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in np.flatnonzero(pattern[i]).tolist())
     spoiled = {k for i in free for start in np.flatnonzero(pattern[i]).tolist() for k in {start} | nx.descendants(needs, start)}
-    curved = np.any(model.a[:, 1:] != 0, axis=1) & np.any(model.b[:, 1:] != 0, axis=1)
+    curved = np.any(model.a[:, model.points.first :] != 0, axis=1) & np.any(model.b[:, model.points.first :] != 0, axis=1)
     several = []
     for part in nx.strongly_connected_components(needs):
         columns = sorted(part)

@@ -32,16 +32,6 @@ class BasicPoint:
     at: Mapping[int, complex]
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedPoint:
-    """A known point: z[entry] = along z, plus z[slide] (direction z) where a driven slide places it."""
-
-    entry: int
-    along: Vectors
-    direction: Vectors
-    slide: int | None = None
-
-
 def place(point: Point) -> complex:
     return complex(*point.local)
 
@@ -93,11 +83,11 @@ class Points:
     """The vector z of a mechanism with given inputs, and rows (N,) of what is linear in it.
 
     Attributes:
-        points: all of them; those that nothing places have the entries `unknown` (u,) in z.
+        points: all of them; those that no link of known direction carries have the entries `unknown` (u,) in z.
         of: link -> entries of its points; anchor: link -> the one from which its others are reached.
         turned, pushed, stretched: root, slide, active bar -> entry of its known direction, coordinate, squared length.
         base: root of unknown direction -> link and entries A, B that show it.
-        placements: how the known points follow from the inputs, in order; placed_by: entry -> link or slide that places it.
+        placed_by: entry of a known point -> link that carries it; rows: entry -> where, in the order in which they follow.
         size: largest distance of two points of a link [m].
     """
 
@@ -112,12 +102,11 @@ class Points:
         self.first = 1 + len(inputs)
         self.N = self.first + len(self.points)
         self.of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
-        for link, entries in self.of.items():
-            if not entries and link != GROUND:
-                raise ValueError(f"{mechanism.name}: {mechanism.link_name(link)} has no joint, so that nothing places it")
+        if bare := [link for link, entries in self.of.items() if not entries and link != GROUND]:
+            raise ValueError(f"{mechanism.name}: {mechanism.link_name(bare[0])} has no joint, so that nothing places it")
         self.anchor = {i: entries[0] for i, entries in self.of.items() if entries}
-        self.placements: list[PlacedPoint] = []
-        self.placed_by: dict[int, int | str] = {}
+        self.placed_by: dict[int, int] = {}
+        self.rows: dict[int, Vectors] = {}
         self._place()
         self.unknown = np.array([k for k in range(self.first, self.N) if k not in self.placed_by], dtype=int)
         self.base = {root: self._base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
@@ -174,34 +163,19 @@ class Points:
         link = slide.block.link
         return min(self.of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
-    def _carry(self, link: int) -> None:
-        """Place the points of a link whose direction and one point are known."""
-        for entry in self.of[link]:
-            if entry not in self.placed_by:
-                self.placements.append(PlacedPoint(entry, self.point(link, self.local(link, entry)), self.unit(0)))
-                self.placed_by[entry] = link
-
     def _place(self) -> None:
-        """Find every point whose place follows from pivots and inputs alone, one after the other."""
-        self._carry(GROUND)
-        posed, count = {GROUND}, -1
-        while count != len(posed) + len(self.placements):
-            count = len(posed) + len(self.placements)
-            for link in range(len(self.mechanism.links)):
-                known = [k for k in self.of[link] if k in self.placed_by]
-                if link not in posed and self.frames[link][0] in self.turned and known:
-                    self.anchor[link] = known[0]
-                    self._carry(link)
-                    posed.add(link)
-            for name, entry in self.pushed.items():
-                slide = self.slides[name]
-                guide, block = slide.guide.link, self.block(slide)
-                if guide in posed and block not in self.placed_by:
-                    u = exp(1j * slide.angle) * self.direction(guide)
-                    self.placements.append(
-                        PlacedPoint(block, self.point(guide, place(slide.guide)) + 1j * slide.offset * u, u, entry)
-                    )
-                    self.placed_by[block] = name
+        """Find every point whose place follows from pivots and driven links alone, one link after the other."""
+        link: int | None = GROUND
+        waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
+        while link is not None:
+            for k in self.of[link]:
+                if k not in self.placed_by:
+                    self.rows[k], self.placed_by[k] = self.point(link, self.local(link, k)), link
+            reached = ((i, k) for i in sorted(waiting) for k in self.of[i] if k in self.placed_by)
+            link, known = next(reached, (None, 0))
+            if link is not None:
+                self.anchor[link] = known
+                waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
         """Link and two points that show the direction of a root: placed points first, then the longest distance."""
@@ -225,11 +199,8 @@ class Points:
                 Z[:, 1 + k] = E, 1j * rate[k] * E, (1j * second[k] - rate[k] ** 2) * E
             elif given.joint in self.bars:
                 Z[:, 1 + k] = x[k] ** 2, 2 * x[k] * rate[k], 2 * (rate[k] ** 2 + x[k] * second[k])
-        for step in self.placements:
-            Z[:, step.entry] = Z @ step.along
-            if step.slide is not None:
-                s, u = Z[:, step.slide], Z @ step.direction
-                Z[:, step.entry] += s[0] * u[0], s[1] * u[0] + s[0] * u[1], s[2] * u[0] + 2 * s[1] * u[1] + s[0] * u[2]
+        for entry, row in self.rows.items():
+            Z[:, entry] = Z @ row
         return Z
 
     def inputs_at(self, q: Array) -> Array:

@@ -7,7 +7,7 @@ links, and two links may share several pairs. Of p pairs and n links (frame incl
 
 pairs closes one loop: the way back through the tree. The tree is the breadth-first one from the frame, which keeps the loops short
 and next to the frame.
-Source: Wang et al., Trans. CSAM 41(2), 2010, sections 2.2 and 3.1 (L, incidence matrix, offset multiple joints). How the loops are
+Source: Wang et al., Trans. CSAM 41(2), 2010, sections 2.2 and 3.1 (L, offset multiple joints). How the loops are
 chosen is not printed there; those of the breadth-first tree are the printed ones.
 """
 
@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
@@ -99,24 +98,6 @@ class LinkageGraph:
     def elements(self, link: int) -> tuple[Element, ...]:
         """All elements of a link."""
         return tuple(pair.element(link) for pair in self.pairs if link in pair.links)
-
-    def incidence(self) -> NDArray[np.int_]:
-        """Complete incidence matrix (n, p): 1 where the first loop through a pair enters a link by it, -1 where it leaves.
-
-        The frame is the last row. A pair in no loop counts as passed from the frame outwards.
-        """
-        M = np.zeros((self.links + 1, len(self.pairs)), dtype=int)
-        column = {pair.name: k for k, pair in enumerate(self.pairs)}
-        for loop in self.loops:
-            for passage in loop.passages:
-                k, after = column[passage.leave.name], passage.leave.other(passage.link)
-                if not M[:, k].any():
-                    M[passage.link, k], M[after, k] = -1, 1  # the frame, index -1, is the last row by itself
-        for branch in self.tree:
-            k = column[branch.pair.name]
-            if not M[:, k].any():
-                M[branch.parent, k], M[branch.link, k] = -1, 1
-        return M
 
 
 def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[Pair, ...]:

@@ -4,7 +4,7 @@ Two integrators that share no code run the same equations; their disagreement at
 no integration: its motion is geometry, and the bar is what rounding leaves of the closure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
+Levels = tuple[Array, Array, Array]  # q, v, a (k, n)
 Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Array]]
 
 INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that no interpolation enters
@@ -60,38 +61,38 @@ def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
     assert mechanism.driver is not None
     law = mechanism.driver.law
     motion = MinimalCoordinate(mechanism)
-    states = [motion.state(*(np.atleast_1d(x).astype(float) for x in law(t))) for t in times]
-    q, v, a = (np.concatenate([s[k] for s in states]) for k in range(3))
-    bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in (q, v, a))
-    none = np.zeros(len(times))
-    return Reference(times, q, v, a, bar_q, bar_v, bar_a, none, none, none, "closure of the driven loop by Newton's method")
+    levels = _join(motion.state(*(np.atleast_1d(x).astype(float) for x in law(t))) for t in times)
+    q, v, a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
+    return _with_bars(times, levels, (q, v, a), "closure of the driven loop by Newton's method")
+
+
+def _join(parts: Iterable[Levels]) -> Levels:
+    """q, v, a (k, n) of parts (1, n) each."""
+    q, v, a = (np.concatenate(level) for level in zip(*parts, strict=True))
+    return q, v, a
 
 
 def minimal_reference(mechanism: Mechanism, times: Array) -> Reference:
-    """DOP853 against Gauss-Legendre collocation, both in the crank angle."""
-    runs = [minimal_motion(mechanism, times, integrate) for integrate in (_adaptive, _collocation)]
-    return _pair(times, runs, "crank angle; DOP853 at 1e-13 against Gauss-Legendre of order 16")
+    return _integrate_twice(mechanism, times, minimal_motion, "crank angle")
 
 
 def absolute_reference(mechanism: Mechanism, times: Array) -> Reference:
-    """DOP853 against Gauss-Legendre collocation, both in absolute coordinates, projected at the samples."""
+    return _integrate_twice(mechanism, times, absolute_motion, "absolute coordinates")
+
+
+def _integrate_twice(mechanism: Mechanism, times: Array, motion: Callable[..., Levels], coordinates: str) -> Reference:
+    """DOP853 against Gauss-Legendre collocation, both in the same coordinates."""
     grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])  # both start anew where a force has a kink
     kept = np.searchsorted(grid, times)
-    runs = []
-    for integrate in (_adaptive, _collocation):
-        q, v, a = absolute_motion(mechanism, grid, integrate)
-        runs.append((q[kept], v[kept], a[kept]))
-    return _pair(times, runs, "absolute coordinates; DOP853 at 1e-13 against Gauss-Legendre of order 16")
+    first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
+    gaps = [np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)) for x, y in zip(first, second, strict=True)]
+    bars, levels = (np.maximum.accumulate(gap)[kept] for gap in gaps), (x[kept] for x in second)
+    return _with_bars(times, (*levels,), (*bars,), f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")  # type: ignore[arg-type]
 
 
-def _pair(times: Array, runs: list[tuple[Array, Array, Array]], method: str) -> Reference:
-    first, (q, v, a) = runs
-    bar_q, bar_v, bar_a = (
-        np.maximum.accumulate(np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)))
-        for x, y in zip(first, (q, v, a), strict=True)
-    )
+def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
     none = np.zeros(len(times))
-    return Reference(times, q, v, a, bar_q, bar_v, bar_a, none, none, none, method)
+    return Reference(times, *levels, *bars, none, none, none, method)
 
 
 def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
@@ -123,21 +124,19 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
     return rows[:, :n], rows[:, n:]
 
 
-def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> tuple[Array, Array, Array]:
+def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
     """q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
-    k = 3 * mechanism.crank + 2 if mechanism.crank is not None else 0
     integrated, read = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
+    k = read.crank
 
     def rate(t: Array, q: Array, v: Array) -> Array:
         return integrated.acceleration(q[:, 0], v[:, 0])[:, None]
 
     theta, w = integrate(rate, times, mechanism.q0[k : k + 1], mechanism.v0[k : k + 1])
-    parts = [read.free(x, u) for x, u in zip(theta, w, strict=True)]
-    q, v, a = (np.concatenate([p[level] for p in parts]) for level in range(3))
-    return q, v, a
+    return _join(read.free(x, u) for x, u in zip(theta, w, strict=True))
 
 
-def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> tuple[Array, Array, Array]:
+def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
     """q, v, a (k, n) at the times, integrated in absolute coordinates and projected at the samples."""
     motion = AbsoluteCoordinates(mechanism)
     q, v = integrate(motion.acceleration, times, mechanism.q0, mechanism.v0)
@@ -168,9 +167,7 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))
         w = rng.uniform(-speed, speed, count)
-        parts = [motion.free(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)]
-        q, v, a = (np.concatenate([p[j] for p in parts]) for j in range(3))
-        return TrueStates(np.zeros(count), q, v, a)
+        return TrueStates(np.zeros(count), *_join(motion.free(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)))
     if mechanism.driver is not None and is_minimal(mechanism):
         t = np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count))
         driven = driven_reference(mechanism, t)

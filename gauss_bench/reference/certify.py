@@ -67,18 +67,12 @@ def certify(
         ImportError: the extra that generates certificates is not installed.
     """
     mechanism = load(linkage, scenario)
-    for force in mechanism.varying:
-        text = "varies with time or direction, which has no independent derivation yet"
-        raise Uncertified(f"{mechanism.name}: force {force.name} {text}")
-    for force in mechanism.forces:
-        if not isinstance(force, KNOWN):
-            kind = type(force).__name__
-            raise Uncertified(
-                f"{mechanism.name}: force {force.name} is of the kind {kind}, which has no independent derivation yet"
-            )
-    for coupling in mechanism.couplings:
-        kind = type(coupling).__name__
-        raise Uncertified(f"{mechanism.name}: coupling {coupling.name} is a {kind}, which has no independent derivation yet")
+    varying = {id(force) for force in mechanism.varying}
+    for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
+        for part in parts:
+            kind = "varies with time or direction" if id(part) in varying else f"is a {type(part).__name__}"
+            if not isinstance(part, KNOWN) or id(part) in varying:
+                raise Uncertified(f"{mechanism.name}: {word} {part.name} {kind}, which has no independent derivation yet")
     document = decimal_document(linkage)
     document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
     duration = mechanism.duration if until is None else until

@@ -20,6 +20,7 @@ from gauss_bench.reference.motion import Motion
 DIGITS = 40
 
 Objects = NDArray[Any]  # of mpmath's numbers
+States = tuple[Objects, Objects, Objects]  # q, v, a (k, n)
 
 
 def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
@@ -43,7 +44,7 @@ def _is_ours(mechanism: Mechanism) -> bool:
         return False
 
 
-def rotor(k: Any, t: Sequence[Any], speed: Any) -> tuple[Objects, Objects, Objects]:
+def rotor(k: Any, t: Sequence[Any], speed: Any) -> States:
     """Angle from upright, rate and acceleration of phi'' = k sin(phi) that turns over, from phi = 0 at `speed`.
 
     With s^2 = speed^2 + 4 k and m = 4 k / s^2 the half angle, turned by a quarter, is Jacobi's amplitude of s t / 2 - K(m).
@@ -64,59 +65,68 @@ def rotor(k: Any, t: Sequence[Any], speed: Any) -> tuple[Objects, Objects, Objec
     return phi, rate, np.array([k * mpmath.sin(x) for x in phi])
 
 
-def _n_four_bar(name: str, t: list[Any]) -> tuple[Objects, Objects, Objects]:
+def turning(arm: Any, theta: Any, w: Any, alpha: Any) -> Objects:
+    """Place, velocity and acceleration, as complex numbers, of the end of an arm that turns about the origin."""
+    import mpmath
+
+    e = arm * mpmath.expj(theta)
+    return np.array([e, 1j * w * e, (1j * alpha - w**2) * e])
+
+
+def stack_bodies(instants: list[list[tuple[Any, Any]]]) -> States:
+    """q, v, a (k, 3 bodies) of bodies at k instants, each by three levels of its place and of its angle."""
+    rows = [[[z.real, z.imag, angle] for z, angle in zip(*body, strict=True)] for bodies in instants for body in bodies]
+    levels = np.array(rows, dtype=object).reshape(len(instants), -1, 3, 3).transpose(2, 0, 1, 3)
+    q, v, a = levels.reshape(3, len(instants), -1)
+    return q, v, a
+
+
+def _n_four_bar(name: str, t: list[Any]) -> States:
     """On the parallelogram branch phi'' = k sin(phi), k = ((N+1)/2 + N) g / (((N+1)/3 + N) l), for any number of windows N."""
     import mpmath
 
     count, length, gravity = int(name.rpartition("_")[2]), mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
     k = (mpmath.mpf(count + 1) / 2 + count) * gravity / ((mpmath.mpf(count + 1) / 3 + count) * length)
-    phi, w, alpha = rotor(k, t, mpmath.mpf(str(generate.SPEED)) / length)
-    sine, cosine = np.array([mpmath.sin(x) for x in phi]), np.array([mpmath.cos(x) for x in phi])
-    zero, quarter = 0 * phi, mpmath.pi / 2
-    top = [length * sine, length * cosine], [length * cosine * w, -length * sine * w]
-    bias = [length * (cosine * alpha - sine * w**2), -length * (sine * alpha + cosine * w**2)]
-    q, v, a = [], [], []
-    for i in range(count + 1):
-        q += [i * length + top[0][0] / 2, top[0][1] / 2, quarter - phi]
-        v += [top[1][0] / 2, top[1][1] / 2, -w]
-        a += [bias[0] / 2, bias[1] / 2, -alpha]
-    for i in range(count):
-        q += [(i + mpmath.mpf("0.5")) * length + top[0][0], top[0][1], zero]
-        v += [top[1][0], top[1][1], zero]
-        a += [bias[0], bias[1], zero]
-    return tuple(np.array(x).T for x in (q, v, a))  # type: ignore[return-value]
+    instants = []
+    for phi, w, alpha in zip(*rotor(k, t, mpmath.mpf(str(generate.SPEED)) / length), strict=True):
+        bar = mpmath.pi / 2 - phi, -w, -alpha
+        top, still = turning(length, *bar), [mpmath.mpf(0)] * 3
+        along = np.array([length, 0, 0])  # from one pin of the ground to the next, which rest
+        bars = [(top / 2 + i * along, bar) for i in range(count + 1)]
+        instants.append(bars + [(top + (i + mpmath.mpf("0.5")) * along, still) for i in range(count)])
+    return stack_bodies(instants)
 
 
-def _pendulum(name: str, t: list[Any]) -> tuple[Objects, Objects, Objects]:
+def _pendulum(name: str, t: list[Any]) -> States:
     """A uniform bar let go at rest at the angle A from hanging: sin(phi / 2) = sin(A / 2) cd(w0 t), w0^2 = 3 g / (2 l)."""
     import mpmath
 
     length, gravity = mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
     reach = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(generate.RELEASE)))
     w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(reach / 2)
-    rows = []
+    instants = []
     for x in t:
         sn, cn, dn = (mpmath.ellipfun(kind, w0 * x, m=k**2) for kind in ("sn", "cn", "dn"))
         phi = 2 * mpmath.asin(k * cn / dn)
         w = -2 * k * w0 * (1 - k**2) * sn / dn**2 / mpmath.cos(phi / 2)
-        alpha, c, s = -(w0**2) * mpmath.sin(phi), length / 2 * mpmath.cos(phi), length / 2 * mpmath.sin(phi)
-        rows.append(([s, -c, phi - mpmath.pi / 2], [c * w, s * w, w], [c * alpha - s * w**2, s * alpha + c * w**2, alpha]))
-    return tuple(np.array([row[level] for row in rows]) for level in range(3))  # type: ignore[return-value]
+        bar = phi - mpmath.pi / 2, w, -(w0**2) * mpmath.sin(phi)
+        instants.append([(turning(length / 2, *bar), bar)])
+    return stack_bodies(instants)
 
 
-def _projectile(name: str, t: list[Any]) -> tuple[Objects, Objects, Objects]:
+def _projectile(name: str, t: list[Any]) -> States:
     """A free body: its centre of mass on a parabola, its spin constant."""
     import mpmath
 
     gravity, spin = mpmath.mpf("9.81"), mpmath.mpf(str(generate.SPIN))
     vx, vy = (mpmath.mpf(str(x)) for x in generate.THROW)
-    q = [[vx * x, vy * x - gravity * x**2 / 2, spin * x] for x in t]
-    v = [[vx, vy - gravity * x, spin] for x in t]
-    a = [[0 * x, -gravity + 0 * x, 0 * x] for x in t]
-    return np.array(q), np.array(v), np.array(a)
+    places = [
+        [mpmath.mpc(vx * x, vy * x - gravity * x**2 / 2), mpmath.mpc(vx, vy - gravity * x), mpmath.mpc(0, -gravity)] for x in t
+    ]
+    return stack_bodies([[(place, (spin * x, spin, 0 * x))] for place, x in zip(places, t, strict=True)])
 
 
-def _sleigh(name: str, t: list[Any]) -> tuple[Objects, Objects, Objects]:
+def _sleigh(name: str, t: list[Any]) -> States:
     """Chaplygin's sleigh, the edge a distance `lead` behind the centre of mass.
 
     With b^2 = (I + m lead^2) / m and V^2 = v^2 + b^2 w^2,
@@ -143,18 +153,17 @@ def _sleigh(name: str, t: list[Any]) -> tuple[Objects, Objects, Objects]:
     def velocity(x: Any) -> Any:
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
-    rows, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
+    instants, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
     for x in t:
         place, last = place + mpmath.quad(velocity, [last, x]) if x > last else place, x
         theta, u, w = angle(x), V * mpmath.tanh(kappa * x + c), V / b * mpmath.sech(kappa * x + c)
-        rate, turn = kappa * (V - u**2 / V), -kappa * w * u / V
-        e = mpmath.expj(theta)
-        z = place + lead * e, e * (u + 1j * lead * w), e * (rate - lead * w**2 + 1j * (w * u + lead * turn))
-        rows.append([[level.real, level.imag, last_one] for level, last_one in zip(z, (theta, w, turn), strict=True)])
-    return tuple(np.array([row[level] for row in rows]) for level in range(3))  # type: ignore[return-value]
+        rate, turn, e = kappa * (V - u**2 / V), -kappa * w * u / V, mpmath.expj(theta)
+        edge = np.array([place, e * u, e * (rate + 1j * w * u)])
+        instants.append([(edge + turning(lead, theta, w, turn), (theta, w, turn))])
+    return stack_bodies(instants)
 
 
-FORMS: dict[tuple[str, str], Callable[[str, list[Any]], tuple[Objects, Objects, Objects]]] = {
+FORMS: dict[tuple[str, str], Callable[[str, list[Any]], States]] = {
     ("n_four_bar", "fall"): _n_four_bar,
     ("pendulum", "swing"): _pendulum,
     ("projectile", "flight"): _projectile,

@@ -8,7 +8,7 @@ follow, q_i = q + c_i h v + h^2 (A A a)_i and v_i = v + h (A a)_i. They solve at
 by corrections x_i += P_i r_i with residuals in long double and P_i the double inverse where the last step's polynomial expects the
 node. One correction serves at once as iterative refinement of the linear system and as fixed-point iteration of the nodes; the
 slower of both, about h times the largest rate of the motion, sets the pace. After every step the state is projected onto positions
-and velocities that fit together, so that no drift enters. Where everything is driven, that projection is all there is to do.
+and velocities that fit together, so that no drift enters.
 
 Steps between two samples are equal, and halved until the nodes resolve the accelerations: their Legendre coefficients fall
 geometrically, and what Gauss quadrature leaves out begins at twice the degree of the last one. Steps end where a motion law has
@@ -62,11 +62,10 @@ def extend_motion(
     linkage, q0, v0 = start(document, scenario)
     samples = {LONG(x) for x in times}
     grid = sorted(samples | {x for x in _breaks(document["scenarios"][scenario]) if 0 < x < max(samples)})
-    move = driven_states if linkage.freedom == 0 else collocate_states
     states: list[tuple[Array, ...]] = []
     stopped = ""
     try:
-        for t, (q, v) in zip(grid, move(linkage, grid, q0, v0, step), strict=True):
+        for t, (q, v) in zip(grid, collocate_states(linkage, grid, q0, v0, step), strict=True):
             if t in samples:
                 states.append((q, v, *linkage.loads(t, q, v)))
                 if progress:
@@ -84,19 +83,6 @@ def _breaks(scenario: dict[str, Any]) -> list[Any]:
     ends = [table["time"] for table in tables if "time" in table]
     knots = [row[0] for table in tables for row in table.get("rows", [])]
     return [LONG(str(x)) for x in (*ends, *knots)]
-
-
-def driven_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
-    """Positions and velocities at the times of a linkage without freedom, each from the one a step before."""
-    yield q, v
-    for begin, end in pairwise(times):
-        count = step_count(end - begin, step)
-        h = (end - begin) / count
-        for k in range(count):
-            a, _ = linkage.loads(begin + k * h, q, v)
-            t = end if k + 1 == count else begin + (k + 1) * h
-            q, v = linkage.project(t, q + h * (v + h / 2 * a), v + h * a)
-        yield q, v
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +180,6 @@ def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ..
     q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
     rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
     rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t
-    way = "Newton's method at every step" if linkage.freedom == 0 else "Gauss-Legendre collocation of order 20 with projection"
     value, when = linkage.nearest
     near = f"; nearest to a singular position at {when:.4g} s (relative singular value {value:.1e})" if value < NEAR else ""
     return Motion(
@@ -205,6 +190,6 @@ def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ..
         multipliers=None if linkage.rank < rows.phi.shape[-1] else multipliers,
         drift=(float(np.abs(rows.phi).max(initial=0.0)), float(np.abs(rate).max(initial=0.0))),
         stopped=stopped,
-        method=f"absolute coordinates in long double ({np.finfo(LONG).nmant + 1} bits); {way}, steps of at most {step:g} s; numpy "
-        f"{np.__version__}{near}",
+        method=f"absolute coordinates in long double ({np.finfo(LONG).nmant + 1} bits); Gauss-Legendre collocation of order 20 "
+        f"with projection, steps of at most {step:g} s; numpy {np.__version__}{near}",
     )

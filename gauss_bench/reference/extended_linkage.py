@@ -47,11 +47,6 @@ class Linkage:
     rank: int
     nearest: tuple[float, float] = (1.0, 0.0)
 
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom that nothing drives."""
-        return self.mechanism.n - self.rank
-
     def rows(self, t: Any, q: Array, v: Array) -> Rows:
         return self.evaluator.constraints(t, q, v)
 

@@ -33,8 +33,8 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
         given.append(Prescribed("", coordinates.slides[name], zero, ()))
         laws.append((exact(number, target), exact(number, start.get("slide_speeds", {}).get(name, 0)), zero))
     for reference, target in start.get("points", {}).items():
-        place = VectorTerm(*pair(number, target), NONE, NONE)
-        points.append(merge(coordinates.point(mechanism.named_point(reference)), [place]))
+        x, y = pair(number, target)
+        points.append(merge(coordinates.point(mechanism.named_point(reference)), [VectorTerm(x, y, NONE, NONE)]))
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
     held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *given))
     rates = held.rates(laws)
