@@ -61,8 +61,9 @@ class Table(BaseModel):
     @classmethod
     def __pydantic_init_subclass__(cls, physics: str = "", other: str = "", second: str = "", **more: Any) -> None:
         super().__pydantic_init_subclass__(**more)
-        cls.physics, cls.other = cls.physics | {*physics.split()}, cls.other | {*other.split()}
-        cls.second = cls.second | {*second.split()}
+        for kind, keys_of_it in (("physics", physics), ("other", other), ("second", second)):
+            inherited = [getattr(base, kind, frozenset()) for base in cls.__bases__]
+            setattr(cls, kind, frozenset(keys_of_it.split()).union(*inherited))
         keys = {field.alias or name for name, field in cls.model_fields.items()}
         wrong = (cls.physics & cls.other) | (keys ^ (cls.physics | cls.other))
         if wrong:
@@ -108,12 +109,15 @@ class LinkTable(Table, physics="points bars kg_per_m mass com inertia point_mass
     point_masses: list[PointMassTable] = []
 
 
-class WeldTable(Table, physics="link to origin angle_deg angle points"):
+class AngledTable(Table, physics="angle_deg angle"):
+    angle_deg: Number | None = None
+    angle: Number | None = None
+
+
+class WeldTable(AngledTable, physics="link to origin points"):
     link: Text
     to: Text
     origin: Pair | None = None
-    angle_deg: Number | None = None
-    angle: Number | None = None
     points: Annotated[list[Couple], Field(min_length=1, max_length=2)] | None = None
 
 
@@ -136,23 +140,19 @@ class RevoluteTable(Table, physics="type at"):
     at: Annotated[list[Text], Field(min_length=2)]
 
 
-class PrismaticTable(Table, physics="type guide block angle_deg angle block_angle_deg block_angle offset"):
+class PrismaticTable(AngledTable, physics="type guide block block_angle_deg block_angle offset"):
     type: Literal["prismatic"]
     guide: Text
     block: Text
-    angle_deg: Number | None = None
-    angle: Number | None = None
     block_angle_deg: Number | None = None
     block_angle: Number | None = None
     offset: Number = 0.0
 
 
-class KnifeEdgeTable(Table, physics="type point angle_deg angle"):
+class KnifeEdgeTable(AngledTable, physics="type point"):
     read: ClassVar = KnifeEdge.read
     type: Literal["knife_edge"]
     point: Text
-    angle_deg: Number | None = None
-    angle: Number | None = None
 
 
 class TableOverTime(Table, physics="law rows"):
@@ -207,25 +207,23 @@ class ForceTable(VaryingTable, physics="type point value frame"):
     frame: Text = "ground"
 
 
-class SpringDamperTable(Table, physics="type between k c rest"):
-    read: ClassVar = SpringDamper.read
-    type: Literal["spring_damper"]
-    between: Couple
+class LinearTable(Table, physics="k c rest"):
     k: Number = 0.0
     c: Number = 0.0
     rest: Number = 0.0
 
 
-class AxisSpringDamperTable(Table, physics="type point origin angle_deg angle k c rest"):
+class SpringDamperTable(LinearTable, physics="type between"):
+    read: ClassVar = SpringDamper.read
+    type: Literal["spring_damper"]
+    between: Couple
+
+
+class AxisSpringDamperTable(AngledTable, LinearTable, physics="type point origin"):
     read: ClassVar = AxisSpringDamper.read
     type: Literal["axis_spring_damper"]
     point: Text
     origin: Text | None = None
-    angle_deg: Number | None = None
-    angle: Number | None = None
-    k: Number = 0.0
-    c: Number = 0.0
-    rest: Number = 0.0
 
 
 class RotationalSpringDamperTable(Table, physics="type links k c rest_deg rest"):
