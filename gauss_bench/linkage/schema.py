@@ -9,10 +9,12 @@ Names that refer to each other, and everything geometric, are checked in `refere
 import copy
 import hashlib
 import json
+import tomllib
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
 from functools import reduce
 from operator import or_
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
@@ -31,6 +33,7 @@ from gauss_bench.mechanism.model import (
 
 FORMAT = "planar-linkage/1"
 SECOND = "planar-linkage/2"
+GRAMMAR = tomllib.loads(Path(__file__).with_name("grammar.toml").read_text(encoding="utf-8"))
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
@@ -62,7 +65,7 @@ class Table(BaseModel):
     def __pydantic_init_subclass__(cls, physics: str = "", other: str = "", second: str = "", **more: Any) -> None:
         super().__pydantic_init_subclass__(**more)
         for kind, keys_of_it in (("physics", physics), ("other", other), ("second", second)):
-            inherited = [getattr(base, kind, frozenset()) for base in cls.__bases__]
+            inherited: list[frozenset[str]] = [getattr(base, kind, frozenset()) for base in cls.__bases__]
             setattr(cls, kind, frozenset(keys_of_it.split()).union(*inherited))
         keys = {field.alias or name for name, field in cls.model_fields.items()}
         wrong = (cls.physics & cls.other) | (keys ^ (cls.physics | cls.other))
@@ -367,24 +370,6 @@ class LinkageTable(
     scenarios: Annotated[dict[Name, ScenarioTable], Field(min_length=1)]
 
 
-TEXTS = {
-    "extra_forbidden": "unknown key",
-    "missing": "required",
-    "greater_than": "must be positive",
-    "greater_than_equal": "must not be negative",
-    "finite_number": "must be a finite number",
-    "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "string_type": "must be text",
-    "list_type": "must be a list",
-    "dict_type": "must be a table",
-    "model_type": "must be a table",
-    "model_attributes_type": "must be a table",
-    "union_tag_not_found": "must be a table",
-    "string_pattern_mismatch": "names have letters, digits and underscores only",
-}
-
-
 def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
     """Every fault of keys and values, by its dotted path, and the document with None for every value that is refused.
 
@@ -459,7 +444,7 @@ def _text(error: dict[str, Any]) -> str:
         count = context.get("min_length", context.get("max_length"))
         return f"must have {'' if exact else 'at least ' if kind == 'too_short' else 'at most '}{count} entries"
     message: str = error["msg"]
-    return TEXTS.get(kind, message[0].lower() + message[1:])
+    return str(GRAMMAR["words"].get(kind, message[0].lower() + message[1:]))
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
