@@ -104,14 +104,19 @@ def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
         given = owner.get("points") if isinstance(owner, dict) else None
         points: dict[str, Any] = given if isinstance(given, dict) else {}
         for name in points:
-            way: dict[Any, None] = {}
-            at: Any = name
-            while isinstance(at, str) and at not in way:
-                way[at] = None
-                at = points[at].get("from") if isinstance(points.get(at), dict) else None
-            if len(way) > CHAINED and not isinstance(at, str):
+            way, back = follow(points, name)
+            if len(way) > CHAINED and back is None:
                 yield Fault(f"{path}.points.{name}.from", f"follows from more than {CHAINED} points, one after the other")
                 return
+
+
+def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
+    """The points that a point is given from, itself first, and the one of them that they come back to, or None."""
+    way: dict[str, None] = {}
+    while isinstance(name, str) and name not in way:
+        way[name] = None
+        name = points[name].get("from") if isinstance(points.get(name), dict) else None
+    return [*way], name if isinstance(name, str) else None
 
 
 def _show(text: str) -> str:

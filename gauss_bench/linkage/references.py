@@ -10,6 +10,7 @@ from typing import Any
 
 from gauss_bench.linkage.bodies import BARREL, ROD, write_out
 from gauss_bench.linkage.errors import Fault
+from gauss_bench.linkage.limits import follow
 from gauss_bench.linkage.schema import GRAMMAR
 
 Document = dict[str, Any]
@@ -185,19 +186,8 @@ def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
         base = value.get("from")
         if base is not None and base not in points:
             names.fault(f"{path}.{key}.from", f"unknown point {base!r}")
-        elif _is_circular(points, key):
+        elif follow(points, key)[1] == key:
             names.fault(f"{path}.{key}.from", "circular: the point refers to itself")
-
-
-def _is_circular(points: dict[str, Any], key: str) -> bool:
-    seen: set[str] = set()
-    current: Any = key
-    while isinstance(current, str) and isinstance(points.get(current), dict):
-        if current in seen:
-            return current == key
-        seen.add(current)
-        current = points[current].get("from")
-    return False
 
 
 def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
