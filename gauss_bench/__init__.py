@@ -18,69 +18,34 @@ Each is loaded when first asked for, so that importing the package costs nothing
 """
 
 import sys
-from importlib import import_module
+from pkgutil import resolve_name
 from types import ModuleType
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = [
-    "Checkup",
-    "Diagnosis",
-    "Export",
-    "History",
-    "Import",
-    "Kernel",
-    "Kinematics",
-    "Recommendation",
-    "SelfTest",
-    "Simulation",
-    "__version__",
-    "certify",
-    "compare",
-    "compile_kernel",
-    "diagnose",
-    "doctor",
-    "export",
-    "history",
-    "import_model",
-    "kinematics",
-    "load",
-    "recommend",
-    "selftest",
-    "simulate",
-]
-
-_HOMES = {
-    "load": "gauss_bench.linkage.load:load",
-    "simulate": "gauss_bench.api.simulate:simulate",
-    "history": "gauss_bench.api.history:history",
-    "History": "gauss_bench.trajectory:History",
-    "compare": "gauss_bench.api.compare:compare",
-    "diagnose": "gauss_bench.api.diagnose:diagnose",
-    "Diagnosis": "gauss_bench.api.diagnose:Diagnosis",
-    "selftest": "gauss_bench.api.selftest:selftest",
-    "SelfTest": "gauss_bench.diagnosis.selftest:SelfTest",
-    "kinematics": "gauss_bench.api.kinematics:kinematics",
-    "recommend": "gauss_bench.api.recommend:recommend",
-    "Recommendation": "gauss_bench.api.recommend:Recommendation",
-    "export": "gauss_bench.api.exchange:export",
-    "import_model": "gauss_bench.api.exchange:import_model",
-    "Import": "gauss_bench.api.exchange:Import",
-    "Export": "gauss_bench.api.exchange:Export",
-    "doctor": "gauss_bench.api.doctor:doctor",
-    "Checkup": "gauss_bench.api.doctor:Checkup",
-    "certify": "gauss_bench.reference.certify:certify",
-    "compile_kernel": "gauss_bench.compiler.kernel:compile_kernel",
-    "Kernel": "gauss_bench.compiler.kernel:Kernel",
-    "Simulation": "gauss_bench.api.simulate:Simulation",
-    "Kinematics": "gauss_bench.api.kinematics:Kinematics",
+_ROOMS = {
+    "linkage.load": "load",
+    "api.simulate": "simulate Simulation",
+    "api.history": "history",
+    "trajectory": "History",
+    "api.compare": "compare",
+    "api.diagnose": "diagnose Diagnosis",
+    "api.selftest": "selftest",
+    "diagnosis.selftest": "SelfTest",
+    "api.kinematics": "kinematics Kinematics",
+    "api.recommend": "recommend Recommendation",
+    "api.exchange": "export Export import_model Import",
+    "api.doctor": "doctor Checkup",
+    "reference.certify": "certify",
+    "compiler.kernel": "compile_kernel Kernel",
 }
+_HOMES = {name: f"gauss_bench.{room}:{name}" for room, names in _ROOMS.items() for name in names.split()}
+__all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        module, _, item = _HOMES[name].partition(":")
-        return getattr(import_module(module), item)
+        return resolve_name(_HOMES[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -6,8 +6,8 @@ is welded on, forces, and laws for the freedoms. Pieces name each other by numbe
 shorter list is a linkage too; a part that finds no place swings instead, a force that finds none is left out.
 """
 
+from collections import namedtuple
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,90 +23,32 @@ FORCES = ("torque", "force", "spring", "axis", "coil", "damping", "friction")
 SMOOTH = ("constant", "sine", "cosine", "poly345", "table")
 
 
-@dataclass(frozen=True)
-class Body:
-    """How a link's mass is told, and its third point, in lengths of its bar."""
-
-    told: str
-    mass: float
-    along: float
-    aside: float
-    point_mass: float
-
-
-@dataclass(frozen=True)
-class Part:
-    """What is added: between the points `on` and `to`, of a length [m], at angles [deg]; `shared`: on the pin that is there."""
-
-    kind: str
-    on: int
-    to: int
-    length: float
-    turn: int
-    bend: int
-    shared: bool
-    speed: float
-    body: Body
+# How a link's mass is told, and its third point, in lengths of its bar.
+Body = namedtuple("Body", "told mass along aside point_mass")
+# What is added: between the points `on` and `to`, of a length [m], at angles [deg]; `shared`: on the pin that is there.
+Part = namedtuple("Part", "kind on to length turn bend shared speed body")
+# By what a torque or force is multiplied.
+Varying = namedtuple("Varying", "law time share")
+# A force on or between the things of numbers i and j; x, y, z are its numbers, of the order of 1.
+Load = namedtuple("Load", "kind i j frame x y z turn varying")
+# How a freedom is driven.
+Law = namedtuple("Law", "kind travel time")
+# A coordinate that a start holds: of the group `angles` or `slides`, with its value and rate, and what drives it.
+Freedom = namedtuple("Freedom", "group name value rate driven")
 
 
-@dataclass(frozen=True)
-class Varying:
-    """By what a torque or force is multiplied."""
-
-    law: str
-    time: float
-    share: float | None
-
-
-@dataclass(frozen=True)
-class Load:
-    """A force on or between the things of numbers i and j; x, y, z are its numbers, of the order of 1."""
-
-    kind: str
-    i: int
-    j: int
-    frame: int
-    x: float
-    y: float
-    z: float
-    turn: int
-    varying: Varying | None
-
-
-@dataclass(frozen=True)
-class Law:
-    """How a freedom is driven."""
-
-    kind: str
-    travel: float
-    time: float
-
-
-@dataclass(frozen=True)
-class Freedom:
-    """A coordinate that a start holds: of the group `angles` or `slides`, with its value and rate, and what drives it."""
-
-    group: str
-    name: str
-    value: float
-    rate: float
-    driven: dict[str, Any]
-
-
-@dataclass
 class Draft:
     """A linkage in the making, in the pose of its start: world positions of points, angles of links."""
 
-    tables: dict[str, dict[str, Any]] = field(default_factory=lambda: {k: {} for k in TABLES})
-    ground: dict[str, Array] = field(default_factory=lambda: {k: np.array(x) for k, x in GROUND.items()})
-    points: dict[str, Array] = field(default_factory=lambda: {f"ground.{k}": np.array(x) for k, x in GROUND.items()})
-    angles: dict[str, float] = field(default_factory=lambda: {"ground": 0.0})
-    body: dict[str, str] = field(default_factory=lambda: {"ground": "ground"})
-    pinned: dict[str, str] = field(default_factory=dict)  # point -> the joint there
-    freedoms: list[Freedom] = field(default_factory=list)
-    held: dict[str, dict[str, Any]] = field(default_factory=lambda: {k: {} for k in HELD})
-    bodies: int = 0
-    second: bool = False
+    def __init__(self) -> None:
+        self.tables: dict[str, dict[str, Any]] = {k: {} for k in TABLES}
+        self.ground = {k: np.array(x) for k, x in GROUND.items()}
+        self.points = {f"ground.{k}": np.array(x) for k, x in GROUND.items()}
+        self.angles, self.body = {"ground": 0.0}, {"ground": "ground"}
+        self.pinned: dict[str, str] = {}  # point -> the joint there
+        self.freedoms: list[Freedom] = []
+        self.held: dict[str, dict[str, Any]] = {k: {} for k in HELD}
+        self.bodies, self.second = 0, False
 
     def at(self, number: int, other_than: str = "") -> tuple[str, Array]:
         """A point by its number, on another body than that of a point."""

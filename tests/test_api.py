@@ -196,15 +196,7 @@ def test_a_measured_coordinate_runs_through_every_verb(
     command = [
         "run",
         path,
-        "--scenario",
-        "paper",
-        "--suite",
-        "gate",
-        "--engine",
-        "lagrange",
-        "--steps",
-        "0.01",
-        "--until",
+        *["--scenario", "paper", "--suite", "gate", "--engine", "lagrange", "--steps", "0.01", "--until"],
         str(until),
     ]
     assert main([*command, "--no-costs", "--json", "--jobs", "1", "--out", str(tmp_path / "out")]) == 0

@@ -231,15 +231,7 @@ def test_no_atlas_takes_the_place_of_a_file_of_the_users(name: str, tmp_path: Pa
 def test_no_sweep_takes_the_place_of_a_picture_of_the_users(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "s"
     call = [
-        "sweep",
-        "crank_slider",
-        "--vary",
-        "links.rod.mass=0.7:0.8:2",
-        "--engine",
-        "gauss",
-        "--until",
-        "0.01",
-        "--out",
+        *["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--until", "0.01", "--out"],
         str(out),
     ]
     assert main(call) == 0

@@ -173,17 +173,9 @@ def export(
         tuning = tune(linkage, mechanism, KINDS[engine], seconds, told)
         model = write_file(linkage, mechanism.scenario, engine, tuning.step, tuning.sentences)
     write_text(path, model["text"])
-    return Export(
-        engine=engine,
-        mechanism=mechanism.name,
-        scenario=mechanism.scenario,
-        file=str(path),
-        what=KINDS[engine].what,
-        bytes=len(model["text"].encode()),
-        step=tuning.step if tuning else step or STEP,
-        left_out=tuple(model["left_out"]),
-        tuning=tuning,
-    )
+    size, left_out = len(model["text"].encode()), tuple(model["left_out"])
+    taken = tuning.step if tuning else step or STEP
+    return Export(engine, mechanism.name, mechanism.scenario, str(path), KINDS[engine].what, size, taken, left_out, tuning)
 
 
 def write_file(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...] = ()) -> dict[str, Any]:

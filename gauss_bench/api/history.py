@@ -79,13 +79,11 @@ def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
     """Joint forces, then what drivers and constant torques exert."""
     mechanism = evaluator.mechanism
     slides = {joint.name for joint in mechanism.slides}
-    for name, components in metrics.joint_forces(evaluator, x).items():
+    joints = metrics.joint_forces(evaluator, x)
+    for name, components in [*joints.items(), *metrics.weld_forces(evaluator, x).items()]:
         for key, values in components.items():
-            if key != "moment" or name in slides:  # a pin has none
+            if key != "moment" or name in slides or name not in joints:  # a pin has none
                 yield Curve(Group.JOINT, name, key, "N m" if key == "moment" else "N", values)
-    for name, components in metrics.weld_forces(evaluator, x).items():
-        for key, values in components.items():
-            yield Curve(Group.JOINT, name, key, "N m" if key == "moment" else "N", values)
     if mechanism.drivers:
         exerted = metrics.driving_forces(evaluator, x)
         for k, driver in enumerate(mechanism.drivers):

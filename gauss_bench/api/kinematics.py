@@ -165,7 +165,7 @@ def kinematics(
         points=point_states(chosen, links),
         loops=[loop.joints for loop in graph.loops],
         branch=branch_of(mechanism, inputs, mechanism.q0),
-        iterations=motion.iterations,
+        iterations=getattr(motion, "iterations", None),
         singular=describe_singular(mechanism),
         link_types=_link_types(mechanism, graph),
         branch_changes=_changes(mechanism, inputs, states),
@@ -219,17 +219,7 @@ def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory
     return [{"t": float(states.t[x.index]), "group": x.group, "before": x.before, "after": x.after} for x in changes]
 
 
-@dataclass(frozen=True, eq=False)
-class NativeMotion:
-    """States (k, n) from native code; its iterations are not counted."""
-
-    q: Array
-    v: Array
-    a: Array
-    iterations: None = None
-
-
-def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> NativeMotion:
+def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> Trajectory:
     """The motion at times (k,) [s], as from `loop_motion`.
 
     Raises:
@@ -242,12 +232,13 @@ def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array)
     laws = [[np.broadcast_to(x, np.shape(times)) for x in given.law(times)] for given in inputs]
     sweep = closure.sweep(*np.array(laws).reshape(len(inputs), 3, len(times)).transpose(1, 2, 0))
     if not sweep.losses:
-        return NativeMotion(sweep.q, sweep.v, sweep.a)
+        return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     loss = sweep.losses[0]
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
     where = ", ".join(f"{name} = {value:.10g}" for name, value in loss.inputs.items())
     text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
-    reached = NativeMotion(sweep.q[: loss.sample], sweep.v[: loss.sample], sweep.a[: loss.sample])
+    k = loss.sample
+    reached = Trajectory(times[:k], sweep.q[:k], sweep.v[:k], sweep.a[:k], 0)
     raise kind(text, loss.inputs, float(times[loss.sample]), reached)
 
 

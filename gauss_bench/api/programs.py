@@ -17,8 +17,6 @@ LIMIT = 300.0  # [s] for all programs of an engine
 LARGEST = 30_000  # characters: what is longer is a file for `gauss-bench export`, not for a page
 BEATS = 50
 
-Wanted = tuple[str, str, str, str, str, str, float, float, float]  # linkage, scenario, engine, settings, integrator, ..., until
-
 
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
     """Choice -> its program; those that cannot be written, or whose engine is not here, are left out.
@@ -42,23 +40,12 @@ def write_there(wanted: list[list[Any]]) -> list[str]:
     return [_write(*x) for x in wanted]
 
 
-def _write(
-    linkage: str,
-    scenario: str,
-    engine: str,
-    settings: str,
-    integrator: str,
-    stabilization: str,
-    step: float,
-    tolerance: float,
-    until: float,
-) -> str:
+def _write(linkage: str, scenario: str, engine: str, settings: str, integrator: str, stabilization: str, *sizes: float) -> str:
+    step, tolerance, until = sizes
     if not holds(engine, integrator, stabilization):
         return ""
-    adaptive = math.isfinite(tolerance)
-    choice = Choice(
-        settings, integrator, stabilization, step if math.isfinite(step) else until / BEATS, tolerance if adaptive else None
-    )
+    exact = tolerance if math.isfinite(tolerance) else None
+    choice = Choice(settings, integrator, stabilization, step if math.isfinite(step) else until / BEATS, exact)
     try:
         mechanism = replace(load(linkage, scenario), duration=until)
         text = snippet(mechanism, linkage, engine, choice, until)

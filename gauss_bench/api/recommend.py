@@ -14,7 +14,6 @@ from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice, Variant
-from gauss_bench.engines.own_options import Known
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.reach import UNITS
@@ -182,19 +181,18 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     if not engine.usable:
         return []
     if settings is not None:
-        engine.require_settings(settings)
-        own = Known(engine.settings | {k: dict(x.options) for k, x in engine.variants.items()}, [*engine.options], engine.options)
-        options = own.resolve(settings)
+        options = engine.resolve_settings(settings)
         tried = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
         tried = space(engine)
     tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
-    rank = {name: k for k, name in enumerate(engine.first)}
-    if rank:
-        return sorted(tried, key=lambda x: rank.get(x.name, len(rank)))
-    return sorted(
-        tried, key=lambda x: (FIRST.index(x.integrator) if x.integrator in FIRST else len(FIRST), x.stabilization != "none")
-    )
+
+    def rank(x: Variant) -> tuple[int, bool]:
+        if engine.first:
+            return engine.first.index(x.name) if x.name in engine.first else len(engine.first), False
+        return FIRST.index(x.integrator) if x.integrator in FIRST else len(FIRST), x.stabilization != "none"
+
+    return sorted(tried, key=rank)
 
 
 def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:

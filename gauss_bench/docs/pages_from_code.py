@@ -48,7 +48,7 @@ def grammar() -> str:
 def tables() -> dict[str, type[schema.Table]]:
     """Every table of the grammar that a file may have, by the name of its class in words."""
     classes = {n: x for n, x in vars(schema).items() if isinstance(x, type) and issubclass(x, schema.Table)}
-    bases = {schema.Table, schema.VaryingTable, schema.DrivenTable}
+    bases = {schema.Table, schema.AngledTable, schema.LinearTable, schema.VaryingTable, schema.DrivenTable}
     return {"".join(f" {c.lower()}" if c.isupper() else c for c in n).strip(): x for n, x in classes.items() if x not in bases}
 
 

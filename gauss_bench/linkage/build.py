@@ -19,7 +19,6 @@ from gauss_bench.mechanism.model import (
     Angle,
     AngleDriver,
     CoulombFriction,
-    Distance,
     Driver,
     Force,
     Joint,
@@ -163,13 +162,14 @@ class Resolver:
         found: Force | CoulombFriction = FORCES[table["type"]].read(name, table, self)
         return found
 
-    def slide(self, name: str) -> Prismatic:
-        return next(j for j in self.joints if isinstance(j, Prismatic) and j.name == name)
-
     def driver(self, table: dict[str, Any]) -> Driver:
         law = motion_law(table, self.number_type, self.turn(table["link"]) if "link" in table else 0)
+        return self.driven(table, law)
+
+    def driven(self, table: dict[str, Any], law: MotionLaw) -> Driver:
+        """The driver of the one coordinate that a table names by `joint`, `between` or `link`."""
         if "joint" in table:
-            slide = self.slide(table["joint"])
+            slide = next(j for j in self.joints if isinstance(j, Prismatic) and j.name == table["joint"])
             return SlideDriver(slide.name, law, slide)
         if "between" in table:
             a, b = (self.point(x) for x in table["between"])
@@ -178,17 +178,12 @@ class Resolver:
 
     def measured(self, table: dict[str, Any]) -> Measured:
         """The coordinate that the table `measure` names."""
-        if "joint" in table:
-            return measure_slide(self.slide(table["joint"]))
-        if "between" in table:
-            a, b = (self.point(x) for x in table["between"])
-            return Measured(f"distance {a.name}-{b.name}", Distance(a, b))
         if "point" in table:
             angle = angle_of(table, "angle", self.number_type)
             degrees = float(np.degrees(float(angle)))
             axis = {0.0: "x", 90.0: "y"}.get(degrees, f"way at {degrees:g} deg")
             return Measured(f"{axis} of {table['point']}", Along(self.world, self.point(table["point"]), angle))
-        return measure_angle(self.links, self.index[table["link"]])
+        return self.usually_measured((self.driven(table, motion_laws.constant(0.0, 0.0)),), None)
 
     def usually_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
         """The measured coordinate of a file that names none; without driver and crank the first link, until it is assembled."""

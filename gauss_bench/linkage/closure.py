@@ -4,7 +4,7 @@ The sketch picks the branch: Gauss-Newton closes the joints from it with nothing
 reached in small steps, so that a start far from the sketch keeps its assembly. Speeds follow from one linear system.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,10 +27,9 @@ from gauss_bench.mechanism.model import (
     Measured,
     Mechanism,
     Point,
-    Prismatic,
-    Revolute,
 )
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians, turn_vector
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
@@ -49,11 +48,16 @@ MOST_STEPS = 720  # of them, ten turns: whoever stands further off is brought ne
 
 @dataclass(frozen=True)
 class Held:
-    """Coordinates held by a start: `of(q)` gives their values (k,) and rows (k, n); `target` and `rate` what they shall be."""
+    """Coordinates that a start holds: what they (k,) shall be, and their rates."""
 
-    of: Residual
+    coordinates: list[Coordinate]
     target: Array
     rate: Array
+
+    def of(self, q: Array) -> tuple[Array, Array]:
+        """Their values (k,) and rows (k, n)."""
+        rows = [gradient(x, q) for x in self.coordinates]
+        return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
@@ -110,7 +114,7 @@ def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
 def _coordinates(mechanism: Mechanism) -> list[Measured]:
     """The angle of every link, then every slide."""
     angles = [measure_angle(mechanism.links, i) for i in range(len(mechanism.links))]
-    return [*angles, *(measure_slide(joint) for joint in mechanism.joints if isinstance(joint, Prismatic))]
+    return [*angles, *map(measure_slide, mechanism.slides)]
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
@@ -123,11 +127,8 @@ def first_moving(mechanism: Mechanism, J: Array) -> Measured:
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
-    counted = {
-        "dof": mechanism.dof,
-        "redundant": mechanism.redundant,
-        "loops": len(mechanism.joints) - len(mechanism.links),
-    }
+    loops = len(mechanism.joints) - len(mechanism.links)
+    counted = {"dof": mechanism.dof, "redundant": mechanism.redundant, "loops": loops}
     for key, count in expect.items():
         if counted[key] != count:
             raise AssemblyError(f"expect.{key}", f"the file says {count}, the assembled linkage has {counted[key]}")
@@ -135,9 +136,8 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 def check_springs(mechanism: Mechanism) -> None:
     for f in mechanism.forces:
-        directed = [x.coordinate for x in f.lowered() if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)]
-        for distance in (x for x in directed if isinstance(x, Distance)):
-            if value(distance, mechanism.q0) < CLOSED:
+        for law in (x for x in f.lowered() if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)):
+            if isinstance(law.coordinate, Distance) and value(law.coordinate, mechanism.q0) < CLOSED:
                 raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
 
 
@@ -255,7 +255,7 @@ def list_held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Numb
     for link, (target, rate) in _list_held_angles(mechanism, scenario, number).items():
         held.append((Angle(GROUND, link), target, rate))
     start = scenario.get("start", {})
-    by_name = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
+    by_name = {joint.name: joint for joint in mechanism.slides}
     for name, target in start.get("slides", {}).items():
         rate = start.get("slide_speeds", {}).get(name, 0)
         held.append((by_name[name].motion, exact(number, target), exact(number, rate)))
@@ -270,14 +270,8 @@ def list_held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Numb
 
 def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
     """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their rates."""
-    n, items = mechanism.n, list_held_items(mechanism, scenario, number)
-    parts = [_hold_row(coordinate) for coordinate, _, _ in items]
-
-    def of(q: Array) -> tuple[Array, Array]:
-        held = [part(q) for part in parts]
-        return np.concatenate([np.zeros(0), *(x for x, _ in held)]), np.vstack([np.zeros((0, n)), *(row for _, row in held)])
-
-    return Held(of, np.array([target for _, target, _ in items]), np.array([rate for _, _, rate in items]))
+    items = list_held_items(mechanism, scenario, number)
+    return Held([x for x, _, _ in items], np.array([target for _, target, _ in items]), np.array([rate for _, _, rate in items]))
 
 
 def _list_held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
@@ -292,10 +286,6 @@ def _list_held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Nu
     if mechanism.crank is not None and {"crank", "crank_deg"} & start.keys():
         angles[mechanism.crank] = angle_of(start, "crank", number)
     return {i: (x, speeds.get(i, number("0"))) for i, x in angles.items()}
-
-
-def _hold_row(coordinate: Coordinate) -> Residual:
-    return lambda q: (value(coordinate, q)[None], gradient(coordinate, q)[None])
 
 
 def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
@@ -350,14 +340,14 @@ def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
     Links that slides tie to it turn along.
     """
     q = q.copy()
-    tied = [{j.guide.link, j.block.link} for j in mechanism.joints if isinstance(j, Prismatic)]
-    angles, rows = held.of(q)
-    for gap, row in zip(held.target - angles, rows, strict=True):
-        links = {int(k) // 3 for k in np.flatnonzero(row)}
-        for _ in tied:
-            links = links.union(*(pair for pair in tied if pair & links))
-        if row[2::3].sum() == np.abs(row).sum() == 1 and GROUND not in links:
-            q[[3 * i + 2 for i in links]] += 2 * np.pi * np.round(gap / (2 * np.pi))
+    tied = [{end.link for end in joint.ends} for joint in mechanism.slides]
+    for coordinate, gap in zip(held.coordinates, held.target - held.of(q)[0], strict=True):
+        if isinstance(coordinate, Angle) and coordinate.a == GROUND:
+            links = {coordinate.b}
+            for _ in tied:
+                links = links.union(*(pair for pair in tied if pair & links))
+            if GROUND not in links:
+                angles(q)[sorted(links)] += 2 * np.pi * np.round(gap / (2 * np.pi))
     return q
 
 
@@ -379,111 +369,93 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
 def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     """First guess q (n,): each link from two known points, or from one and an angle (given, or that of a prismatic partner).
 
-    What placed links share with others becomes known in turn. The two links of a slide have an angle too where the points are known
-    that stand for the slide: the line runs from one to the other.
-
     Raises:
         NotPlaced: links that cannot be placed, by name.
     """
-    assembly = document.get("assembly", {})
-    angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
-    given = {i: x - turn for name, x in angles.items() for i, turn in [mechanism.placed(name)]}
-    drawn = draw_points(mechanism, document, assembly.get("sketch", {}))
-    theta: dict[int, float] = {GROUND: 0.0}
-    centre: dict[int, Array] = {GROUND: np.zeros(2)}
-
-    def world(point: Point) -> Array:
-        return np.asarray(centre[point.link] + turn_vector(point.local, theta[point.link]))
-
+    placing = _Sketch(mechanism, document)
     todo = list(range(len(mechanism.links)))
     while todo:
-        placed = [i for i in todo if _place(mechanism, i, given, drawn, theta, centre, world)]
+        placed = [i for i in todo if placing.place(i)]
         if not placed:
             raise NotPlaced(tuple(mechanism.links[i].name for i in todo))
         todo = [i for i in todo if i not in placed]
-    return np.concatenate([[*centre[i], theta[i]] for i in range(len(mechanism.links))])
+    return np.concatenate([[*placing.centre[i], placing.theta[i]] for i in range(len(mechanism.links))])
 
 
-def draw_points(mechanism: Mechanism, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
-    """Name of a point -> drawn world position, from joints, single points and ground pivots."""
-    drawn: dict[str, Array] = {}
-    for name, joint in write_out(document).get("joints", {}).items():
-        references = joint.get("at") or [joint["block"]]
-        grounded = [mechanism.ground_points[r.split(".")[1]] for r in references if r.startswith("ground.")]
-        where = drawing.get(name, grounded[0] if grounded else None)
-        if where is not None:
-            drawn |= {r: np.array(where, dtype=float) for r in references}
-    drawn |= {r: np.array(x, dtype=float) for r, x in drawing.items() if "." in r}
-    return {mechanism.named_point(r).name: x for r, x in drawn.items()}
+class _Sketch:
+    """Links placed one after the other: what placed links share with others becomes known in turn.
 
+    Attributes:
+        given: body -> angle [rad] that the file says.
+        drawn: name of a point -> drawn world position, from joints, single points and ground pivots.
+        theta, centre: body -> angle [rad] and place (2,) of those that are placed.
+    """
 
-def _place(
-    mechanism: Mechanism,
-    i: int,
-    given: dict[int, float],
-    drawn: dict[str, Array],
-    theta: dict[int, float],
-    centre: dict[int, Array],
-    world: Callable[[Point], Array],
-) -> bool:
-    """Place link i if what is known suffices."""
-    link = mechanism.links[i]
-    known = {name: drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in drawn}
-    for joint in mechanism.joints:
-        if isinstance(joint, Revolute):
-            for mine, other in ((joint.a, joint.b), (joint.b, joint.a)):
-                if mine.link == i and other.link in theta:
-                    known.setdefault(mine.name.partition(".")[2], world(other))
-    if not known:
-        return False
-    (first, at), *others = known.items()
-    apart = next((name for name, _ in others if np.any(link.points[name] != link.points[first])), None)
-    if i in given:
-        turn = given[i]
-    elif apart is not None:
-        own, drawn_line = link.points[apart] - link.points[first], known[apart] - at
-        turn = float(np.arctan2(drawn_line[1], drawn_line[0]) - np.arctan2(own[1], own[0]))
-    else:
-        partner = _partner_angle(mechanism, i, theta)
-        if partner is None:
-            partner = _slide_angle(mechanism, i, drawn, theta, world)
-        if partner is None:
+    def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
+        self.mechanism, assembly = mechanism, document.get("assembly", {})
+        angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
+        self.given = {i: x - turn for name, x in angles.items() for i, turn in [mechanism.placed(name)]}
+        drawing, drawn = assembly.get("sketch", {}), dict[str, Any]()
+        for name, joint in write_out(document).get("joints", {}).items():
+            references = joint.get("at") or [joint["block"]]
+            grounded = [mechanism.ground_points[r.split(".")[1]] for r in references if r.startswith("ground.")]
+            where = drawing.get(name, grounded[0] if grounded else None)
+            drawn |= {} if where is None else dict.fromkeys(references, where)
+        drawn |= {r: x for r, x in drawing.items() if "." in r}
+        self.drawn = {mechanism.named_point(r).name: np.array(x, dtype=float) for r, x in drawn.items()}
+        self.theta: dict[int, float] = {GROUND: 0.0}
+        self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
+
+    def world(self, point: Point) -> Array:
+        return np.asarray(self.centre[point.link] + turn_vector(point.local, self.theta[point.link]))
+
+    def place(self, i: int) -> bool:
+        """Place body i if what is known suffices."""
+        link = self.mechanism.links[i]
+        known = {name: self.drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in self.drawn}
+        for pin in self.mechanism.pins:
+            for mine, other in (pin.ends, pin.ends[::-1]):
+                if mine.link == i and other.link in self.theta:
+                    known.setdefault(mine.name.partition(".")[2], self.world(other))
+        if not known:
             return False
-        turn = partner
-    near = _partner_angle(mechanism, i, theta)
-    if near is not None:  # the sketch fixes angles only up to whole turns; slides do not
-        turn += 2 * np.pi * round((near - turn) / (2 * np.pi))
-    theta[i] = turn
-    centre[i] = at - turn_vector(link.points[first] - link.com, turn)
-    return True
+        (first, at), *others = known.items()
+        apart = next((name for name, _ in others if np.any(link.points[name] != link.points[first])), None)
+        near, turn = self._partner_angle(i), self.given.get(i)
+        if turn is None and apart is not None:
+            own, drawn_line = link.points[apart] - link.points[first], known[apart] - at
+            turn = float(np.arctan2(drawn_line[1], drawn_line[0]) - np.arctan2(own[1], own[0]))
+        elif turn is None:
+            turn = self._slide_angle(i) if near is None else near
+        if turn is None:
+            return False
+        if near is not None:  # the sketch fixes angles only up to whole turns; slides do not
+            turn += 2 * np.pi * round((near - turn) / (2 * np.pi))
+        self.theta[i] = turn
+        self.centre[i] = at - turn_vector(link.points[first] - link.com, turn)
+        return True
 
+    def _slide_angle(self, i: int) -> float | None:
+        """The angle of a body of a slide whose guide and block point are both known, the block ahead of the guide."""
 
-def _slide_angle(
-    mechanism: Mechanism, i: int, drawn: dict[str, Array], theta: dict[int, float], world: Callable[[Point], Array]
-) -> float | None:
-    """The angle of a link of a slide whose guide and block point are both known, the block ahead of the guide."""
+        def where(point: Point) -> Array | None:
+            ends = [(x, y) for pin in self.mechanism.pins for x, y in (pin.ends, pin.ends[::-1])]
+            shared = next((y for x, y in ends if x.name == point.name and y.link in self.theta), None)
+            return self.drawn.get(point.name, None if shared is None else self.world(shared))
 
-    def where(point: Point) -> Array | None:
-        pins = [j for j in mechanism.joints if isinstance(j, Revolute)]
-        others = [b if a.name == point.name else a for a, b in ((j.a, j.b) for j in pins) if point.name in (a.name, b.name)]
-        shared = next((x for x in others if x.link in theta), None)
-        return drawn[point.name] if point.name in drawn else None if shared is None else world(shared)
-
-    for joint in mechanism.joints:
-        if isinstance(joint, Prismatic) and i in (joint.guide.link, joint.block.link):
+        for joint in self.mechanism.slides:
             guide, block = where(joint.guide), where(joint.block)
-            if guide is None or block is None or (apart := float(np.hypot(*(block - guide)))) <= abs(joint.offset):
+            if i not in (joint.guide.link, joint.block.link) or guide is None or block is None:
                 continue
-            line = float(np.arctan2(*(block - guide)[::-1])) - float(np.arcsin(joint.offset / apart)) - joint.angle
-            return line if i == joint.guide.link else line + joint.turn
-    return None
+            if (apart := float(np.hypot(*(block - guide)))) > abs(joint.offset):
+                line = float(np.arctan2(*(block - guide)[::-1])) - float(np.arcsin(joint.offset / apart)) - joint.angle
+                return line if i == joint.guide.link else line + joint.turn
+        return None
 
-
-def _partner_angle(mechanism: Mechanism, i: int, theta: dict[int, float]) -> float | None:
-    for joint in mechanism.joints:
-        if isinstance(joint, Prismatic):
-            if joint.block.link == i and joint.guide.link in theta:
-                return theta[joint.guide.link] + joint.turn
-            if joint.guide.link == i and joint.block.link in theta:
-                return theta[joint.block.link] - joint.turn
-    return None
+    def _partner_angle(self, i: int) -> float | None:
+        """The angle of a body that slides with one that is placed."""
+        for joint in self.mechanism.slides:
+            for mine, other, turn in ((joint.block, joint.guide, joint.turn), (joint.guide, joint.block, -joint.turn)):
+                if mine.link == i and other.link in self.theta:
+                    return self.theta[other.link] + turn
+        return None

@@ -25,20 +25,20 @@ class LinkageError(BadInput, ValueError):
         super().__init__("\n".join(f"{source}: {fault}" for fault in faults))
 
 
-class BuildError(ValueError):
+class FaultError(ValueError):
+    """One fault that only shows while a linkage is built or assembled."""
+
+    def __init__(self, path: str, text: str):
+        self.fault = Fault(path, text)
+        super().__init__(str(self.fault))
+
+
+class BuildError(FaultError):
     """A fault that only shows once points are resolved."""
 
-    def __init__(self, path: str, text: str):
-        self.fault = Fault(path, text)
-        super().__init__(str(self.fault))
 
-
-class AssemblyError(ValueError):
+class AssemblyError(FaultError):
     """The linkage does not close, or its start does not determine it."""
-
-    def __init__(self, path: str, text: str):
-        self.fault = Fault(path, text)
-        super().__init__(str(self.fault))
 
 
 class NotPlaced(AssemblyError):

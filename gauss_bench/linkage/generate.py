@@ -1,8 +1,8 @@
-"""Linkages written by rule: those with a motion in closed form (`reference/exact.py`), the N-four-bar in any size.
+"""Linkages written by rule, in any size: the N-four-bar, and N pendulums; single ones are files in `written/`.
 
 n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side, N + 1 verticals on ground pivots
 (i l, 0) and N horizontals between their tops. On the parallelogram branch the whole is a pendulum; whenever all bars lie on the
-ground line it is singular. pendulum: one bar on a pin, let go at rest. projectile: one bar thrown.
+ground line it is singular.
 
 pendulums_N: N bars hanging one on the other, so that n = 3N coordinates meet m = 2N rows: N unknowns of Gauss's kind, coupled each
 with each, against 5N of Lagrange's, coupled only with their neighbours. No closed form is known of it.
@@ -12,8 +12,6 @@ from typing import Any
 
 MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
 SPEED = 1.0  # [m/s] of the first top at the start, to the right
-RELEASE = 30.0  # [deg] of the pendulum's bar above the horizontal
-THROW, SPIN = (2.0, 7.0), 3.0  # [m/s], [rad/s] of the projectile
 FIRST, FAN = -60.0, 7.0  # [deg] of the first of many pendulums, and of each against the one before: no two are in line
 
 
@@ -66,39 +64,3 @@ def pendulums(count: int) -> dict[str, Any]:
 
 def _bar(a: str, b: str) -> dict[str, Any]:
     return {"points": {a: [0.0, 0.0], b: [LENGTH, 0.0]}, "bars": [[a, b]], "mass": MASS}
-
-
-def pendulum() -> dict[str, Any]:
-    """The document of a bar on a pin."""
-    start = {"crank_deg": RELEASE, "speed": 0.0}
-    joints = {"A": {"type": "revolute", "at": ["ground.A", "bar.A"]}}
-    return _one_bar("pendulum", "A bar on a pin, let go at rest", "swing", start, {"crank": "bar", "joints": joints})
-
-
-def projectile() -> dict[str, Any]:
-    """The document of a bar thrown from the origin."""
-    middle = "bar.M"
-    start = {
-        "angles_deg": {"bar": 0.0},
-        "speeds": {"bar": SPIN},
-        "points": {middle: [0.0, 0.0]},
-        "point_velocities": {middle: list(THROW)},
-    }
-    return _one_bar("projectile", "A bar thrown: free flight", "flight", start, {})
-
-
-def _one_bar(name: str, title: str, scenario: str, start: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
-    bar = _bar("A", "B")
-    bar["points"]["M"] = [LENGTH / 2, 0.0]
-    return {
-        "format": "planar-linkage/1",
-        "name": name,
-        "title": title,
-        "gravity": [0.0, -9.81],
-        "ground": {"points": {"A": [0.0, 0.0]}},
-        "links": {"bar": bar},
-        "assembly": {"angles_deg": {"bar": 0.0}, "sketch": {"bar.M": [0.0, 0.0]}},
-        "observe": {"points": ["bar.M"]},
-        "scenarios": {scenario: {"duration": 10.0, "start": start}},
-        **more,
-    }

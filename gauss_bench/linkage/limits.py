@@ -1,12 +1,14 @@
-"""How much and how large a linkage file may be: counts, magnitudes and characters, each bound with its reason.
+"""How much and how large a linkage file may be: counts, magnitudes and characters; `limits.toml` has each bound with its reason.
 
 Looked at before anything else is, in one pass without recursion, so that what is beyond is refused by its place and at once. What a
 scenario overrides is bounded as what it replaces.
 """
 
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import Path
 from typing import Any
 
 from gauss_bench.linkage.errors import Fault
@@ -15,23 +17,10 @@ from gauss_bench.untrusted import DEEPEST, harmless, unprintable
 LONGEST_KEY = 200  # characters of a key
 LONGEST_TEXT = 10_000  # characters of a text
 CHAINED = 100  # points of which each is given from the one before
-COUNTS = {  # entries of a table or list of that name
-    "links": 1000,
-    "joints": 3000,
-    "welds": 1000,
-    "cylinders": 300,
-    "constraints": 1000,
-    "forces": 2000,
-    "scenarios": 100,
-    "points": 2000,
-    "point_masses": 1000,
-    "bars": 2000,
-    "rows": 2000,
-    "at": 200,
-}
 SHOWN = 50  # faults that are told at once
-MOST = 5000  # entries of any other
+MOST = 5000  # entries of a table or list whose name has no count of its own
 ENTRIES = 60_000  # of the whole file: the largest that is generated, 400 windows, has 20,000
+SQUARES = "beyond that sums and squares of it lose every digit of the rest"
 
 
 @dataclass(frozen=True)
@@ -39,35 +28,14 @@ class Range:
     """What a number may be: 0, or of a size between `least` and `most`; and why."""
 
     most: float
-    reason: str
+    reason: str = SQUARES
     least: float = 0.0
 
 
-RESOLVED = "joints are closed to 1e-10 m, and beyond that a double does not resolve it"
-SQUARES = "beyond that sums and squares of it lose every digit of the rest"
-PLACE = Range(1e5, RESOLVED)
-DEGREES = Range(1e7, "it counts whole turns, and beyond that a double does not resolve 1e-8 degrees")
-RADIANS = Range(2e5, "it counts whole turns, and beyond that a double does not resolve 1e-10 rad")
-MASS = Range(1e12, SQUARES, 1e-12)
-RATE = Range(1e6, "no step resolves what is faster")
-TIME = Range(1e9, "no run takes so many steps", 1e-9)
-ANY = Range(1e15, SQUARES, 1e-30)
-RANGES = {
-    **dict.fromkeys(("points", "xy", "r", "com", "sketch", "origin", "offset", "radius", "slides", "length"), PLACE),
-    **dict.fromkeys(
-        ("deg", "angle_deg", "block_angle_deg", "rest_deg", "start_deg", "travel_deg", "crank_deg", "phase_deg"), DEGREES
-    ),
-    "angles_deg": DEGREES,
-    **dict.fromkeys(("angle", "block_angle", "angles", "crank", "phase", "travel"), RADIANS),
-    **dict.fromkeys(("mass", "kg_per_m"), MASS),
-    "inertia": Range(1e22, SQUARES, 1e-24),
-    **dict.fromkeys(("speed", "speeds", "slide_speeds", "point_velocities", "frequency"), Range(1e6, RATE.reason)),
-    **dict.fromkeys(("time", "duration"), TIME),
-    "rows": Range(1e7, "times and angles in degrees are resolved up to there"),
-    "gravity": Range(1e6, SQUARES),
-    **dict.fromkeys(("k", "c", "value"), Range(1e15, SQUARES)),
-    **dict.fromkeys(("rest", "start", "share", "mu"), Range(1e7, RESOLVED)),
-}
+_bounds = tomllib.loads(Path(__file__).with_name("limits.toml").read_text(encoding="utf-8"))
+COUNTS: dict[str, int] = _bounds["counts"]
+RANGES = {key: Range(**{k: x for k, x in bound.items() if k != "keys"}) for bound in _bounds["ranges"] for key in bound["keys"]}
+ANY = Range(1e15, least=1e-30)
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
@@ -129,35 +97,26 @@ def _describe(x: Any) -> str:
 
 
 def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Points that are given from each other in too long a chain."""
+    """Points that are given from each other in too long a chain; one that comes back to itself is another fault, told elsewhere."""
     links = document.get("links")
     named = links.items() if isinstance(links, dict) else ()
-    owners = [("ground", document.get("ground")), *((f"links.{key}", link) for key, link in named)]
-    for path, owner in owners:
+    for path, owner in [("ground", document.get("ground")), *((f"links.{key}", link) for key, link in named)]:
         given = owner.get("points") if isinstance(owner, dict) else None
         points: dict[str, Any] = given if isinstance(given, dict) else {}
-        lengths: dict[str, int] = {}
         for name in points:
-            way: list[str] = []
-            at: Any = name
-            while isinstance(at, str) and at not in lengths and at not in way[-1:] and len(way) <= CHAINED:
-                way.append(at)
-                at = points[at].get("from") if isinstance(points.get(at), dict) else None
-            reached = lengths.get(at, 0) if isinstance(at, str) else 0
-            lengths |= {x: reached + k for k, x in enumerate(reversed(way), 1)}
-            if lengths[name] > CHAINED and name not in _circle(points, name):
+            way, back = follow(points, name)
+            if len(way) > CHAINED and back is None:
                 yield Fault(f"{path}.points.{name}.from", f"follows from more than {CHAINED} points, one after the other")
                 return
 
 
-def _circle(points: dict[str, Any], name: str) -> list[str]:
-    """The points that a point follows from, where they come back to one of them; that is another fault, told elsewhere."""
+def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
+    """The points that a point is given from, itself first, and the one of them that they come back to, or None."""
     way: dict[str, None] = {}
-    at: Any = name
-    while isinstance(at, str) and at not in way:
-        way[at] = None
-        at = points[at].get("from") if isinstance(points.get(at), dict) else None
-    return [*way] if isinstance(at, str) and at in way else []
+    while isinstance(name, str) and name not in way:
+        way[name] = None
+        name = points[name].get("from") if isinstance(points.get(name), dict) else None
+    return [*way], name if isinstance(name, str) else None
 
 
 def _show(text: str) -> str:

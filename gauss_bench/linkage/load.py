@@ -25,12 +25,14 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import in_a_sentence
 from gauss_bench.untrusted import TooDeep, parse_toml, read_bytes
 
+Place = Callable[[Mechanism, dict[str, Any]], Mechanism]  # a mechanism not yet assembled, its document -> with a start
+
 MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-written linkage
 KEPT = 64  # mechanisms that are remembered
 FIXED = ("format", "name", "crank", "expect", "scenarios")
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
-GENERATED = "gauss_bench.linkage.generate"  # a function for each linkage of SINGLE and each family
-SINGLE = ("pendulum", "projectile")
+WRITTEN, GENERATED = Path(__file__).with_name("written"), "gauss_bench.linkage.generate"  # of SINGLE, and of families
+SINGLE = ("pendulum", "projectile")  # known in closed form
 FAMILY = re.compile(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})")
 LARGEST = 400  # windows or bars: beyond, the file would not be a linkage but a bridge
 
@@ -85,11 +87,12 @@ def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:
 
 def generated(name: str) -> dict[str, Any] | None:
     """The document of a linkage that is written by rule, or None where the name is of no such family."""
+    if name in SINGLE:
+        return parse_toml((WRITTEN / f"{name}.toml").read_text(encoding="utf-8"))
     family = FAMILY.fullmatch(name)
-    if name not in SINGLE and (family is None or int(family[2]) > LARGEST):
+    if family is None or int(family[2]) > LARGEST:
         return None
-    function = resolve_name(f"{GENERATED}:{family[1] if family else name}")
-    document: dict[str, Any] = function(int(family[2])) if family else function()
+    document: dict[str, Any] = resolve_name(f"{GENERATED}:{family[1]}")(int(family[2]))
     return document
 
 
@@ -104,29 +107,8 @@ def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
     return parse_toml(path.read_text(encoding="utf-8"), Decimal) if path.exists() else document
 
 
-def load_document(
-    document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
-) -> Mechanism:
-    """As `load`, for a document that is already parsed."""
-    return _place_links(document, scenario, source, sha256, stem, assemble)
-
-
-def load_sketched(
-    document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
-) -> Mechanism:
-    """As `load_document`, but at rest where the sketch has it, whatever the scenario holds: that may be too little for a start."""
-    return _place_links(document, scenario, source, sha256, stem, _at_rest(sketch_from))
-
-
-def load_drawn(
-    document: dict[str, Any], scenario: str | None = None, source: str = "<document>", sha256: str = "", stem: str | None = None
-) -> Mechanism:
-    """As `load_sketched`, but with q0 as the sketch has it and the joints left open: for those who ask why they do not close."""
-    return _place_links(document, scenario, source, sha256, stem, _at_rest(sketch))
-
-
-def _at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Callable[[Mechanism, dict[str, Any]], Mechanism]:
-    """A start at rest at the positions q (n,) of a mechanism and its document."""
+def at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Place:
+    """A start at rest at the positions q (n,) of a mechanism and its document, whatever the scenario holds."""
 
     def placed(mechanism: Mechanism, merged: dict[str, Any]) -> Mechanism:
         q = where(mechanism, merged)
@@ -135,20 +117,28 @@ def _at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Callable[[M
     return placed
 
 
-def _place_links(
+sketched = at_rest(sketch_from)  # with the joints closed: that may be too little for a start
+drawn = at_rest(sketch)  # with the joints left open: for those who ask why they do not close
+
+
+def load_document(
     document: dict[str, Any],
-    scenario: str | None,
-    source: str,
-    sha256: str,
-    stem: str | None,
-    place: Callable[[Mechanism, dict[str, Any]], Mechanism],
+    scenario: str | None = None,
+    source: str = "<document>",
+    sha256: str = "",
+    stem: str | None = None,
+    place: Place = assemble,
 ) -> Mechanism:
-    """The mechanism of a document, placed; what its numbers make of it is a fault too, and no warning of a library."""
+    """As `load`, for a document that is already parsed, placed by `assemble` or otherwise.
+
+    What its numbers make of it is a fault too, and no warning of a library.
+    """
+    scenario = chosen_scenario(document, scenario, source, stem)
+    merged = merge(document, document["scenarios"][scenario].get("override", {}))
     try:
         with np.errstate(all="ignore"):
-            mechanism, merged = _check(document, scenario, source, sha256, stem)
-            placed = place(mechanism, merged)
-    except AssemblyError as error:
+            placed = place(build_mechanism(merged, scenario, source, sha256), merged)
+    except (BuildError, AssemblyError) as error:
         raise LinkageError(source, [error.fault]) from error
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise LinkageError(source, [Fault("", f"its numbers cannot be computed with ({in_a_sentence(error)})")]) from error
@@ -163,10 +153,7 @@ def chosen_scenario(document: dict[str, Any], scenario: str | None, source: str,
     Raises:
         LinkageError: the document has faults, or no such scenario.
     """
-    if beyond := limit_faults(document):
-        raise LinkageError(source, beyond)
-    faults = document_faults(document, stem)
-    if faults:
+    if faults := limit_faults(document) or document_faults(document, stem):
         raise LinkageError(source, faults)
     scenarios = document["scenarios"]
     if scenario is None:
@@ -181,18 +168,6 @@ def of_one_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any]:
     own = document["scenarios"][scenario]
     merged = merge(document, own.get("override", {}))
     return merged | {"scenarios": {scenario: {key: value for key, value in own.items() if key != "override"}}}
-
-
-def _check(
-    document: dict[str, Any], scenario: str | None, source: str, sha256: str, stem: str | None
-) -> tuple[Mechanism, dict[str, Any]]:
-    """The mechanism, not yet assembled, and the document with the scenario's override in place."""
-    scenario = chosen_scenario(document, scenario, source, stem)
-    merged = merge(document, document["scenarios"][scenario].get("override", {}))
-    try:
-        return build_mechanism(merged, scenario, source, sha256), merged
-    except BuildError as error:
-        raise LinkageError(source, [error.fault]) from error
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:
@@ -281,13 +256,7 @@ def override_faults(document: dict[str, Any], override: dict[str, Any], path: st
 def merge(document: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]:
     """A copy of the document with an override's leaves put in their places."""
     merged = copy.deepcopy(document)
-
-    def put(existing: dict[str, Any], change: dict[str, Any]) -> None:
-        for key, value in change.items():
-            if isinstance(value, dict) and isinstance(existing.get(key), dict):
-                put(existing[key], value)
-            else:
-                existing[key] = copy.deepcopy(value)
-
-    put(merged, override)
+    for key, value in override.items():
+        inner = merged.get(key)
+        merged[key] = merge(inner, value) if isinstance(value, dict) and isinstance(inner, dict) else copy.deepcopy(value)
     return merged

@@ -1,7 +1,7 @@
 """Checks that the schema cannot make: names that must resolve, points that must be determined, keys that belong together.
 
 Works on a document in which the schema has put None for every value that it refused: what is None is passed over, so that all
-faults of a file come at once. Places are told as `scenarios.*.hold[*]`: any key, any entry of a list; `~` stands for the keys.
+faults of a file come at once. `grammar.toml` has what can be told of names by their places.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,55 +10,13 @@ from typing import Any
 
 from gauss_bench.linkage.bodies import BARREL, ROD, write_out
 from gauss_bench.linkage.errors import Fault
+from gauss_bench.linkage.limits import follow
+from gauss_bench.linkage.schema import GRAMMAR
 
 Document = dict[str, Any]
 Place = tuple[str, Any]  # path, value
 
 RADIAN_PAIRS = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank")
-DRIVERS = ("scenarios.*.driver", "scenarios.*.drivers[*]")
-COORDINATES = ("measure", *DRIVERS)  # tables that name one coordinate
-WITH_ANGLES = (*COORDINATES, "forces.*.over_time", "joints.*", "welds.*", "constraints.*", "forces.*", "scenarios.*.start")
-NAMED = {  # where names stand -> what they must be; "own" of links and points: not of the ground
-    "joints.*.at[*]": "point",
-    "joints.*.guide": "point",
-    "joints.*.block": "point",
-    "constraints.*.point": "own point",
-    "constraints.*.links[*]": "link",
-    "constraints.*.joint": "joint",
-    "forces.*.link": "link",
-    "forces.*.reaction": "link",
-    "forces.*.origin": "point",
-    "forces.*.between[*]": "point",
-    "forces.*.links[*]": "link",
-    "forces.*.joint": "joint",
-    "welds.*.points[*][*]": "point",
-    "assembly.angles.~": "own link",
-    "assembly.angles_deg.~": "own link",
-    "observe.points[*]": "point",
-    "observe.links[*]": "own link",
-    "measure.point": "own point",
-    "scenarios.*.forces[*]": "force",
-    "scenarios.*.start.angles.~": "own link",
-    "scenarios.*.start.angles_deg.~": "own link",
-    "scenarios.*.start.slides.~": "start slide",
-    "scenarios.*.start.points.~": "own point",
-    "scenarios.*.hold[*]": "link or joint",
-    **{f"{table}.link": "own link" for table in COORDINATES},
-    **{f"{table}.joint": "slide" for table in COORDINATES},
-    **{f"{table}.between[*]": "point" for table in COORDINATES},
-}
-APART = (  # lists whose entries must be, or be on, links that differ
-    "joints.*.at",
-    "forces.*.between",
-    "forces.*.links",
-    *(f"{table}.between" for table in COORDINATES),
-)
-TWICE = (  # tables, a key, and what it may not be given together with
-    ("links.*", "kg_per_m", "mass"),
-    ("welds.*", "origin", "points"),
-    ("scenarios.*", "drivers", "driver"),
-    *((table, key, f"{key}_deg") for table in WITH_ANGLES for key in RADIAN_PAIRS),
-)
 
 
 def table(value: Any, key: str) -> dict[str, Any]:
@@ -119,7 +77,7 @@ class Names:
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
-        """Take a name for one of a kind of NAMED, or note the fault."""
+        """Take a name for one of a kind of `grammar.toml`, or note the fault."""
         known = {"link": {**self.links, "ground": None}, "own link": self.links, "force": self.forces}
         if kind in ("point", "own point"):
             self.point(path, name, ground=kind == "point")
@@ -170,13 +128,15 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         names.fault("name", f"{document['name']!r} differs from the file's name {stem!r}")
     if "ground" in names.links:
         names.fault("links.ground", "'ground' is a reserved name")
-    for pattern, kind in NAMED.items():
+    for pattern, kind in GRAMMAR["named"].items():
         for path, name in places(document, pattern):
             names.check(path, name, kind)
-    for pattern in APART:
+    for pattern in GRAMMAR["lists"]["apart"]:
         for path, references in places(document, pattern):
             names.different_links(path, references)
-    for pattern, key, other in TWICE:
+    together = [(x["table"], x["key"], x["other"]) for x in GRAMMAR["together"]]
+    together += [(pattern, key, f"{key}_deg") for pattern in GRAMMAR["tables"]["angles"] for key in RADIAN_PAIRS]
+    for pattern, key, other in together:
         for path, entry in places(document, pattern):
             if key in entry and other in entry:
                 names.fault(f"{path}.{key}", f"given together with {other}")
@@ -226,19 +186,8 @@ def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
         base = value.get("from")
         if base is not None and base not in points:
             names.fault(f"{path}.{key}.from", f"unknown point {base!r}")
-        elif _is_circular(points, key):
+        elif follow(points, key)[1] == key:
             names.fault(f"{path}.{key}.from", "circular: the point refers to itself")
-
-
-def _is_circular(points: dict[str, Any], key: str) -> bool:
-    seen: set[str] = set()
-    current: Any = key
-    while isinstance(current, str) and isinstance(points.get(current), dict):
-        if current in seen:
-            return current == key
-        seen.add(current)
-        current = points[current].get("from")
-    return False
 
 
 def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
@@ -412,6 +361,6 @@ CHECKS: dict[str, Callable[[Names, str, Any], None]] = {
     "measure": _check_measure,
     "scenarios.*": _check_scenario,
     "scenarios.*.start": _check_start,
-    **dict.fromkeys(DRIVERS, _check_driver),
-    **{f"{driver}.rows": _check_rows for driver in DRIVERS},
+    **dict.fromkeys(GRAMMAR["tables"]["driver"], _check_driver),
+    **{f"{driver}.rows": _check_rows for driver in GRAMMAR["tables"]["driver"]},
 }

@@ -9,10 +9,12 @@ Names that refer to each other, and everything geometric, are checked in `refere
 import copy
 import hashlib
 import json
+import tomllib
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
 from functools import reduce
 from operator import or_
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
@@ -31,6 +33,7 @@ from gauss_bench.mechanism.model import (
 
 FORMAT = "planar-linkage/1"
 SECOND = "planar-linkage/2"
+GRAMMAR = tomllib.loads(Path(__file__).with_name("grammar.toml").read_text(encoding="utf-8"))
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
@@ -61,8 +64,9 @@ class Table(BaseModel):
     @classmethod
     def __pydantic_init_subclass__(cls, physics: str = "", other: str = "", second: str = "", **more: Any) -> None:
         super().__pydantic_init_subclass__(**more)
-        cls.physics, cls.other = cls.physics | {*physics.split()}, cls.other | {*other.split()}
-        cls.second = cls.second | {*second.split()}
+        for kind, keys_of_it in (("physics", physics), ("other", other), ("second", second)):
+            inherited: list[frozenset[str]] = [getattr(base, kind, frozenset()) for base in cls.__bases__]
+            setattr(cls, kind, frozenset(keys_of_it.split()).union(*inherited))
         keys = {field.alias or name for name, field in cls.model_fields.items()}
         wrong = (cls.physics & cls.other) | (keys ^ (cls.physics | cls.other))
         if wrong:
@@ -108,12 +112,15 @@ class LinkTable(Table, physics="points bars kg_per_m mass com inertia point_mass
     point_masses: list[PointMassTable] = []
 
 
-class WeldTable(Table, physics="link to origin angle_deg angle points"):
+class AngledTable(Table, physics="angle_deg angle"):
+    angle_deg: Number | None = None
+    angle: Number | None = None
+
+
+class WeldTable(AngledTable, physics="link to origin points"):
     link: Text
     to: Text
     origin: Pair | None = None
-    angle_deg: Number | None = None
-    angle: Number | None = None
     points: Annotated[list[Couple], Field(min_length=1, max_length=2)] | None = None
 
 
@@ -136,23 +143,19 @@ class RevoluteTable(Table, physics="type at"):
     at: Annotated[list[Text], Field(min_length=2)]
 
 
-class PrismaticTable(Table, physics="type guide block angle_deg angle block_angle_deg block_angle offset"):
+class PrismaticTable(AngledTable, physics="type guide block block_angle_deg block_angle offset"):
     type: Literal["prismatic"]
     guide: Text
     block: Text
-    angle_deg: Number | None = None
-    angle: Number | None = None
     block_angle_deg: Number | None = None
     block_angle: Number | None = None
     offset: Number = 0.0
 
 
-class KnifeEdgeTable(Table, physics="type point angle_deg angle"):
+class KnifeEdgeTable(AngledTable, physics="type point"):
     read: ClassVar = KnifeEdge.read
     type: Literal["knife_edge"]
     point: Text
-    angle_deg: Number | None = None
-    angle: Number | None = None
 
 
 class TableOverTime(Table, physics="law rows"):
@@ -207,25 +210,23 @@ class ForceTable(VaryingTable, physics="type point value frame"):
     frame: Text = "ground"
 
 
-class SpringDamperTable(Table, physics="type between k c rest"):
-    read: ClassVar = SpringDamper.read
-    type: Literal["spring_damper"]
-    between: Couple
+class LinearTable(Table, physics="k c rest"):
     k: Number = 0.0
     c: Number = 0.0
     rest: Number = 0.0
 
 
-class AxisSpringDamperTable(Table, physics="type point origin angle_deg angle k c rest"):
+class SpringDamperTable(LinearTable, physics="type between"):
+    read: ClassVar = SpringDamper.read
+    type: Literal["spring_damper"]
+    between: Couple
+
+
+class AxisSpringDamperTable(AngledTable, LinearTable, physics="type point origin"):
     read: ClassVar = AxisSpringDamper.read
     type: Literal["axis_spring_damper"]
     point: Text
     origin: Text | None = None
-    angle_deg: Number | None = None
-    angle: Number | None = None
-    k: Number = 0.0
-    c: Number = 0.0
-    rest: Number = 0.0
 
 
 class RotationalSpringDamperTable(Table, physics="type links k c rest_deg rest"):
@@ -369,24 +370,6 @@ class LinkageTable(
     scenarios: Annotated[dict[Name, ScenarioTable], Field(min_length=1)]
 
 
-TEXTS = {
-    "extra_forbidden": "unknown key",
-    "missing": "required",
-    "greater_than": "must be positive",
-    "greater_than_equal": "must not be negative",
-    "finite_number": "must be a finite number",
-    "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "string_type": "must be text",
-    "list_type": "must be a list",
-    "dict_type": "must be a table",
-    "model_type": "must be a table",
-    "model_attributes_type": "must be a table",
-    "union_tag_not_found": "must be a table",
-    "string_pattern_mismatch": "names have letters, digits and underscores only",
-}
-
-
 def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
     """Every fault of keys and values, by its dotted path, and the document with None for every value that is refused.
 
@@ -461,7 +444,7 @@ def _text(error: dict[str, Any]) -> str:
         count = context.get("min_length", context.get("max_length"))
         return f"must have {'' if exact else 'at least ' if kind == 'too_short' else 'at most '}{count} entries"
     message: str = error["msg"]
-    return TEXTS.get(kind, message[0].lower() + message[1:])
+    return str(GRAMMAR["words"].get(kind, message[0].lower() + message[1:]))
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gauss_bench.linkage import generate
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.linkage.load import decimal_document, load
+from gauss_bench.linkage.load import decimal_document, document_of, load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.motion import Motion
 
@@ -97,12 +97,19 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
     return stack_bodies(instants)
 
 
+def start_of(name: str) -> dict[str, Any]:
+    """The start of a generated linkage's only scenario."""
+    (scenario,) = document_of(name)[0]["scenarios"].values()
+    start: dict[str, Any] = scenario["start"]
+    return start
+
+
 def _pendulum(name: str, t: list[Any]) -> States:
     """A uniform bar let go at rest at the angle A from hanging: sin(phi / 2) = sin(A / 2) cd(w0 t), w0^2 = 3 g / (2 l)."""
     import mpmath
 
     length, gravity = mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
-    reach = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(generate.RELEASE)))
+    reach = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(start_of(name)["crank_deg"])))
     w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(reach / 2)
     instants = []
     for x in t:
@@ -118,8 +125,8 @@ def _projectile(name: str, t: list[Any]) -> States:
     """A free body: its centre of mass on a parabola, its spin constant."""
     import mpmath
 
-    gravity, spin = mpmath.mpf("9.81"), mpmath.mpf(str(generate.SPIN))
-    vx, vy = (mpmath.mpf(str(x)) for x in generate.THROW)
+    gravity, start = mpmath.mpf("9.81"), start_of(name)
+    spin, vx, vy = (mpmath.mpf(str(x)) for x in (start["speeds"]["bar"], *start["point_velocities"]["bar.M"]))
     places = [
         [mpmath.mpc(vx * x, vy * x - gravity * x**2 / 2), mpmath.mpc(vx, vy - gravity * x), mpmath.mpc(0, -gravity)] for x in t
     ]

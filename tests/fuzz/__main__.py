@@ -32,17 +32,23 @@ BATCH = 500  # files that lie in the folder at a time
 OFTEN = 30.0  # [s] between words on how far it is
 
 
+COUNTS = {
+    "files": (2000, "damaged linkage files"),
+    "lists": (500, "lists of arguments"),
+    "stored": (200, "damaged files of runs and sweeps"),
+    "motions": (200, "runs held against other mechanics"),
+    "kills": (10, "kills of runs and sweeps"),
+    "calls": (500, "calls of simulate in one process"),
+    "properties": (300, "linkages for each property"),
+    "judged": (60, "motions with one thing wrong, judged"),
+    "sound": (20, "sound motions of the gate, to be ok"),
+}
+
+
 def main() -> int:
     options = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    options.add_argument("--files", type=int, default=2000, metavar="N", help="damaged linkage files (default 2000)")
-    options.add_argument("--lists", type=int, default=500, metavar="N", help="lists of arguments (default 500)")
-    options.add_argument("--stored", type=int, default=200, metavar="N", help="damaged files of runs and sweeps (default 200)")
-    options.add_argument("--motions", type=int, default=200, metavar="N", help="runs held against other mechanics (default 200)")
-    options.add_argument("--kills", type=int, default=10, metavar="N", help="kills of runs and sweeps (default 10)")
-    options.add_argument("--calls", type=int, default=500, metavar="N", help="calls of simulate in one process (default 500)")
-    options.add_argument("--properties", type=int, default=300, metavar="N", help="linkages for each property (default 300)")
-    options.add_argument("--judged", type=int, default=60, metavar="N", help="motions with one thing wrong, judged (default 60)")
-    options.add_argument("--sound", type=int, default=20, metavar="N", help="sound motions of the gate, to be ok (default 20)")
+    for name, (usual, what) in COUNTS.items():
+        options.add_argument(f"--{name}", type=int, default=usual, metavar="N", help=f"{what} (default {usual})")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file, list and what was stored")
     options.add_argument("--late", type=float, default=LATE, metavar="S", help="processor time until a refusal must be there")
