@@ -33,8 +33,6 @@ STILL = {
     "api/history.py": 2,
     "api/simulate.py": 1,
     "atlas/families.py": 4,
-    "bench/agreement.py": 1,
-    "bench/poses.py": 3,
     "compiler/closure.py": 2,
     "compiler/elimination/loop_program.py": 2,
     "compiler/elimination/partition.py": 4,
