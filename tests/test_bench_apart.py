@@ -11,14 +11,11 @@ import pytest
 
 import gauss_bench
 from gauss_bench.bench.measure import acceleration_errors
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.interpreted import Interpreted
-from gauss_bench.linkage.load import load
 from gauss_bench.reference.build import TrueStates
 from gauss_bench.runs.apart import outcome_of
-from gauss_bench.runs.one_run import one_run, receive, sampling
+from gauss_bench.runs.one_run import receive, sampling
 from gauss_bench.runs.worker import NoAnswer, pack_answer, unpack_answer
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import Status
 from tests.conftest import needs
 
 PLUGIN = '''
@@ -134,15 +131,6 @@ def mark(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["judges", "pickles"])
-def test_simulate_judges_on_this_side(name: str, mark: Path) -> None:
-    found = gauss_bench.simulate("four_bar", name, at=[0.1], step=1e-2, limit=60.0)
-    assert found.status is EXPECTED[name], found.message
-    assert not found.valid
-    assert not mark.exists()
-
-
-@pytest.mark.slow
 def test_rows_are_judged_on_this_side_and_others_keep_their_judge(mark: Path) -> None:
     rows = gauss_bench.compare("four_bar", [*NAMES, "lagrange"], steps=(1e-2,), t_end=0.1, jobs=1).set_index("engine")
     assert rows["status"].to_dict() == {k: str(x) for k, x in EXPECTED.items()} | {"lagrange": "ok"}
@@ -213,20 +201,15 @@ def sent(**fields: Any) -> dict[str, Any]:
     [
         ({}, Status.OK),
         ({"q": np.zeros((6, 8))}, Status.INCOMPLETE),
-        ({"q": np.zeros((6, 9, 1))}, Status.INCOMPLETE),
         ({"v": np.zeros(54)}, Status.INCOMPLETE),
         ({"a": [[0.0] * 9] * 6}, Status.INCOMPLETE),
-        ({"t": np.zeros(6)}, Status.INCOMPLETE),
         ({"t": np.zeros(0), "q": np.zeros((0, 9)), "v": np.zeros((0, 9)), "a": np.zeros((0, 9))}, Status.INCOMPLETE),
         ({"q": np.full((6, 9), np.nan)}, Status.NAN),
         ({"v": np.full((6, 9), 1e200)}, Status.NAN),
         ({"steps": "many"}, Status.INCOMPLETE),
-        ({"steps": -1}, Status.INCOMPLETE),
         ({"steps": 10**400}, Status.INCOMPLETE),
         ({"trajectory": None}, Status.INCOMPLETE),
-        ({"trajectory": "a good one"}, Status.INCOMPLETE),
         ({"status": "splendid"}, Status.ERROR),
-        ({"status": None}, Status.ERROR),
         ({"message": 7}, Status.ERROR),
         ({"status": "nan"}, Status.NAN),
     ],
@@ -237,9 +220,9 @@ def test_an_answer_is_taken_for_no_more_than_it_is(fields: dict[str, Any], statu
     assert (run.trajectory is not None) is (status is Status.OK)
 
 
-@pytest.mark.parametrize("item", [None, 7, "ok", [], {}, {"status": "ok"}])
-def test_what_is_no_run_is_an_error(item: object) -> None:
-    assert receive(outcome_of(item), TIMES, 9).status in (Status.ERROR, Status.INCOMPLETE)
+def test_what_is_no_run_is_an_error() -> None:
+    for item in (None, 7, "ok", [], {}, {"status": "ok"}):
+        assert receive(outcome_of(item), TIMES, 9).status in (Status.ERROR, Status.INCOMPLETE)
 
 
 def test_accelerations_of_other_states_are_no_numbers() -> None:
@@ -247,62 +230,6 @@ def test_accelerations_of_other_states_are_no_numbers() -> None:
     assert acceleration_errors(states.a, states)["acceleration_error_median"] == 0.0
     for wrong in (None, np.ones((2, 9)), np.ones(27), "none", np.array(1.0)):
         assert np.isnan(acceleration_errors(wrong, states)["acceleration_error_median"])
-
-
-class Stops(Interpreted):
-    """Fails after three of six samples, in the way that is asked for."""
-
-    def __init__(self, how: str):
-        super().__init__("gauss")
-        self.how = how
-
-    def build(self, mechanism: Any, choice: Choice) -> Any:
-        model = super().build(mechanism, choice)
-        run, read = model.run, model.read
-
-        def spoilt() -> Trajectory:
-            x = read()
-            q = np.where(np.arange(len(x.t))[:, None] < 3, x.q, np.nan)
-            return Trajectory(x.t, q, x.v, x.a, x.steps)
-
-        def raising() -> None:
-            run()
-            raise RunFailure(Status.NOT_CONVERGED, "no further")
-
-        def short() -> Trajectory:
-            x = read()
-            return Trajectory(x.t[:3], x.q[:3], x.v[:3], x.a[:3], x.steps)
-
-        def carrying() -> Trajectory:
-            raise RunFailure(Status.NOT_CONVERGED, "no further", short())
-
-        match self.how:
-            case "not a number":
-                model.read = spoilt
-            case "run raises":
-                model.run, model.read = raising, spoilt
-            case "read raises":
-                model.read = carrying
-            case "short":
-                model.read = short
-        return model
-
-
-@pytest.mark.parametrize(
-    ("how", "status"),
-    [
-        ("not a number", Status.NAN),
-        ("run raises", Status.NOT_CONVERGED),
-        ("read raises", Status.NOT_CONVERGED),
-        ("short", Status.INCOMPLETE),
-    ],
-)
-def test_a_run_that_fails_keeps_what_it_reached(how: str, status: Status) -> None:
-    run = one_run(Stops(how), load("four_bar"), Choice(integrator="rk4", step=1e-2), TIMES)
-    assert run.status is status
-    assert run.trajectory is None
-    assert run.reached is not None
-    np.testing.assert_array_equal(run.reached.t, TIMES.times[:3])
 
 
 @pytest.mark.parametrize("engine", ["gauss", "pinocchio", "exudyn"])

@@ -34,31 +34,16 @@ def changed(found: pd.DataFrame, metric: str, factor: float) -> pd.DataFrame:
     return worse
 
 
-@pytest.mark.long
-def test_the_same_figures_pass(found: pd.DataFrame, baseline: Path) -> None:
-    verdicts = compare(found, read_baseline(baseline))
-    assert {v.outcome for v in verdicts} == {"ok"}
-    assert len(verdicts) > 10
-
-
-@pytest.mark.slow("measured_error_t1")
-@pytest.mark.parametrize("metric", ["measured_error_t1", "position_error", "velocity_error", "position_drift", "energy_error"])
-def test_a_worse_figure_fails_and_a_better_one_is_told(metric: str, found: pd.DataFrame, baseline: Path) -> None:
+@pytest.mark.slow
+def test_a_worse_figure_fails_and_a_better_one_is_told(found: pd.DataFrame, baseline: Path) -> None:
+    metric = "measured_error_t1"
+    assert {v.outcome for v in compare(found, read_baseline(baseline))} == {"ok"}
     worse = list(failures(compare(changed(found, metric, 3.0), read_baseline(baseline))))
     assert {v.metric for v in worse} == {metric}
     assert "four_bar torque gauss" in str(worse[0])
     better = compare(changed(found, metric, 0.3), read_baseline(baseline))
     assert "better" in {v.outcome for v in better}
     assert not list(failures(better))
-
-
-def test_a_truth_that_moves_fails(found: pd.DataFrame, baseline: Path) -> None:
-    moved = list(failures(compare(changed(found, "measured_t1", 1 + 1e-7), read_baseline(baseline))))
-    assert [v.metric for v in moved] == ["measured_t1"]
-
-
-def test_a_missing_case_fails(found: pd.DataFrame, baseline: Path) -> None:
-    assert list(failures(compare(found[found["step"] != 1e-2], read_baseline(baseline))))
 
 
 def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found: pd.DataFrame, baseline: Path) -> None:
@@ -127,6 +112,9 @@ def test_a_case_that_did_not_end_well_is_not_accepted(status: str, tmp_path: Pat
     path = tmp_path / "baseline.csv"
     accept(ended("ok"), path, "first")
     before = path.read_bytes()
+    verdict, *_ = failures(compare(ended(status, "the engine's own words"), read_baseline(path)))
+    said = f"fail: four_bar torque gauss default rk4 none 0.001 1: the engine's own words: status = {status}, limit ok"
+    assert str(verdict).startswith(said)
     changed, refused = accept(ended(status, "the engine's own words"), path, "later")
     assert changed == 0
     assert "the engine's own words" in refused[0]
@@ -135,22 +123,10 @@ def test_a_case_that_did_not_end_well_is_not_accepted(status: str, tmp_path: Pat
     _, refused = accept(pd.concat([ended("ok"), new]), path, "later")
     assert len(refused) == 1
     assert set(read_baseline(path)["engine"]) == {"gauss"}
-
-
-def test_a_failure_that_is_known_stays_known(tmp_path: Path) -> None:
-    path = tmp_path / "baseline.csv"
-    accept(ended("nan"), path, "a first baseline takes failures for what they are")
-    assert accept(ended("nan"), path, "later") == (0, [])
-    assert [v.outcome for v in compare(ended("nan"), read_baseline(path))] == ["ok"]
-
-
-def test_a_failure_says_first_what_the_engine_said(tmp_path: Path) -> None:
-    path = tmp_path / "baseline.csv"
-    accept(ended("ok"), path, "first")
-    (verdict,) = failures(compare(ended("nan", "not finite at t = 0.3 s"), read_baseline(path)))
-    case, _, rest = str(verdict).removeprefix("fail: ").partition(": ")
-    assert case == "four_bar torque gauss default rk4 none 0.001 1"
-    assert rest.startswith("not finite at t = 0.3 s: status = nan, limit ok")
+    first = tmp_path / "first.csv"  # which takes failures of mathematics, not of processes, for what they are
+    accept(ended(status), first, "first")
+    found = [v.outcome for v in compare(ended(status), read_baseline(first))]
+    assert found == (["fail"] if status in gate.BROKEN else ["ok"])
 
 
 def test_the_hint_repeats_what_was_asked_for(

@@ -15,7 +15,7 @@ from gauss_bench.bench.measurements.claim import verdict
 from gauss_bench.bench.measurements.growth import exponents, over_races
 from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import CHAINS, chain_text
-from gauss_bench.bench.measurements.steps import step_rows
+from gauss_bench.bench.measurements.rivals import step_rows
 from gauss_bench.bench.runner import run
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice

@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from gauss_bench.bench.clock import Block, lasting
-from gauss_bench.bench.survived import list_survivors, race_survivors, watching
+from gauss_bench.bench.survived import list_survivors, race_here, race_survivors
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 from tests.plugin import installed
@@ -23,40 +23,19 @@ class Entry(NamedTuple):
     engine: str
 
 
-def race_of(engines: Sequence[str], path: str) -> dict[str, list[dict[str, str]]]:
-    """A race in which some come to grief."""
-    watch, rows = watching(path), []
-    for engine in engines:
-        watch(Entry(engine))
-        if engine == "aborts":
-            os.abort()
-        if engine == "hangs":
-            time.sleep(60)
-        if engine == "raises":
-            raise ValueError("no")
-        rows.append({"engine": engine})
-    return {"samples": rows}
+def hang() -> None:
+    time.sleep(60)
 
 
-@pytest.mark.slow
-def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
-    tables, lost = list_survivors(race_of, (), ["first", "aborts", "second", "hangs", "third"], limit=4.0)
-    assert tables == {"samples": [{"engine": x} for x in ("first", "second", "third")]}
-    assert {x: y.status for x, y in lost.items()} == {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT}
-    assert "SIGABRT" in str(lost["aborts"])
-    assert "while this one was at work" in str(lost["aborts"])
-
-
-def test_what_a_race_raises_of_itself_is_no_engines_fault() -> None:
-    with pytest.raises(WorkerFailure, match="no") as raised:
-        list_survivors(race_of, (), ["first", "raises"])
-    assert raised.value.status is Status.ERROR
+def fail() -> None:
+    raise ValueError("no")
 
 
 def entries() -> Iterator[tuple[Entry, Callable[[], Block]]]:
-    """One that can be timed, one that aborts while it is built, and one that aborts after the race."""
-    for name, make, facts in (("first", int, dict), ("early", os.abort, dict), ("late", int, os.abort)):
-        yield Entry(name), partial(made, make, facts)
+    """Some that come to grief while they are built, or after the race."""
+    troubles = {"aborts": os.abort, "hangs": hang, "raises": fail}
+    for name in ("first", "aborts", "hangs", "late", "raises"):
+        yield Entry(name), partial(made, troubles.get(name, int), os.abort if name == "late" else dict)
 
 
 def made(make: Callable[[], object], facts: Callable[[], Any]) -> Block:
@@ -64,10 +43,20 @@ def made(make: Callable[[], object], facts: Callable[[], Any]) -> Block:
     return replace(lasting(None, int), facts=facts)
 
 
-def test_who_aborts_before_a_race_or_after_it_is_told_at_each_of_its_entries() -> None:
-    rows = race_survivors(entries, (), 2, ["first", "early", "late"])
-    assert [(r["engine"], r["round"]) for r in rows if "seconds" in r] == [("first", 0), ("first", 1)]
-    assert [(r["engine"], r["status"]) for r in rows if "status" in r] == [("early", "crashed"), ("late", "crashed")]
+@pytest.mark.slow
+def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
+    rows, lost = list_survivors(race_here, (entries, (), 2), ["first", "aborts", "hangs", "late"], limit=4.0)
+    assert [(r["engine"], r["round"]) for r in rows] == [("first", 0), ("first", 1)]
+    expected = {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT, "late": Status.CRASHED}
+    assert {x: y.status for x, y in lost.items()} == expected
+    assert "SIGABRT" in str(lost["aborts"])
+    assert "while this one was at work" in str(lost["aborts"])
+
+
+def test_what_a_race_raises_of_itself_is_no_engines_fault() -> None:
+    with pytest.raises(WorkerFailure, match="no") as raised:
+        race_survivors(entries, (), 1, ["first", "raises"])
+    assert raised.value.status is Status.ERROR
 
 
 CODE = """

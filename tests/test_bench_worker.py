@@ -16,12 +16,18 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Status
 
 
-def test_a_worker_answers_and_runs_in_another_process() -> None:
+def test_a_worker_answers_and_every_task_finds_it_as_the_first_did() -> None:
+    """In a process of its own, with one thread of BLAS, in the same folder, whatever a task prints."""
     with Worker() as worker:
         assert worker.call(max, (3, 7), 20.0) == 7
         first = worker.call(os.getpid, (), 20.0)
         assert first != os.getpid()
         assert worker.call(os.getpid, (), 20.0) == first
+        assert worker.call(os.write, (1, b"noise\n"), 20.0) == 6
+        assert worker.call(print, ("more noise",), 20.0) is None
+        assert worker.call(os.getenv, ("OMP_NUM_THREADS",), 20.0) == "1"
+        worker.call(os.chdir, ("/",), 20.0)
+        assert worker.call(os.getcwd, (), 20.0) == os.getcwd()
 
 
 @pytest.mark.parametrize(
@@ -42,12 +48,6 @@ def test_a_death_is_typed_and_the_next_task_is_served(function: object, argument
         assert worker.call(max, (1, 2), 20.0) == 2
 
 
-def test_what_a_task_prints_does_not_spoil_its_answer() -> None:
-    with Worker() as worker:
-        assert worker.call(os.write, (1, b"noise\n"), 20.0) == 6
-        assert worker.call(print, ("more noise",), 20.0) is None
-
-
 DEAR = {"pydantic", "scipy", "tqdm", "networkx", "gauss_bench.linkage.load", "gauss_bench.bench.journal"}
 IMPORTED = "[*__import__('sys').modules]"  # a text: a function of this file would bring the file along
 
@@ -61,11 +61,6 @@ def test_the_process_of_an_engine_imports_nothing_that_reads_linkages_or_keeps_j
         found = {*worker.call(eval, (IMPORTED,), 20.0)}
     assert "gauss_bench.runs.apart" in found
     assert not found & DEAR
-
-
-def test_one_blas_thread() -> None:
-    with Worker() as worker:
-        assert worker.call(os.getenv, ("OMP_NUM_THREADS",), 20.0) == "1"
 
 
 def noise_and_death(words: str) -> None:
@@ -82,12 +77,6 @@ def test_last_words_are_of_this_task_on_one_line_and_short() -> None:
             worker.call(noise_and_death, ("\0and so on" * 1000,), 20.0)
         assert str(caught.value).isprintable()
         assert len(str(caught.value)) < 600
-
-
-def test_every_task_starts_in_the_same_folder() -> None:
-    with Worker() as worker:
-        worker.call(os.chdir, ("/",), 20.0)
-        assert worker.call(os.getcwd, (), 20.0) == os.getcwd()
 
 
 def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(

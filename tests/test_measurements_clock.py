@@ -22,7 +22,7 @@ from gauss_bench.bench.clock import (
     ratio,
     stepping,
 )
-from gauss_bench.bench.measurements import cold_builds, cost
+from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.bench.survived import race_here
 from gauss_bench.engines import get
@@ -117,7 +117,7 @@ def test_a_cold_build_is_that_of_the_first_step_with_nothing_stored_and_counts_c
     monkeypatch.setenv("XDG_CACHE_HOME", "what the user has")
     made = Compiles(clock)
     monkeypatch.setattr(type(get("mujoco")), "build", made.build)
-    found = cold_builds.cold("four_bar", "torque", "mujoco", Choice("default", "rk4", "none", 1e-4))
+    found = cost.cold("four_bar", "torque", "mujoco", Choice("default", "rk4", "none", 1e-4))
     assert 0.6 - 0.02 <= found["seconds"] < 1.0
     assert made.stores != ["what the user has"]
 

@@ -16,7 +16,7 @@ from gauss_bench.bench.measurements.growth import CONTENDERS, race_growth, right
 from gauss_bench.bench.measurements.limits import limit
 from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
-from gauss_bench.bench.measurements.right_hand_sides import rhs_rows
+from gauss_bench.bench.measurements.rivals import rhs_rows
 from gauss_bench.bench.measurements.turns import LEVELS, race_turns
 from gauss_bench.bench.runner import complete_rows
 from gauss_bench.bench.survived import ROOM, at_work, race_here
@@ -217,7 +217,7 @@ def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations
 def test_kinematics_tell_positions_per_second(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     """A position takes 50 ns: twenty million a second."""
     charge(monkeypatch, clock, Closure, "turn", lambda samples: samples * 50e-9)
-    own, plain, _ = race_turns("four_bar", "driven", TURNS, race_here)["kernel_kinematics"]
+    own, plain = race_turns("four_bar", "driven", TURNS, race_here)["kernel_kinematics"]
     assert own["seconds"] == pytest.approx(50e-9)
     assert own["rate"] == pytest.approx(20e6)
     assert own["met"] is True

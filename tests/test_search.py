@@ -2,7 +2,6 @@
 
 import json
 import math
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import search
-from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, pad, ratio, spread, time_of
+from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, ratio, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, over, race_found, requirements
@@ -25,7 +24,6 @@ from gauss_bench.bench.search import (
     tolerances,
     won,
 )
-from gauss_bench.bench.survived import ROOM
 from gauss_bench.bench.tasks import Tables
 from gauss_bench.bench.ways import BEATS, Way, evaluate_run, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
@@ -111,12 +109,12 @@ def test_a_requirement_is_met_within_a_half_even_by_few_steps(exact_from: float,
     assert ended == "every requirement is met"
 
 
-@pytest.mark.parametrize("budget", [1, 3, 7])
-def test_the_budget_counts_evaluations_and_is_never_exceeded(budget: int) -> None:
-    method = Method(3e3)
-    trials, ended = explore(method, equal_steps(1.0, 50, 10_000), [COARSE, FINE], budget)
-    assert len(method.asked) == len(trials) == budget
-    assert ended == ("every requirement is met" if budget == 7 else f"the budget of {budget} evaluations was spent")
+def test_the_budget_counts_evaluations_and_is_never_exceeded() -> None:
+    for budget in (1, 3, 7):
+        method = Method(3e3)
+        trials, ended = explore(method, equal_steps(1.0, 50, 10_000), [COARSE, FINE], budget)
+        assert len(method.asked) == len(trials) == budget
+        assert ended == ("every requirement is met" if budget == 7 else f"the budget of {budget} evaluations was spent")
 
 
 def test_what_cannot_get_there_is_given_up_with_its_reason() -> None:
@@ -162,20 +160,6 @@ def test_ties_go_to_the_first_and_the_faster_wins_beyond_the_spread() -> None:
     assert won({"slow": 1.5 + noise, "quick": 1.0 + noise}) == ("quick", ["quick"])
 
 
-def test_a_second_race_names_the_same_winner_or_one_that_tied() -> None:
-    """Two of a cost and one a tenth dearer, on a clock that scatters by 4 %, ten rounds a race: a hundred pairs of races."""
-    rng = np.random.default_rng(7)
-    true = {"first": 1.0, "second": 1.0, "dearer": 1.1}
-
-    def race_once() -> tuple[str, list[str]]:
-        return won({name: x * np.exp(0.04 * np.abs(rng.normal(size=10))) for name, x in true.items()})
-
-    pairs = [(race_once(), race_once()) for _ in range(100)]
-    assert all(one[0] in other[1] or other[0] in one[1] for one, other in pairs)
-    assert sum(one[0] == other[0] == "first" for one, other in pairs) >= 90
-    assert not any("dearer" in (one[0], other[0]) for one, other in pairs)
-
-
 def in_processes(**times: list[float]) -> dict[str, np.ndarray]:
     """Entries that take so long [s] in one process after the other, the same in every round; NaN where one does not run."""
     return {k: np.tile(np.array(x)[:, None], (1, 4)) for k, x in times.items()}
@@ -189,13 +173,7 @@ def test_a_spread_is_where_a_second_race_of_as_many_processes_falls() -> None:
     away = STUDENT * 0.1 * math.sqrt(math.pi / 3)
     assert foreseen(np.exp([-0.1, 0.0, 0.1])) == pytest.approx((math.exp(-away), math.exp(away)), rel=1e-4)
     assert foreseen(np.full(4, 2.5)) == pytest.approx((2.5, 2.5))
-
-
-def test_a_spread_holds_every_process() -> None:
-    """A hundred that agree and one that does not: by itself their scatter would leave it out."""
-    low, high = foreseen(np.array([1.0] * 100 + [9.0]))
-    assert low < 1.0
-    assert high == 9.0
+    assert foreseen(np.array([1.0] * 100 + [9.0]))[1] == 9.0  # a hundred that agree do not leave out one that does not
 
 
 def test_a_time_is_the_median_of_processes() -> None:
@@ -230,21 +208,12 @@ def test_rounds_stand_by_the_process_that_they_were_in() -> None:
     np.testing.assert_array_equal(found["b"], [[gap], [5.0], [gap]])
 
 
-def test_a_ratio_is_of_the_rounds_that_both_have() -> None:
-    """The slow one sits the last two rounds out, in which the other is three times as slow."""
-    slow = pad([np.array([8.0, 8.0]), np.array([8.0, 8.0])])
-    quick = pad([np.array([2.0, 2.0, 6.0, 6.0]), np.array([2.0, 2.0, 6.0, 6.0])])
-    assert ratio(slow, quick) == (4.0, 4.0, 4.0)
-
-
 def test_a_ratio_lies_within_its_spread() -> None:
     rng = np.random.default_rng(3)
-    for count in (2, 3, 4, 5):
-        for _ in range(50):
-            one, other = rng.uniform(0.5, 2.0, (2, count))
-            value, low, high = ratio(*in_processes(one=list(one), other=list(other)).values())
-            assert low <= value * (1 + 1e-12)
-            assert value <= high * (1 + 1e-12)
+    for count in (2, 3, 4, 5) * 20:
+        one, other = rng.uniform(0.5, 2.0, (2, count))
+        value, low, high = ratio(*in_processes(one=list(one), other=list(other)).values())
+        assert low * (1 - 1e-12) <= value <= high * (1 + 1e-12)
 
 
 def test_what_ran_in_no_process_has_its_reason() -> None:
@@ -262,26 +231,15 @@ def a_race(rng: np.random.Generator, processes: int, true: dict[str, float]) -> 
 
 
 def test_processes_tell_what_rounds_of_one_do_not() -> None:
-    """Of 300 second races 98 % and more lie in the spread of the first, of five processes or of nine; of one, less than half."""
+    """Of 150 second races 98 % and more lie in the spread of the first, of five processes; of one, less than half."""
     rng, true = np.random.default_rng(11), {"rival": 3.0, "own": 1.0}
 
     def inside(processes: int) -> float:
-        found = [ratio(*a_race(rng, processes, true).values()) for _ in range(600)]
+        found = [ratio(*a_race(rng, processes, true).values()) for _ in range(300)]
         return float(np.mean([first[1] <= second[0] <= first[2] for first, second in zip(found[::2], found[1::2], strict=True)]))
 
-    assert min(inside(5), inside(9)) >= 0.98
+    assert inside(5) >= 0.98
     assert inside(1) < 0.5
-
-
-def test_what_is_never_faster_in_any_process_does_not_tie() -> None:
-    """`second` is 1 % slower in every process, however those scatter; `third` twice as slow in all but one."""
-    scattered = [1.0, 1.3, 0.9, 1.1, 1.2]
-    races = in_processes(
-        third=[2.0, 2.6, 0.8, 2.2, 2.4], second=[1.01 * x for x in scattered], first=scattered, same=scattered[::-1]
-    )
-    assert won(races) == ("first", ["first", "same"])
-    assert won({k: races[k] for k in ("second", "first")}) == ("first", ["first"])
-    assert won({k: races[k] for k in ("same", "first")}) == ("same", ["same", "first"])
 
 
 def test_what_is_as_fast_in_a_quarter_of_the_processes_ties() -> None:
@@ -289,25 +247,9 @@ def test_what_is_as_fast_in_a_quarter_of_the_processes_ties() -> None:
     fastest = [1.0] * 5
     races = in_processes(luck=[0.9, 1.2, 1.2, 1.2, 1.2], often=[0.9, 0.9, 1.2, 1.2, 1.2], fastest=fastest)
     assert won(races) == ("often", ["often", "fastest"])
-
-
-def test_of_twenty_ways_nine_tenths_of_second_races_name_one_that_tied_and_none_that_takes_a_tenth_longer() -> None:
-    """Ten ways cost alike, the others 10 % more, where processes scatter by 3 %."""
-    rng = np.random.default_rng(5)
-    true = {f"alike {k}": 1.0 for k in range(10)} | {f"dear {k}": 1.1 for k in range(10)}
-
-    def one() -> tuple[str, list[str]]:
-        luck = 0.03 * rng.normal(size=(len(true), 9, 1))
-        return won({k: x * np.exp(luck[i] + np.zeros((9, 3))) for i, (k, x) in enumerate(true.items())})
-
-    pairs = [(one(), one()) for _ in range(100)]
-    assert not any(x.startswith("dear") for pair in pairs for x, _ in pair)
-    assert sum(first[0] in second[1] or second[0] in first[1] for first, second in pairs) >= 90
-
-
-def test_only_what_may_still_win_is_raced_in_further_processes() -> None:
-    assert close({"dear": 1.3, "near": 1.2, "fastest": 1.0}) == ["near", "fastest"]
-    assert close({}) == []
+    scattered = [1.0, 1.3, 0.9, 1.1, 1.2]
+    slower = in_processes(second=[1.01 * x for x in scattered], first=scattered, same=scattered[::-1])
+    assert won(slower) == ("first", ["first", "same"])  # a per cent slower in every process is no tie
 
 
 def test_only_what_is_near_the_cheapest_is_raced() -> None:
@@ -315,7 +257,8 @@ def test_only_what_is_near_the_cheapest_is_raced() -> None:
     assert finalists(costs) == ["near", "cheapest"]
     many = {str(k): 1.0 + 0.01 * k for k in range(20)}
     assert finalists(many) == [*many][: search.FINALISTS]
-    assert finalists({}) == []
+    assert finalists({}) == close({}) == []
+    assert close({"dear": 1.3, "near": 1.2, "fastest": 1.0}) == ["near", "fastest"]  # in further processes
 
 
 # Whole searches, with engines whose errors and costs are known
@@ -369,10 +312,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     def here(function: Callable[..., Tables], arguments: tuple[Any, ...], engines: Sequence[str]) -> tuple[Tables, dict[str, Any]]:
         asked.append(arguments[0].__name__)
         clock.slower = SLOWER if asked.count("race_entries") == 2 else 1.0
-        with tempfile.NamedTemporaryFile() as memory:
-            memory.write(bytes(ROOM))
-            memory.flush()
-            return json.loads(json.dumps(function(*arguments, tuple(engines), memory.name))), {}
+        return json.loads(json.dumps(function(*arguments, tuple(engines)))), {}
 
     monkeypatch.setattr(measured, "list_survivors", here)
 

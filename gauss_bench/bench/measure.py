@@ -1,6 +1,7 @@
 """One case becomes one row: run by the one recipe, in a process of its own where the engine is of others, and judged here."""
 
 import json
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -69,13 +70,14 @@ def measure(
     `alter` is applied to the mechanism the engine is given, never to the one it is judged by: a planted fault. An engine that has a
     process of its own is stopped after `limit` seconds.
     """
-    mechanism = mechanism_of(case.linkage, case.scenario)
-    none: dict[str, Any] = {"series": [], "poses": []}
-    row: dict[str, Any] = {"status": str(Status.OK), "message": "", "control": case.engine in CONTROLS}
-    offered = offer(case.engine)
-    row["in_python"] = in_python(case.engine, mechanism, case.choice)
+    mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
+    row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
+
+    def fail(status: Status, message: str) -> dict[str, Any]:
+        return {"row": row | {"status": str(status), "message": message}, "series": [], "poses": []}
+
     if not offered.usable:
-        return {"row": row | {"status": str(offered.status), "message": offered.reason}} | none
+        return fail(offered.status, offered.reason)
     states = states_of(case.linkage, case.scenario)
     wanted = sampling(case.step, case.t_end, reference_times(case.t_end), sample_spacing(mechanism, case.t_end))
     request = Request(case.linkage, case.scenario, case.engine, case.choice, wanted, alter=alter)
@@ -85,9 +87,9 @@ def measure(
     if states is not None and run.answer is not None:
         row |= acceleration_errors(run.answer, states)
     if run.trajectory is None:
-        return {"row": row | {"status": str(run.status), "message": run.message}} | none
+        return fail(run.status, run.message)
     truth = truth_of(case.linkage, case.scenario, case.t_end, store)
-    reference = None if isinstance(truth, str) else truth
+    reference, unknown = (None, f"no truth to compare with: {truth}") if isinstance(truth, str) else (truth, "")
     try:
         finer, untried, adaptive = None, "", case.integrator in offered.adaptive
         if not (reference and decides(reference, mechanism) and has_sound_rates(mechanism, run.trajectory)):
@@ -103,15 +105,13 @@ def measure(
             untried=untried,
         )
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        return {"row": row | {"status": str(Status.ERROR), "message": f"the run cannot be judged: {error}"}} | none
+        return fail(Status.ERROR, f"the run cannot be judged: {error}")
     verdict = judge(evidence)
-    unknown = f"no truth to compare with: {truth}" if isinstance(truth, str) else ""
-    note = "; ".join(filter(None, (run.message, unknown, untried, undecided, remark(evidence))))
-    row |= figures(mechanism, run.trajectory, evidence)
+    status = Status.OK if verdict.valid else Status.INVALID
+    row |= {"status": str(status), "message": verdict.sentence, "valid": verdict.valid, "flag": verdict.sentence}
+    row["note"] = "; ".join(filter(None, (run.message, unknown, untried, undecided, remark(evidence))))
     row |= {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
-    row |= {"note": note, "valid": verdict.valid, "flag": verdict.sentence}
-    if not verdict.valid:
-        row |= {"status": str(Status.INVALID), "message": verdict.sentence}
+    row |= figures(mechanism, run.trajectory, evidence)
     shown = poses(mechanism, run.trajectory, reference) if posed and reference is not None else []
     return {"row": row, "series": curves(run.trajectory, evidence), "poses": shown}
 
@@ -134,13 +134,11 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
 
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
     """Relative error at the same states: median and worst; NaN where what is given are no accelerations of them."""
-    try:
+    error = np.full(1, np.nan)
+    with suppress(TypeError, ValueError):
         a = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        a = np.zeros(0)
-    if a.shape != states.a.shape:
-        return dict.fromkeys(("acceleration_error_median", "acceleration_error_max"), float("nan"))
-    error = metrics.relative_acceleration_error(a, states.a)
+        if a.shape == states.a.shape:
+            error = metrics.relative_acceleration_error(a, states.a)
     return {"acceleration_error_median": float(np.median(error)), "acceleration_error_max": float(error.max())}
 
 
@@ -156,24 +154,25 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
     }
     if errors is None:
         return row
-    row |= {
-        "position_error": float(errors.position.max()),
-        "length_error": float(errors.length.max()),
-        "angle_error": float(errors.angle.max()),
-        "velocity_error": float(errors.velocity.max()),
-        "position_error_bar": float(errors.position_bar.max()),
-        "velocity_error_bar": float(errors.velocity_bar.max()),
-        "compared": len(errors.t),
-        "measured": mechanism.measured.name,
-        "measured_unit": mechanism.measured.unit,
-    }
-    for t in metrics.CHECKPOINTS:
-        at = np.flatnonzero(np.abs(errors.t - t) < 1e-9)
-        row[f"measured_error_t{t:g}".replace(".", "")] = float(errors.measured[at[0]]) if len(at) else np.nan
-        row[f"measured_error_bar_t{t:g}".replace(".", "")] = float(errors.position_bar[at[0]]) if len(at) else np.nan
+    for name in ("position", "length", "angle", "velocity"):
+        row[f"{name}_error"] = float(getattr(errors, name).max())
+    for name in ("position", "velocity"):
+        row[f"{name}_error_bar"] = float(getattr(errors, f"{name}_bar").max())
+    row |= {"compared": len(errors.t), "measured": mechanism.measured.name, "measured_unit": mechanism.measured.unit}
+    row |= at_checkpoints("measured_error", errors.t, errors.measured)
+    row |= at_checkpoints("measured_error_bar", errors.t, errors.position_bar)
     per_link = zip(mechanism.links, errors.position.max(axis=0), errors.velocity.max(axis=0), strict=True)
     row["link_errors"] = json.dumps({link.name: {"position": float(p), "velocity": float(v)} for link, p, v in per_link})
     return row
+
+
+def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
+    """The columns of values (k,) at those of the times t (k,) that tables have; NaN at those that are not reached."""
+    found = {}
+    for checkpoint in metrics.CHECKPOINTS:
+        at = np.flatnonzero(np.abs(t - checkpoint) < 1e-9)
+        found[f"{name}_t{checkpoint:g}".replace(".", "")] = float(values[at[0]]) if len(at) else np.nan
+    return found
 
 
 def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]:
@@ -183,7 +182,14 @@ def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]
         return []
     near = np.searchsorted(trajectory.t, errors.t - 1e-9)
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
-    apart = errors.length.max(axis=1), errors.angle.max(axis=1)
-    columns = (errors.t, errors.measured, *apart, drift.position[near], drift.velocity[near], evidence.energy[near])
-    names = ("t", "measured_error", "length_error", "angle_error", "position_drift", "velocity_drift", "energy_error")
-    return [dict(zip(names, map(float, point), strict=True)) for point in zip(*(c[shown] for c in columns), strict=True)]
+    columns = {
+        "t": errors.t,
+        "measured_error": errors.measured,
+        "length_error": errors.length.max(axis=1),
+        "angle_error": errors.angle.max(axis=1),
+        "position_drift": drift.position[near],
+        "velocity_drift": drift.velocity[near],
+        "energy_error": evidence.energy[near],
+    }
+    points = zip(*(x[shown].tolist() for x in columns.values()), strict=True)
+    return [dict(zip(columns, point, strict=True)) for point in points]

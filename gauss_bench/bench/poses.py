@@ -12,6 +12,7 @@ Each part keeps digits of its own: a gap of 1e-12 m is not lost beside a run tha
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from gauss_bench.bench.tasks import Rows
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.metrics import common_times
 from gauss_bench.runs.offers import offer
 from gauss_bench.tables import KEY
@@ -34,18 +36,11 @@ AXES = ("x", "y", "angle")
 
 def play(cases: Sequence[Case]) -> frozenset[Case]:
     """Of each linkage, engine and setting the case at the step nearest to STEP; no negative controls."""
-    nearest: dict[tuple[Any, ...], Case] = {}
-    for case in cases:
-        if case.engine in CONTROLS:
-            continue
-        key = (case.linkage, case.scenario, case.engine, case.settings, case.integrator, case.stabilization)
-        if key not in nearest or _far(case) < _far(nearest[key]):
-            nearest[key] = case
+    nearest: dict[Case, Case] = {}  # by the case at any step
+    for case in sorted(cases, key=lambda x: abs(np.log(x.step / STEP))):
+        if case.engine not in CONTROLS:
+            nearest.setdefault(replace(case, step=STEP), case)
     return frozenset(nearest.values())
-
-
-def _far(case: Case) -> float:
-    return abs(float(np.log(case.step / STEP)))
 
 
 def frames(truth: Reference) -> Array:
@@ -56,7 +51,7 @@ def frames(truth: Reference) -> Array:
 def wrap(q: Array) -> Array:
     """States or differences (..., n) with angles between -pi and pi."""
     q = q.copy()
-    q[..., 2::3] = (q[..., 2::3] + np.pi) % (2 * np.pi) - np.pi
+    angles(q)[...] = (angles(q) + np.pi) % (2 * np.pi) - np.pi
     return q
 
 
@@ -84,10 +79,11 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
 
 def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
     """One row a link: name of a part -> its coordinates (n,)."""
-    columns = {f"{axis}{part}": x[k::3] for part, x in parts.items() for k, axis in enumerate(AXES)}
-    return [
-        {"link": link.name, "t": t} | {name: float(x[i]) for name, x in columns.items()} for i, link in enumerate(mechanism.links)
-    ]
+    rows: Rows = [{"link": link.name, "t": t} for link in mechanism.links]
+    for part, x in parts.items():
+        for row, pose in zip(rows, bodies(x).tolist(), strict=True):
+            row |= zip([f"{axis}{part}" for axis in AXES], pose, strict=True)
+    return rows
 
 
 def keep(results: Rows, poses: Rows) -> Rows:
@@ -98,16 +94,16 @@ def keep(results: Rows, poses: Rows) -> Rows:
     """
     have = {_key(row) for row in poses}
     shown: set[tuple[Any, ...]] = set()
-    by_engine: dict[tuple[Any, ...], Rows] = {}
+    exact: dict[tuple[Any, ...], tuple[float, tuple[Any, ...]]] = {}  # of each linkage and engine: error and key
     for row in results:
-        if _key(row) in have:
-            by_engine.setdefault(_key(row)[:3], []).append(row)
-    for (*_, engine), rows in by_engine.items():
-        default = variants(offer(engine))[0]
-        exact = [r for r in rows if r["status"] == "ok"]
-        chosen = [r for r in rows if (r["settings"], r["integrator"], r["stabilization"]) == default]
-        chosen += [min(exact, key=lambda r: (r["position_error"], _key(r)))] if exact else []
-        shown |= {_key(r) for r in chosen}
+        key = _key(row)
+        if key not in have:
+            continue
+        if key[3:6] == variants(offer(row["engine"]))[0]:
+            shown.add(key)
+        if row["status"] == "ok":
+            exact[key[:3]] = min(exact.get(key[:3], (np.inf, ())), (row["position_error"], key))
+    shown |= {key for _, key in exact.values()}
     return [row for row in poses if _key(row) in shown]
 
 

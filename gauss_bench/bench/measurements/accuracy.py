@@ -8,11 +8,11 @@ import numpy as np
 
 from gauss_bench.bench.cases import Case, as_asked, cases
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.measure import measure, mechanism_of, reference_of
+from gauss_bench.bench.measure import at_checkpoints, measure, mechanism_of, reference_of
 from gauss_bench.bench.poses import keep, play, true_poses
-from gauss_bench.bench.tasks import Rows, Tables, Task
+from gauss_bench.bench.tasks import Rows, Tables, Task, place_of
 from gauss_bench.mechanism.coordinates import value
-from gauss_bench.metrics import CHECKPOINTS, observed_order
+from gauss_bench.metrics import observed_order
 from gauss_bench.runs.apart import Alteration
 from gauss_bench.runs.offers import is_isolated
 from gauss_bench.suites.schema import Suite
@@ -44,11 +44,8 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
     """The row of a reference in its table, and the file that it is kept in."""
     mechanism = mechanism_of(linkage, scenario)
     truth = reference_of(linkage, scenario, t_end, store)
-    coordinate = mechanism.measured.coordinate
-    row: dict[str, Any] = {
-        "mechanism": mechanism.name,
-        "scenario": mechanism.scenario,
-        "t_end": t_end,
+    place = place_of(mechanism) | {"t_end": t_end}
+    row: dict[str, Any] = place | {
         "method": truth.method,
         "error_bar_q": float(truth.error_q.max()),
         "error_bar_v": float(truth.error_v.max()),
@@ -56,17 +53,14 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
         "measured_unit": mechanism.measured.unit,
         "floor_q": float(np.nanmax(truth.floor_q)) if np.isfinite(truth.floor_q).any() else None,
     }
-    for t in CHECKPOINTS:
-        at = np.flatnonzero(np.abs(truth.t - t) < 1e-9)
-        row[f"measured_t{t:g}".replace(".", "")] = float(value(coordinate, truth.q[at[0]])) if len(at) else None
-    place = {k: row[k] for k in ("mechanism", "scenario", "t_end")}
+    row |= at_checkpoints("measured", truth.t, value(mechanism.measured.coordinate, truth.q))
     return {"references": [row], "motions": [place | x for x in true_poses(mechanism, truth)]}
 
 
 def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: bool = False) -> Tables:
     """The row of a case and the curves of its report."""
     mechanism = mechanism_of(case.linkage, case.scenario)
-    key = {k: x for k, x in asdict(case).items() if k in KEY} | {"mechanism": mechanism.name, "scenario": mechanism.scenario}
+    key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism)
     measured = measure(case, store, alter, limit, posed)
     curves = {table: [key | point for point in measured[table]] for table in ("series", "poses")}
     return {"results": [key | measured["row"]], **curves}
@@ -90,11 +84,11 @@ def with_orders(rows: Rows) -> Rows:
         groups.setdefault(tuple(row[k] for k in KEY if k != "step"), []).append(row)
     for group in groups.values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
-        told = (_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05"))
-        errors = next((x for x in told if not np.isnan(x).all()), None)
-        if errors is not None and len(group) > 1:
-            for row, order in zip(group, observed_order(steps, errors, floors), strict=True):
-                row["observed_order"] = float(order)
+        told = [_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05")]
+        known = [x for x in told if not np.isnan(x).all()]
+        if known and len(group) > 1:
+            for row, order in zip(group, observed_order(steps, known[0], floors).tolist(), strict=True):
+                row["observed_order"] = order
     return rows
 
 

@@ -4,11 +4,16 @@ Each engine at its variants is asked for a model and its first step ("build"), a
 called from Python ("step") and one in its own loop ("native_step"). Where engines have them, the bare library call and what calling
 costs ("bare call", "empty call") and steps of many trajectories at once ("batch step") race along, and so may the processor's own
 latency and rate. Every other table of times on these linkages is worked out from the same samples: a quantity has one value.
+
+A "cold build" is the first model in a new process with no generated code stored, once and in a process of its own; of a "build" all
+that is generated is stored already.
 """
 
+import os
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from itertools import product
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,12 +23,14 @@ from gauss_bench.bench.clock import Block, Key, Measured, gather, key_of, lastin
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task, patient, place_of
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import offer
+from gauss_bench.runs.one_run import measure_seconds
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.suites.schema import Cost, Suite
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -51,6 +58,10 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
             chosen = part.model_copy(update={"engines": fit, "linkages": {linkage: scenario}})
             task = context.task("untimed", race_cost, (linkage, scenario, chosen, number), linkage, scenario)
             tasks.append(patient(task))
+    for cold in suite.cold_builds:
+        for place, engine in product(cold.linkages.items(), filter(lambda x: offer(x).usable, cold.engines)):
+            arguments = (*place, engine, cold.step)
+            tasks.append(context.task("untimed", first_build, arguments, *place, engine=engine, quantity=COLD))
     return tasks
 
 
@@ -114,6 +125,38 @@ def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
     model = build_model(engine, mechanism, choice)
     model.prepare(np.array([0.0, choice.step]))
     model.run()
+
+
+def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables:
+    """Seconds until an engine's first model has taken its first step, in a process of its own; or why there are none."""
+    told, mechanism = offer(engine), load(linkage, scenario or None)
+    key = Key(COLD, engine, next(iter(told.settings)), told.integrators[0])
+    start = place_of(mechanism) | key._asdict()
+    try:
+        with Worker() as worker:
+            sample = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
+    except WorkerFailure as failure:
+        sample = failure.told
+    if "status" in sample:
+        return {"untimed": [start | sample]}
+    return {"samples": [start | {"step": step, "process": 0, "round": 0} | sample]}
+
+
+def cold(linkage: str, scenario: str, engine: str, choice: Choice) -> dict[str, Any]:
+    """Processor time of a build, with no generated code stored: that of this process and of compilers that it runs.
+
+    The engine's library is imported before. Call it in a new process.
+    """
+    asked, mechanism = get(engine), load(linkage, scenario or None)
+    asked.version()
+    with TemporaryDirectory() as empty:
+        os.environ["XDG_CACHE_HOME"] = empty
+        compilers = sum(os.times()[2:4])
+        try:
+            seconds = measure_seconds(lambda: first_step(asked, mechanism, choice))
+        except RunFailure as failure:
+            return {"status": str(failure.status), "message": str(failure)}
+    return {"seconds": seconds + sum(os.times()[2:4]) - compilers}
 
 
 def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:

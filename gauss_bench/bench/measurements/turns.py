@@ -1,10 +1,10 @@
 """Kinematics compiled: positions, velocities and accelerations of all links per second, over whole turns of the crank.
 
 Each turn is judged by pure geometry, the closure in the crank angle by Newton's method, at every sample; errors are relative to the
-largest value of each level. The suite's own link units in numpy race along, and pylinkage where it is installed.
+largest value of each level. The suite's own link units in numpy race along.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, gather, lasting, row, spread
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.measurements import pylinkage
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Tables, Task, place_of
@@ -24,7 +23,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.suites.schema import Suite, Turns
 
-METHODS = NATIVE, LINK_UNITS, RIVAL = "closure, compiled", "link units, numpy", "pylinkage"
+METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
 PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all the rest
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
@@ -71,20 +70,12 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
         times, inputs = np.arange(PLAIN_SAMPLES) / samples, inputs_of(mechanism)
         return lasting(None, lambda: loop_motion(mechanism, inputs, times), PLAIN_SAMPLES)
 
-    def rival() -> Block:
-        turn = pylinkage.turning(mechanism, samples)
-        facts = {"message": pylinkage.version()}
-        return replace(lasting(None, turn, samples), facts=lambda: facts | name_levels(pylinkage.differences(mechanism, turn())))
-
-    for method, make in zip(METHODS, (native, plain, rival), strict=True):
-        yield Key("turn", method), make
+    yield Key("turn", NATIVE), native
+    yield Key("turn", LINK_UNITS), plain
 
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:
     """Largest differences from pure geometry, relative to the largest value of each level."""
     motion = MinimalCoordinate(mechanism)
-    return name_levels(differences((turn.q, turn.v, turn.a), exact_motion(motion, turn.q[:, motion.crank])))
-
-
-def name_levels(off: Mapping[str, float]) -> Row:
+    off = differences((turn.q, turn.v, turn.a), exact_motion(motion, turn.q[:, motion.crank]))
     return {f"{level}_error": x for level, x in off.items()}

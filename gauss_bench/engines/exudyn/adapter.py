@@ -29,8 +29,7 @@ from gauss_bench.engines.exudyn.items import System, inexpressible
 from gauss_bench.engines.shared import finite, finite_acceleration, refused
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
-from gauss_bench.mechanism.constraints import Constraints
-from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.evaluate import Constraints, Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
