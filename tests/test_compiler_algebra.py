@@ -18,7 +18,6 @@ from gauss_bench.compiler.equations.sampling import manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.compiler.machine.graph import Graph, inline
-from gauss_bench.compiler.machine.source import on_arrays
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
@@ -401,7 +400,7 @@ def test_pivots_that_serve_at_most_positions_alone_make_a_program(name: str, for
 def test_an_unknown_operation_is_refused_by_name() -> None:
     strange = Function((1,), (Instruction("INPUT", (0, 0)), Instruction("TANH", (0,))), ((1,),))
     g = Graph()
-    for use in (lambda: strange([0.3]), lambda: inline(g, strange, [[g.leaf("%x")]], lambda x: (x, x)), lambda: on_arrays(strange)):
+    for use in (lambda: strange([0.3]), lambda: inline(g, strange, [[g.leaf("%x")]], lambda x: (x, x))):
         with pytest.raises(ValueError, match="TANH"):
             use()
 
@@ -474,14 +473,6 @@ def test_where_every_entry_changes_sign_the_rest_is_squared() -> None:
         for solution, system in ((found, matrix), (transposed, matrix.T)):
             np.testing.assert_allclose([solution[j].at[k] for j in range(4)], np.linalg.solve(system, right), atol=1e-11)
     assert lu(graph, steady, range(2), range(2), Search(), squares=True).rest is None
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("full_search")
-def test_a_single_trajectory_and_a_batch_want_different_programs() -> None:
-    single, batch = (costs(generate(linkage("crank_slider", "paper"), "gauss", aim=aim)) for aim in ("single", "batch"))
-    assert single.critical < batch.critical
-    assert batch.operations < single.operations
 
 
 def test_what_agrees_at_the_samples_alone_is_not_one_node() -> None:

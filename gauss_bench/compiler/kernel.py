@@ -20,17 +20,8 @@ from gauss_bench.compiler.elimination.program import KernelError, Program, drops
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.stepping.driver import (
-    INTEGRATORS,
-    Batch,
-    Driver,
-    Outcome,
-    Stop,
-    advance_over,
-    integrate_over,
-    stop_at,
-)
-from gauss_bench.compiler.stepping.programs import StraightLinePrograms
+from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
+from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.integrate.legs import Leg, legs
 from gauss_bench.mechanism.lines import line_up, with_lines
@@ -140,14 +131,12 @@ class Kernel:
         operations: of one acceleration with its guards.
         dropped: names of redundant rows that were left out.
         generate_seconds: to generate and check the first program.
-        switches: changes of partition in the last rollout; fallbacks: steps that no partition could do; lost: trajectories without
-            an end, which are not a number from there on.
     """
 
     def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
         self.mechanism, self.options, self.form = mechanism, options, form
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
-        self._programs = StraightLinePrograms(_straight_line(mechanism, options), options.stabilization, options.target)
+        self._programs = Programs(_straight_line(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
         self.formulation, self.operations = first.formulation, first.acceleration.operations
         self.dropped, self._values, self._n = self._programs.dropped, self._programs.values, mechanism.n
@@ -155,7 +144,6 @@ class Kernel:
         self._rank = RankDecision(mechanism, damping)
         self._driver = Driver(self._programs, self._rank, options.stabilization == "projection", len(self.parameters))
         self._kinks = tuple(sorted({t for _, factor in line_up(mechanism) for t in factor.kinks}))
-        self.switches = self.fallbacks = self.lost = 0
         self._programs.prepare("rk4", many=False, extended=False)
         self.generate_seconds = time.perf_counter() - start - self.compile_seconds
 
@@ -168,6 +156,21 @@ class Kernel:
     def from_cache(self) -> bool:
         """True if all machine code so far was in the cache."""
         return bool(self._programs.loaded()) and all(cached for _, cached in self._programs.loaded())
+
+    @property
+    def switches(self) -> int:
+        """Changes of partition in the last rollout."""
+        return self._driver.tally.switches
+
+    @property
+    def fallbacks(self) -> int:
+        """Steps of the last rollout that no partition could do."""
+        return self._driver.tally.fallbacks
+
+    @property
+    def lost(self) -> int:
+        """Trajectories of the last rollout without an end, which are not a number from there on."""
+        return self._driver.tally.lost
 
     def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
         """Compile what rollouts of one state, or of many, may need, so that none of them waits for it."""
@@ -216,6 +219,7 @@ class Kernel:
             raise ValueError("a force has kinks in time, and steps over them go forward")
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion costs as much as steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
+        self._driver.tally = Tally()
         parts = self.legs(t0, dt, n) if self._kinks else ()
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
@@ -228,10 +232,10 @@ class Kernel:
         given = self._numbers(parameters, len(states), _middle(t0, parts))
         batch = Batch(states, given, float(t0), float(dt), int(n), max(1, every or n))
         if len(parts) <= 1:
-            outcome = self._count(self._driver.advance(batch, integrator, threads))
+            outcome = self._driver.advance(batch, integrator, threads)
         else:
             by_time = partial(self._numbers, parameters, len(states))
-            outcome = self._count(advance_over(self._driver, batch, by_time, self._kinks, integrator, threads))
+            outcome = self._driver.advance_over(batch, by_time, self._kinks, integrator, threads)
         samples = outcome.samples[:, -1] if every is None else outcome.samples
         samples = samples[0] if q.ndim == 1 else samples
         return samples[..., : self._n], samples[..., self._n :]
@@ -257,8 +261,8 @@ class Kernel:
             raise ValueError("times must be at least two, in order")
         numbers, at = partial(self._numbers, parameters, 1), np.asarray(times, dtype=float)
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
-        samples, taken, tried = integrate_over(self._driver, self._programs, state, numbers, at, (rtol, atol), self._kinks)
-        self._tally()
+        self._driver.tally = Tally()
+        samples, taken, tried = self._driver.integrate_over(state, numbers, at, (rtol, atol), self._kinks)
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
@@ -273,20 +277,12 @@ class Kernel:
 
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
-        self.switches = self.fallbacks = self.lost = 0
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
-        if isinstance(end, Stop):
-            batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
-            return np.asarray(self._count(self._driver.resume(batch, stop_at(end), integrator)).samples[0, -1])
-        return end
-
-    def _count(self, outcome: Outcome) -> Outcome:
-        self._tally()
-        return outcome
-
-    def _tally(self) -> None:
-        tally = self._driver.tally
-        self.switches, self.fallbacks, self.lost = tally.switches, tally.fallbacks, tally.lost
+        if not isinstance(end, Stop):
+            return end
+        batch = Batch(np.concatenate([q, v], dtype=float)[None], p[None], float(t0), float(dt), int(n), max(1, n))
+        stopped = Outcome(end.state[None], np.full((1, 1, 2 * self._n), np.nan), np.array([end.done]), np.zeros(1, bool))
+        return np.asarray(self._driver.resume(batch, stopped, integrator).samples[0, -1])
 
     def _numbers(self, parameters: Array | None, count: int, t: float | Array) -> Array:
         """All open numbers (count, n_p) of states at times () or (count,): those given, or the file's, then those by time."""

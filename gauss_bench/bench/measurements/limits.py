@@ -18,9 +18,8 @@ from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.code import read_code
-from gauss_bench.compiler.machine.graph import constant_values, leaves, period
-from gauss_bench.compiler.stepping import rollout as loops
-from gauss_bench.compiler.stepping.rollout import WrittenOut
+from gauss_bench.compiler.machine.graph import depending, period
+from gauss_bench.compiler.stepping.rollout import Body, bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load
 from gauss_bench.suites.schema import Suite
@@ -39,16 +38,14 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 
 
 def count_operations(linkage: str, scenario: str) -> Tables:
-    """One row for each kind of bound, without its times; none where the linkage cannot be compiled to a step written out."""
+    """One row for each kind of bound, without its times; none where the linkage cannot be compiled."""
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     try:
-        body = loops.body(read_code(known_program(mechanism, "gauss", (), None, None), "none"), "rk4", REACHES["rk4"][0])
+        (body,) = bodies(read_code(known_program(mechanism, "gauss", (), None, None), "none"), "rk4", REACHES["rk4"][:1])
     except KernelError:
         return {"kernel_bounds": []}  # the race tells why
-    told: Row = {"message": "the step is a loop over its stages, whose chain is not one"}
-    if isinstance(body, WrittenOut):
-        told = {"cycles": period(body.step.graph, body.values, body.step.carried), "flops": flops(body)}
+    told = {"cycles": period(body.step.graph, body.values, body.step.carried), "flops": flops(body)}
     return {"kernel_bounds": [start | {"quantity": quantity} | told for quantity in (ONE, MANY)]}
 
 
@@ -59,9 +56,7 @@ def complete(suite: Suite, tables: Tables) -> None:
         rows = tables.get("kernel_bounds", [])
         for number, start in enumerate(rows):
             measured = races.get((start["mechanism"], start["scenario"]), Measured({}, {}))
-            rows[number] = row(start, limit, start, part.own, measured) | (
-                {"message": start["message"]} if "message" in start else {}
-            )
+            rows[number] = row(start, limit, start, part.own, measured)
         samples = {k: [row for m in races.values() if k in m.samples for row in m.samples[k]] for k in (LATENCY_KEY, RATE_KEY)}
         tables["kernel_machine"] = processor_rows(Measured({k: pad(x) for k, x in samples.items() if x}, {})) + name_machine()
 
@@ -74,16 +69,13 @@ def limit(start: Row, own: str, measured: Measured) -> Row:
     """
     quantity, machine, count = QUANTITIES[start["quantity"]]
     times = spread("seconds", measured.of(Key(quantity, own)))
-    if count not in start:
-        return times
     unit = measured.time(machine)
     bound = start[count] * unit / (CYCLES if count == "cycles" else 2 * native_code.best_lanes())
     return times | {"bound": bound, "share": bound / times["seconds"]}
 
 
-def flops(body: WrittenOut) -> int:
+def flops(body: Body) -> int:
     """Additions, multiplications and divisions in one turn of the loop; a fused multiply-add counts twice."""
-    g, carried = body.step.graph, body.step.carried
-    fixed = {name: "" for name in leaves(g, body.values) if name not in carried and name != "%t"}
-    before = set(constant_values(g, body.values, fixed))
-    return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x not in before)
+    g = body.step.graph
+    varying = depending(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
+    return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x in varying)

@@ -4,8 +4,6 @@ Gauss: J = [Jd Ju] with the independent coordinates u, n - m of them. One factor
 
     a = a0 + N h,    a0 = (Jd^-1 gamma; 0),    N = (-Jd^-1 Ju; 1),    (N^T M N) h = N^T (Q - M a0)
 
-Any basis of the null space serves as N. Where it has one column, that may be multiplied by a pivot p of Jd, so that it holds minors
-of J in place of quotients and all that follows from it need not wait for 1/p.
 
 Lagrange: the n + m equations
 
@@ -161,16 +159,10 @@ class Gauss:
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
         self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, terms.mixed)
-        self.N = [self._column(J, k, terms.graph.constant(1.0)) for k in self.independent]
-        waited = max((p for p in self.factors.guarded if p.node.number is None), key=lambda p: p.node.ready, default=None)
-        if search.undivided and waited and len(self.N) == 1:
-            self.N = [self._column(J, self.independent[0], factor_out(waited.node)[1])]
+        one = terms.graph.constant(1.0)
+        self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
         self.search = search
         self.reduced = _metric(terms.graph, self.N, terms.mass, search)
-
-    def _column(self, J: Matrix, k: int, size: Node) -> Right:
-        """The motion in which the independent coordinate k has the speed `size`."""
-        return self.factors.solve({r: -(e * size) for (r, c), e in J.items() if c == k}) | {k: size}
 
     @cached_property
     def _motions(self) -> Motions:

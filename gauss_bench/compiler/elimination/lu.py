@@ -196,14 +196,12 @@ class Search:
         noise: added to the count at random.
         patience: charged per 100 cycles that a pivot is waited for.
         crossing: share of the steps done without division, where that is possible.
-        undivided: whether the single column of a null space is multiplied by the pivot it would wait for.
     """
 
     seed: int = 0
     noise: float = 0.0
     patience: float = 0.0
     crossing: float = 0.0
-    undivided: bool = False
 
     @property
     def by_chance(self) -> bool:

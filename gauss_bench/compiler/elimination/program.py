@@ -7,10 +7,10 @@ The functions share their expressions: where several are evaluated at the same s
 The search for a cheap elimination: partitions and pivot orders are tried, and the cheapest acceleration is kept.
 
 Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
-operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. A single
-trajectory waits for the longest chain, a batch for the number of operations: `aim` says what is wanted. The search is seeded and
-its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is remembered on disk: a later
-process eliminates once. Who would rather wait for steps than for code sets GAUSS_BENCH_ATTEMPTS to a small number.
+operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. The
+search is seeded and its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is
+remembered on disk: a later process eliminates once. Who would rather wait for steps than for code sets GAUSS_BENCH_ATTEMPTS to a
+small number.
 """
 
 import json
@@ -43,7 +43,7 @@ THOROUGH = 144
 ATTEMPTS = int(said) if (said := os.environ.get(SHORTER, "")).isdecimal() and int(said) else THOROUGH
 REPEATED = 4  # ways that are repeated
 SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
-NOISES, PATIENCES, CROSSINGS, UNDIVIDED = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5), (False, True)
+NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)
 PLAIN = Search()
 SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # that a search follows from
 
@@ -55,17 +55,6 @@ class Best:
     work: Workspace
     search: Search
     costs: Costs
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """The aim of a search: least `Costs.single` or `Costs.batch`, in so many attempts."""
-
-    aim: str
-    attempts: int
-
-    def price(self, costs: Costs) -> float:
-        return costs.single if self.aim == "single" else costs.batch
 
 
 def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
@@ -89,20 +78,20 @@ def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
     return attempts
 
 
-def best_of(work: Workspace, wanted: Wanted) -> Best:
-    """The cheapest of several attempts."""
-    ways = [Search(0, *way) for way in product(NOISES, PATIENCES, CROSSINGS, UNDIVIDED)]
+def best_of(work: Workspace, count: int) -> Best:
+    """The cheapest of so many attempts."""
+    ways = [Search(0, *way) for way in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(ways))
-    various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (wanted.attempts + 1) // 2]
-    attempts = sorted(attempt(work, various), key=lambda x: wanted.price(x.costs))
-    leaders, spare = attempts[:REPEATED], wanted.attempts - len(various)
-    repeated = [(k, leaders[k % len(leaders)].search) for k in range(spare)]
+    various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (count + 1) // 2]
+    attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
+    leaders = attempts[:REPEATED]
+    repeated = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
     again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]  # others come out the same again
-    return min([attempts[0], *(attempt(work, again) if again else [])], key=lambda x: wanted.price(x.costs))
+    return min([attempts[0], *(attempt(work, again) if again else [])], key=lambda x: x.costs.single)
 
 
 def cheapest(
-    known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, aim: str, drop: int = 0
+    known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
 ) -> Best:
     """The cheapest program of a mechanism among the formulations and partitions that are open.
 
@@ -111,7 +100,6 @@ def cheapest(
     Raises:
         KernelError: no partition and no pivots are usable.
     """
-    wanted = Wanted(aim, 1)
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
     for plan in _plans(known, formulation, independent, drop):
         try:
@@ -120,13 +108,13 @@ def cheapest(
             failure = error
     if not plain:
         raise failure
-    plain = sorted(plain, key=lambda x: wanted.price(x.costs))
+    plain = sorted(plain, key=lambda x: x.costs.single)
     unknowns = known.mechanism.n + len(known.kept(drop))
-    wanted = Wanted(aim, max(1, min(ATTEMPTS, EFFORT // unknowns, LENGTH // max(1, plain[0].costs.operations))))
-    if wanted.attempts == 1:
+    count = min(ATTEMPTS, EFFORT // unknowns, LENGTH // max(1, plain[0].costs.operations))
+    if count <= 1:
         return plain[0]
-    tried = [x for x in plain[:SEARCHED] if wanted.price(x.costs) <= HOPELESS * wanted.price(plain[0].costs)]
-    return min((best_of(x.work, wanted) for x in tried), key=lambda x: wanted.price(x.costs))
+    tried = [x for x in plain[:SEARCHED] if x.costs.single <= HOPELESS * plain[0].costs.single]
+    return min((best_of(x.work, count) for x in tried), key=lambda x: x.costs.single)
 
 
 def _name(mechanism: Mechanism, *asked: Any) -> str | None:
@@ -166,7 +154,6 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
 
 __all__ = ["Costs", "Function", "KernelError", "Program", "costs", "drops", "generate", "known_program", "partitions"]
 
-AIMS = ("single", "batch")
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +216,6 @@ def generate(
     open_parameters: tuple[str, ...] = (),
     independent: tuple[int, ...] | None = None,
     baumgarte: tuple[float, float] | None = None,
-    aim: str = "single",
     drop: int = 0,
     remembered: bool = False,
 ) -> Program:
@@ -240,7 +226,6 @@ def generate(
         open_parameters: names of numbers of the file that stay inputs.
         independent: coordinates of the partition (gauss); chosen where None.
         baumgarte: alpha, beta [1/s] of the stabilised variant.
-        aim: "single" for a short chain of operations, "batch" for few operations.
         drop: which choice of redundant rows is dropped, of `drops`.
         remembered: whether what an earlier search found is taken from the user's cache, and what this one finds is kept there.
 
@@ -248,12 +233,10 @@ def generate(
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
     """
     refuse(mechanism, formulation)
-    if aim not in AIMS:
-        raise KernelError(f"no aim {aim}; there are {', '.join(AIMS)}")
     known = study(mechanism)
     if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
-    asked = (open_parameters, formulation, independent, aim, drop)
+    asked = (open_parameters, formulation, independent, drop)
     name = _name(mechanism, *asked, ATTEMPTS) if remembered else None
     best = _recall(known, open_parameters, name)
     if best is None:

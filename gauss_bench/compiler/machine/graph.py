@@ -194,19 +194,6 @@ class Graph:
         return most
 
 
-def constant_values(g: Graph, values: list[int], fixed: Mapping[str, str]) -> list[int]:
-    """Values that depend on fixed leaves and numbers only."""
-    constant: dict[int, bool] = {}
-    for x in sorted(values):
-        leaf = g.operation[x] == "leaf"
-        constant[x] = str(g.payload[x]) in fixed if leaf else all(constant[k] for k in g.operands[x])
-    return [x for x, is_constant in constant.items() if is_constant]
-
-
-def leaves(g: Graph, values: list[int]) -> dict[str, int]:
-    return {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
-
-
 def depending(g: Graph, on: Iterable[int]) -> set[int]:
     """Values that depend on some leaves."""
     dependent = set(on)

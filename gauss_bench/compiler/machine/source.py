@@ -7,22 +7,18 @@ Sines are left to the target's own functions. A routine in C does one trajectory
 In Python it is that of the native code, with as many trajectories in a group as arrays have columns.
 """
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.function import Function
 from gauss_bench.compiler.machine.graph import (
     COUNTS,
     MASKS,
     TRUTHS,
     Emitter,
-    Graph,
     If,
     Load,
     Loop,
@@ -30,10 +26,7 @@ from gauss_bench.compiler.machine.graph import (
     Scatter,
     Statement,
     Store,
-    inline,
 )
-from gauss_bench.compiler.machine.graph import Array as Argument
-from gauss_bench.terms import Array
 
 C_HEADER = "#include <math.h>\n\n"
 
@@ -200,7 +193,7 @@ def in_python(routine: Routine) -> Callable[..., None]:
     s.statements(routine.body)
     given = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
     space: dict[str, Any] = {"np": np}
-    exec("\n".join([f"def {routine.name}({given}):", *free(s.lines), "    return"]), space)
+    exec("\n".join([f"def {routine.name}({given}):", *s.lines, "    return"]), space)
     one: Callable[..., None] = space[routine.name]
 
     def call(*arguments: Any) -> None:
@@ -208,44 +201,5 @@ def in_python(routine: Routine) -> Callable[..., None]:
         with np.errstate(all="ignore"):
             for k in range(arguments[-1]):
                 one(*(x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)), *numbers)
-
-    return call
-
-
-def free(lines: list[str]) -> list[str]:
-    """Lines of Python in which a value that is used between two branches alone is freed after it, for the cache's sake."""
-    run, where = 0, dict[str, list[tuple[int, int]]]()
-    for k, line in enumerate(lines):
-        straight = re.match(r" *[a-z]\w* = ", line)
-        run += not straight or (k > 0 and _depth(line) != _depth(lines[k - 1]))
-        for name in re.findall(r"\br\d+\b", line):
-            where.setdefault(name, []).append((run, k))
-        run += not straight
-    last: dict[int, list[str]] = {}
-    for name, uses in where.items():
-        if len({r for r, _ in uses}) == 1:
-            last.setdefault(uses[-1][1], []).append(name)
-    return [f"{line}; del {', '.join(last[k])}" if k in last else line for k, line in enumerate(lines)]
-
-
-def _depth(line: str) -> int:
-    return len(line) - len(line.lstrip())
-
-
-def on_arrays(given: Function) -> Callable[..., list[Array]]:
-    """A function as one of arrays (k, size), one for each argument; its results are arrays (k, size)."""
-    g = Graph()
-    leaves = [[g.leaf(f"%x{a}_{i}") for i in range(size)] for a, size in enumerate(given.sizes)]
-    results = inline(g, given, leaves, lambda x: (g.make("sin", x), g.make("cos", x)))
-    ends = [x for result in results for x in result]
-    arrays = {f"x{a}": Argument(size) for a, size in enumerate(given.sizes)} | {"out": Argument(len(ends))}
-    body = [Load(f"x{a}", {x: i for i, x in enumerate(rows)}) for a, rows in enumerate(leaves)]
-    evaluate = in_python(Routine("evaluate", g, arrays, (), (), [*body, Store("out", ends)], g.all(True), 0))
-    cuts = [0, *accumulate(map(len, results))]
-
-    def call(*arguments: Array) -> list[Array]:
-        out = np.empty((1, len(ends), *arguments[0].shape[:1]))
-        evaluate(*(x.T[None] for x in arguments), out, 1)
-        return [out[0, a:b].T for a, b in pairwise(cuts)]
 
     return call

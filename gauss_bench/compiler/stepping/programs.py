@@ -9,17 +9,83 @@ always serves, its slider not at the dead centres).
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
+from gauss_bench.compiler.machine.graph import Routine
 from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, in_plain_c, out_of_lanes, share
-from gauss_bench.compiler.machine.source import on_arrays
-from gauss_bench.compiler.stepping.driver import Batch, Course, Outcome, Stop
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
 from gauss_bench.compiler.stepping.steps import reaches
 from gauss_bench.terms import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """A batch to be stepped.
+
+    Attributes:
+        states: (k, 2n) q and v.
+        parameters: (k, n_p).
+        t0, h: start and step [s]; n: steps; every: steps between samples, at least 1.
+    """
+
+    states: Array
+    parameters: Array
+    t0: float
+    h: float
+    n: int
+    every: int
+
+    @property
+    def slots(self) -> int:
+        """Samples of each trajectory: every `every` steps and the last."""
+        return max(1, -(-self.n // self.every))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The outcome of a batch.
+
+    Attributes:
+        states: (k, 2n) last state; where a trajectory stopped early, the one it stopped at.
+        samples: (k, slots, 2n); of a trajectory that stopped, those before the step it stopped at.
+        done: (k,) steps that count.
+        complete: (k,) whether that is all of them.
+    """
+
+    states: Array
+    samples: Array
+    done: NDArray[np.integer[Any]]
+    complete: Flags
+
+
+class Stop(NamedTuple):
+    """An early stop of one trajectory: its state (2n,), and the steps that count."""
+
+    state: Array
+    done: int
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The outcome of one trajectory whose steps are its own choice.
+
+    Attributes:
+        samples: (k, 2n) at the times it came to; with projection, as they are to be seen.
+        state: (2n,) where it stopped, at the time t.
+        taken, tried: steps that count, and all.
+    """
+
+    samples: Array
+    state: Array
+    t: float
+    taken: int
+    tried: int
 
 
 class Stepper:
@@ -40,13 +106,6 @@ class Stepper:
 
     def run(self, batch: Batch, threads: int = 1) -> Outcome:
         """All trajectories of a batch as far as their guards hold."""
-        outcome, far = self._run(batch, threads)
-        if far and self.further is not None:
-            self.extend()
-            outcome, _ = self._run(batch, threads)
-        return outcome
-
-    def _run(self, batch: Batch, threads: int) -> tuple[Outcome, bool]:
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
         y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # one lane would be a view
@@ -60,8 +119,11 @@ class Stepper:
 
         share(part, groups, threads)
         done, complete, far = out_of_lanes(report, count).T
+        if far.any() and self.further is not None:
+            self.extend()
+            return self.run(batch, threads)
         stored = out_of_lanes(samples.reshape(groups, batch.slots, rows, lanes), count)
-        return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0), bool(far.any())
+        return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0)
 
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Stop:
         """The state (2n,) after n steps of one trajectory, or where it stopped: the shortest way into the native code."""
@@ -105,12 +167,12 @@ class Adaptive:
 
 
 class Evaluator:
-    """The results of a routine `accelerate` or `settle` at states."""
+    """The results of a routine `accelerate` or `settle` at states, and what stands behind them: 0 where a guard fails."""
 
     def __init__(self, loaded: Loaded):
         self.loaded = loaded
 
-    def accelerations(self, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
+    def many(self, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
         """Accelerations (k, n), and whether all guards hold (k,), of states (k, 2n) at times (k,)."""
         count = len(states)
         lanes = self.loaded.lanes(count)
@@ -120,25 +182,9 @@ class Evaluator:
         rows = out_of_lanes(out, count)
         return rows[:, :-1], rows[:, -1] > 0
 
-    def one(self, t: float, q: Array, v: Array, parameters: Array) -> Array | None:
-        """Accelerations (n,) of one state by native code, or None where a guard fails."""
-        out = self._one(t, q, v, parameters, len(q))
-        return out[:-1].copy() if out[-1] else None
-
-    def last(self, t: float, q: Array, v: Array, parameters: Array) -> float:
-        """The numbers that stand behind the accelerations of one state."""
-        return float(self._one(t, q, v, parameters, len(q))[-1])
-
-    def settled(self, t: float, state: Array, parameters: Array) -> Array | None:
-        """The state (2n,) that a routine `settle` takes one to, or None where a guard fails."""
-        n = len(state) // 2
-        out = self._one(t, state[:n], state[n:], parameters, 2 * n)
-        return out[:-1].copy() if out[-1] else None
-
-    def _one(self, t: float, q: Array, v: Array, parameters: Array, told: int) -> Array:
-        """So many numbers of one state, and what stands behind them."""
-        n = len(q)
-        one = self.loaded.singles.one or self.loaded.single(2 * n, len(parameters), 1, told + 1)
+    def one(self, t: float, q: Array, v: Array, parameters: Array, size: int) -> Array:
+        """The results (size + 1,) at one state by native code; overwritten by the next."""
+        one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 1, size + 1)
         arrays = one.arrays
         one.q[...], one.v[...], arrays[-2][0] = q, v, t
         if len(parameters):
@@ -147,22 +193,24 @@ class Evaluator:
         return arrays[-1]
 
 
-class StraightLinePrograms:
-    """Programs whose operations are written out one after the other."""
+class Programs:
+    """The programs of one mechanism, the best first; further ones are generated when they are asked for.
+
+    Attributes:
+        n: coordinates. values: (n_p,) open numbers of the file. native: accelerations of the first program.
+        dropped: redundant rows that the first one leaves out; others leave out others.
+    """
 
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
-        self.target, self._more = target, (read_code(program, stabilization) for program in programs)
+        self.target, self.plain, self._more = target, target.backend != "llvm", (read_code(x, stabilization) for x in programs)
         self.codes: list[Code] = []
-        self._evaluate: list[Callable[..., list[Array]]] = []
-        self._multipliers: dict[int, Callable[..., list[Array]]] = {}
         self.runners: dict[tuple[int, str], Stepper] = {}
         self._adaptive: dict[int, Adaptive] = {}
-        self._margins: dict[int, Evaluator] = {}
-        self._settling: dict[int, Evaluator] = {}
+        self._evaluators: dict[tuple[int, str], Evaluator] = {}
         self.further()
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
-        self.native = Evaluator(Loaded(lambda many: acceleration(read_code(first, "none"), target.backend == "numpy"), target))
+        self.native = self._evaluator(0, "none", lambda code: acceleration(code, self.plain))
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -170,11 +218,8 @@ class StraightLinePrograms:
     def further(self) -> bool:
         """Generate one more program; False where there is none."""
         code = next(self._more, None)
-        if code is None:
-            return False
-        self.codes.append(code)
-        self._evaluate.append(on_arrays(code.program.acceleration))
-        return True
+        self.codes += [] if code is None else [code]
+        return code is not None
 
     def runner(self, k: int, integrator: str) -> Stepper:
         """The code of one program, made when it is first asked for."""
@@ -188,7 +233,7 @@ class StraightLinePrograms:
             made = cache(lambda: bodies(code, integrator, every[:count]))
             return Loaded(lambda many: rollout(made(), many), self.target)
 
-        if self.target.backend == "numpy":
+        if self.plain:
             stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
         else:
             stepper = Stepper(loaded(1), loaded(len(every)) if len(every) > 1 else None)
@@ -198,53 +243,52 @@ class StraightLinePrograms:
     def adaptive(self, k: int) -> Adaptive:
         """Steps of their own choice by one program, made when they are first asked for."""
         if k not in self._adaptive:
-            code, plain = self.codes[k], self.target.backend == "numpy"
-            self._adaptive[k] = Adaptive(Loaded(lambda many: adaptive(code, plain), self.target))
+            self._adaptive[k] = Adaptive(Loaded(lambda many: adaptive(self.codes[k], self.plain), self.target))
         return self._adaptive[k]
+
+    def _evaluator(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Evaluator:
+        if (k, make.__name__) not in self._evaluators:
+            code = read_code(self.codes[k].program, stabilization)
+            self._evaluators[k, make.__name__] = Evaluator(Loaded(lambda many: make(code), self.target))
+        return self._evaluators[k, make.__name__]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
         """Accelerations (k, n) by one program, and how many times above their thresholds its smallest pivots are (k,)."""
-        a, guard = self._evaluate[k](t[:, None], q, v, p)
+        program = self.codes[k].program
+        a, guard = program.acceleration(t[:, None], q, v, p)
         with np.errstate(invalid="ignore"):
-            margin = np.abs(guard) / self.codes[k].program.thresholds
+            margin = np.abs(guard) / program.thresholds
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
         """The margin of one program at a state before it fails; below 1 it does."""
-        if self.target.backend != "llvm":
+        if self.plain:
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
-        if k not in self._margins:
-            code = read_code(self.codes[k].program, "none")
-            self._margins[k] = Evaluator(Loaded(lambda many: acceleration(code, margin=True), self.target))
-        return self._margins[k].last(t, state[: self.n], state[self.n :], p)
+        evaluator = self._evaluator(k, "none", margin_routine)
+        return float(evaluator.one(t, state[: self.n], state[self.n :], p, self.n)[-1])
 
     def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
         """A state (2n,) taken back onto the rows that one program keeps, or None where its guards or Newton's method fail."""
-        if self.target.backend != "llvm":
+        if self.plain:
             return None
-        if k not in self._settling:
-            code = read_code(self.codes[k].program, "projection")
-            self._settling[k] = Evaluator(Loaded(lambda many: settling(code), self.target))
-        return self._settling[k].settled(t, state, p)
+        out = self._evaluator(k, "projection", settling).one(t, state[: self.n], state[self.n :], p, 2 * self.n)
+        return out[:-1].copy() if out[-1] else None
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Accelerations (k, n) by one program, and where it serves (k,)."""
-        if k == 0 and self.target.backend == "llvm":
-            return self.native.accelerations(t, np.concatenate([q, v], axis=1), p)
+        if k == 0 and not self.plain:
+            return self.native.many(t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
         return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
         """Accelerations (n,) at one state by the shortest way, or None where another must be gone."""
-        if self.target.backend == "llvm":
-            return self.native.one(t, q, v, p)
-        return None
+        out = None if self.plain else self.native.one(t, q, v, p, self.n)
+        return out[:-1].copy() if out is not None and out[-1] else None
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Multipliers (k, rows) by one program, and where it serves (k,)."""
-        if k not in self._multipliers:
-            self._multipliers[k] = on_arrays(self.codes[k].program.multipliers)
-        return self._multipliers[k](t[:, None], q, v, p)[0], self.margins(k, t, q, v, p)[1] >= 1.0
+        return self.codes[k].program.multipliers(t[:, None], q, v, p)[0], self.margins(k, t, q, v, p)[1] >= 1.0
 
     @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
@@ -259,12 +303,9 @@ class StraightLinePrograms:
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""
-        codes = [
-            *self.native.loaded.codes.values(),
-            *(c for x in self.runners.values() for y in x.compiled for c in y.codes.values()),
-            *(c for x in self._adaptive.values() for c in x.loaded.codes.values()),
-        ]
-        return [(code.seconds, code.from_cache) for code in codes]
+        every = [self.native.loaded, *(y for x in self.runners.values() for y in x.compiled)]
+        every += [x.loaded for x in self._adaptive.values()]
+        return [(code.seconds, code.from_cache) for x in every for code in x.codes.values()]
 
     def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
         """Compile what steps of one state, or of many, may need, or what the first steps need."""
@@ -275,3 +316,7 @@ class StraightLinePrograms:
         if extended:
             runner.extend()
         runner.loaded.call(self.target.lanes if many else 1)
+
+
+def margin_routine(code: Code) -> Routine:
+    return acceleration(code, margin=True)

@@ -21,11 +21,9 @@ evaluates accelerations; `out` has n_q + 1 rows, of which the last is 1 where th
 
 takes a state back onto the constraints; `out` has 2 n_q + 1 rows.
 
-What is stepped is a body, with all stages written out or one stage gone through four times. Written out, equal expressions of
-different stages are one value, sines rotate from stage to stage, and the processor overlaps the stages; the code is as long as four
-accelerations. Far beyond the instruction cache (32 kB on most processors,
-about 11 bytes an operation) each turn of the loop fetches it anew and takes two to three times as long: then one stage is written,
-and looped over.
+What is stepped is a body, with all stages written out: equal expressions of different stages are one value, sines rotate from stage
+to stage, and the processor overlaps the stages. (A loop over the stages, whose code is a third as long, was tried: its steps took
+40 % longer for 16 to 64 four-bars in a row.)
 """
 
 from collections.abc import Sequence
@@ -48,7 +46,7 @@ from gauss_bench.compiler.machine.graph import (
     rewrite,
 )
 from gauss_bench.compiler.machine.trigonometry import sincos
-from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, StagedStep, Step, dop853, rk4_staged
+from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, Step, dop853
 
 Carried = dict[int, tuple[int, int]]  # leaf -> its first and its next value
 
@@ -58,24 +56,23 @@ SETTLED = 32
 
 
 class Body:
-    """One step, its state carried in registers.
+    """One step, its state carried in registers; `plain` where its arithmetic is left to the target.
 
     Attributes:
         graph: of the whole routine. rows: of a state.
         arrays: what it works on beside y, samples and report.
-        entry: statements before the loop; statements: of one step.
+        entry: statements before the loop.
         carried: leaf -> its first and its next value, from step to step.
         settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
-        regular, regular_out, within: masks, as in Step.
-        operations: of one step.
+        values: of one step, in order; operations: among them.
     """
 
-    statements: Sequence[Statement]
-    operations: int
-
-    def __init__(self, code: Code, step: Step):
-        self.code, self.step, self.graph, self.rows = code, step, step.graph, 2 * code.program.n
-        g, n = self.graph, code.program.n
+    def __init__(self, code: Code, step: Step, plain: bool = False, into: Timed | None = None):
+        self.step = step = step if plain else step.rewritten(into)
+        self.graph, self.rows = step.graph, 2 * code.program.n
+        g, n, needed = self.graph, code.program.n, live(step.graph, step.roots())
+        self.values = needed if plain else order(g, needed, step.carried)
+        self.operations = count_operations(g, self.values)
         self.y = [g.leaf(f"%y{k}") for k in range(self.rows)]
         self.state = [g.leaf(f"%{x}{i}") for x in "qv" for i in range(n)]
         parameters = {g.leaf(f"%p{k}"): k for k in range(code.program.n_parameters)}
@@ -87,16 +84,10 @@ class Body:
                 first[f"%s{i}"], first[f"%c{i}"] = sincos(g, self.y[i])
         self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
         self.settled = {g.leaf(name): x for name, x in step.settled.items()}
-        self.regular, self.regular_out, self.within = step.regular, step.regular_out, step.within
 
-    def sampled(self, start: int) -> Sequence[Statement]:
-        """Store the state, as it is to be seen, in the samples from a row on."""
-        return (Store("samples", self.step.out, start),)
-
-    def ended(self, complete: int) -> Sequence[Statement]:
+    def ended(self, complete: int) -> Store:
         """Store the last state in y: as it is to be seen where the mask holds."""
-        g = self.graph
-        return (Store("y", [g.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)]),)
+        return Store("y", [self.graph.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)])
 
 
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
@@ -122,8 +113,8 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
     one, zero, always, none = g.whole(1), g.whole(0), g.all(True), g.all(False)
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
-    beyond = g.both([alive, body.regular, g.make("not", body.within)])
-    going = g.both([alive, body.regular, body.within])
+    beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
+    going = g.both([alive, body.step.regular, body.step.within])
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
@@ -138,15 +129,15 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
     carried |= {far: (none, _either(g, far, beyond))} if many else {}
     sample = If(
         g.make("same", i, due),
-        body.sampled(g.make("times", slot, payload=body.rows)),
+        [Store("samples", body.step.out, g.make("times", slot, payload=body.rows))],
         {due_later: (g.make("least", g.make("sum", due, every), n), due), slot_later: (g.make("sum", slot, one), slot)},
     )
     again = g.make("also", g.make("any", going), more)
     again = again if ends or not many else g.make("also", again, g.make("nowhere", beyond))
-    complete = g.both([alive, body.regular_out, g.make("everywhere", g.make("same", i, n))])
+    complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    return [Loop(carried, [*body.statements, sample, *settling], again), *body.ended(complete), report], complete, too_far
+    return [Loop(carried, [Compute(body.values), sample, *settling], again), body.ended(complete), report], complete, too_far
 
 
 def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
@@ -168,73 +159,10 @@ def _either(g: Graph, a: int, b: int) -> int:
     return g.make("not", g.both([g.make("not", a), g.make("not", b)]))
 
 
-class WrittenOut(Body):
-    """A step in one piece; `plain` where its arithmetic is left to the target."""
-
-    def __init__(self, code: Code, step: Step, plain: bool = False, into: Timed | None = None):
-        super().__init__(code, step if plain else step.rewritten(into))
-        g, needed = self.graph, live(self.step.graph, self.step.roots())
-        self.values = needed if plain else order(g, needed, self.step.carried)
-        self.operations = count_operations(g, self.values)
-        self.statements = [Compute(self.values)]
-
-
-class Staged(Body):
-    """A step of Runge-Kutta as four turns of an inner loop, one stage each, and what comes before and after them.
-
-    c = h/2, h/2, h is the way from stage to stage, w = 1, 2, 2, 1 the weight of a stage.
-    """
-
-    def __init__(self, code: Code, staged: StagedStep, into: Timed | None = None):
-        every = [*staged.roots(), *staged.step.settled.values()]
-        graph, roots = rewrite(staged.graph, every, into)
-        moved = dict(zip(every, roots, strict=True))
-        s = staged.step
-        regular, regular_out, within = (moved[x] for x in (s.regular, s.regular_out, s.within))
-        following, settled = ({k: moved[x] for k, x in leaves.items()} for leaves in (s.carried, s.settled))
-        step = Step(graph, following, [moved[x] for x in s.out], regular, regular_out, within, settled=settled)
-        super().__init__(code, step)
-        g = self.graph
-        carried = {name: (moved[a], moved[b]) for name, (a, b) in staged.carried.items()}
-        j, even, near = g.count("%j"), g.make("mask", payload="%even"), g.make("mask", payload="%near")
-        regular, within = moved[staged.regular], moved[staged.within]
-        following = {name: b for name, (_, b) in carried.items()}
-        stage, end = live(g, [*following.values(), regular, within]), live(g, step.roots())
-        first = {name: a for name, (a, _) in carried.items()}
-        begin = live(g, first.values())
-        self.operations = count_operations(g, sorted({*begin, *stage, *end}))
-        half = g.mul(g.const(0.5), g.leaf("%h"))
-        early, third = (g.make("everywhere", x) for x in (g.make("below", j, g.whole(1)), g.make("same", j, g.whole(2))))
-        loop: Carried = {g.leaf(name): pair for name, pair in carried.items()}
-        loop |= {g.leaf("%way"): (half, g.make("select", early, half, g.leaf("%h")))}
-        loop |= {g.leaf("%weight"): (g.const(1.0), g.make("select", third, g.const(1.0), g.const(2.0)))}
-        loop |= {even: (g.all(True), g.both([even, regular])), near: (g.all(True), g.both([near, within]))}
-        loop[j] = (g.whole(0), g.make("sum", j, g.whole(1)))
-        after = [Compute(order(g, stage, following))]
-        before = Compute(order(g, begin, first))
-        self.statements = [before, Loop(loop, [], g.make("below", j, g.whole(4)), after), Compute(order(g, end, step.carried))]
-        self.regular, self.within = g.both([even, step.regular]), g.both([near, step.within])
-
-
-# operations of a step: up to there a loop over its stages is 5 to 25 % slower; beyond, by 2 % (lagrange with projection of the
-# eight-bar, 4,166 operations), which its code, three times as soon there, makes up for over some fifty million steps
-WRITTEN_OUT = 4_000
-
-
-def body(code: Code, integrator: str, reach: Reach, longest: int = WRITTEN_OUT, into: Timed | None = None) -> Body:
-    """The step written out where it stays short, else looped over its stages."""
-    if integrator == "rk4" and 4 * code.acceleration.operations > longest:
-        return Staged(code, rk4_staged(code, reach), into)
-    written = WrittenOut(code, STEPS[integrator](code, reach), into=into)
-    if integrator == "rk4" and written.operations > longest:
-        return Staged(code, rk4_staged(code, reach), into)
-    return written
-
-
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
     """The step within each of some reaches, in one graph."""
     graph = Timed()
-    return [body(code, integrator, reach, into=graph) for reach in reaches]
+    return [Body(code, STEPS[integrator](code, reach), into=graph) for reach in reaches]
 
 
 SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # of the next step; usual values
@@ -249,13 +177,14 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     steps tried, the time it came to. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
     Equations I (1993), section II.10.
     """
-    body = WrittenOut(code, dop853(code, EXACT, plain, estimated=True), plain)
+    body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
     g, step = body.graph, body.step
     assert step.error is not None
     i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
     t, h, wanted, taken, goal = (g.leaf(f"%{x}") for x in ("t", "h", "wanted", "taken", "goal"))
     later, due_later, one, zero = g.count("%later"), g.count("%due_later"), g.whole(1), g.whole(0)
-    store = If(g.make("same", due, one), body.sampled(g.make("times", i, payload=body.rows)), {later: (g.make("sum", i, one), i)})
+    sample = Store("samples", step.out, g.make("times", i, payload=body.rows))
+    store = If(g.make("same", due, one), [sample], {later: (g.make("sum", i, one), i)})
     root = step.error
     for _ in range(4):  # squared, and the step is of order 8
         root = g.make("sqrt", root)
@@ -290,9 +219,9 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
     loads = [Load("times", {first[0]: 0, first[1]: 1}), Load("times", {g.leaf("%next"): 0}, further)]
-    loop = Loop(carried, [*body.statements, store, place, *settling, loads[1]], again)
+    loop = Loop(carried, [Compute(body.values), store, place, *settling, loads[1]], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
-    statements = [*body.entry, loads[0], loop, *body.ended(complete), Store("report", report)]
+    statements: list[Statement] = [*body.entry, loads[0], loop, body.ended(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
     numbers = ("rtol", "atol", "longest", "least", "h0")
     return Routine("integrate", g, arrays, numbers, ("count", "limit"), statements, complete, body.operations)
@@ -300,7 +229,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
 def plain_body(code: Code, integrator: str) -> Body:
     """The step without reach, its sines and the rest left to the target."""
-    return WrittenOut(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
+    return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
 
 def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routine:

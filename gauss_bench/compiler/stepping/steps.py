@@ -24,16 +24,6 @@ constraints in the same way (`Builder.settled`, `rollout.SETTLED`).
 
 Gauss's collocation is implicit (`gauss_legendre`): its positions and velocities at the stages follow from the accelerations there,
 which are found in a fixed number of passes. Whether that was enough is a guard like the others.
-
-Where a step is too long to be written out, it is a loop over its stages. With the stage at x, u and the step begun at q, v; the
-sums X, U; the way c to the next stage and the weight w of this one:
-
-    a = a(t, x, u),   X += w u,   U += w a,   x = q + c u,   u = v + c a          (all with the old u)
-    q' = q + h/6 X,   v' = v + h/6 U                                             after the fourth
-
-Sines are rotated from q to x; those at q come from nothing. The projection is as above, but for the chord, whose Jacobian is that
-at the uncorrected q', and for the first stage, which already has the corrected v. A step of either form begins with what the other
-leaves: a loop goes on where a step in one piece does not reach.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -170,27 +160,16 @@ class Step:
 class Builder:
     """Writes the stages of a step into a graph, and gathers their guards."""
 
-    def __init__(
-        self,
-        code: Code,
-        reach: Reach,
-        names: tuple[str, str, str] = ("q", "v", "t"),
-        library: bool = False,
-        graph: Graph | None = None,
-    ):
-        self.g = g = graph or Graph()
+    def __init__(self, code: Code, reach: Reach, library: bool = False):
+        self.g = g = Graph()
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
-        self.q, self.v = self.vector(names[0]), self.vector(names[1])
+        self.q, self.v = ([g.leaf(f"%{letter}{i}") for i in range(self.n)] for letter in "qv")
         self.p = [g.leaf(f"%p{i}") for i in range(code.program.n_parameters)]
-        self.t, self.h = g.leaf(f"%{names[2]}"), g.leaf("%h")
+        self.t, self.h = g.leaf("%t"), g.leaf("%h")
         self.known: dict[int, Pair] = {}
         self.pivots: list[int] = []
         self.score: list[int] = []
-
-    def vector(self, letter: str) -> list[int]:
-        """Leaves, one for each coordinate."""
-        return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
     def given(self) -> list[Pair]:
         """Leaves for sine and cosine of each angle."""
@@ -536,55 +515,3 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
 
 
 STEPS = {"rk4": rk4, "semi_implicit_euler": semi_implicit_euler, "dop853_fixed": dop853, "gauss_legendre": gauss_legendre}
-
-
-@dataclass(frozen=True, eq=False)
-class StagedStep:
-    """A step as four turns of a loop over its stages, and what comes before and after them.
-
-    Attributes:
-        carried: leaf -> its value before the first stage, and at the next stage.
-        step: what comes before and after the stages; its masks are those of these parts alone.
-        regular, within: masks of one stage, as in Step.
-    """
-
-    graph: Graph
-    carried: dict[str, tuple[int, int]]
-    regular: int
-    within: int
-    step: Step
-
-    def roots(self) -> list[int]:
-        """Everything that must be computed."""
-        return [*(x for pair in self.carried.values() for x in pair), self.regular, self.within, *self.step.roots()]
-
-
-def rk4_staged(code: Code, reach: Reach) -> StagedStep:
-    """One step of the classical Runge-Kutta method; leaves "%way" and "%weight" belong to a stage, "%time" is its time."""
-    b = Builder(code, reach, ("x", "u", "time"))
-    e = Builder(code, reach, graph=b.g)
-    g, x, u, q, v = b.g, b.q, b.v, e.q, e.v
-    way, weight = g.leaf("%way"), g.leaf("%weight")
-    if reach.rotates:
-        moved = [g.sub(a, c) for a, c in zip(x, q, strict=True)]
-        b.turn(e.fresh(), moved, reach.step, x)
-        b.limit(b.of_angles(moved), reach.step)
-    a = b.acceleration(b.t, x, u)
-    if code.projected:
-        e.acceleration(e.t, q, v)  # for its guards
-    out_v, out_pivots = e.correct_velocity(), list(e.pivots)
-    X, U = b.vector("X"), b.vector("U")
-    zero = [g.const(0.0)] * b.n
-    stages = (
-        ("x", q, b.along(q, way, u)),
-        ("u", out_v, b.along(out_v, way, a)),
-        ("X", zero, b.along(X, weight, u)),
-        ("U", zero, b.along(U, weight, a)),
-    )
-    carried = {f"%{k}{i}": pair for k, first, after in stages for i, pair in enumerate(zip(first, after, strict=True))}
-    carried["%time"] = (e.t, g.add(e.t, way))
-    sixth, end = e.times_h(1 / 6), g.add(e.t, e.h)
-    q_new, v_new = e.along(q, sixth, X), e.along(out_v, sixth, U)
-    if code.projected:
-        q_new, _ = e.correct_position(end, q_new, [e.sincos(x) for x in e.of_angles(q_new)], q_new)
-    return StagedStep(g, carried, g.both(b.pivots), b.within(a), e.step(q_new, v_new, [], out_v, out_pivots))

@@ -11,8 +11,7 @@ from gauss_bench.compiler.machine.graph import Array as Rows
 from gauss_bench.compiler.machine.graph import Compute, Graph, Load, Routine, Store, count_operations, inline, live, order, rewrite
 from gauss_bench.compiler.machine.native_code import Loaded, Single, Target
 from gauss_bench.compiler.machine.trigonometry import sincos
-from gauss_bench.compiler.stepping.driver import Course
-from gauss_bench.compiler.stepping.programs import Adaptive
+from gauss_bench.compiler.stepping.programs import Adaptive, Course
 from gauss_bench.compiler.stepping.rollout import adaptive, bodies, rollout
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.engines.minimal.equation import Equation
