@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
     GROUND,
     AngleDriver,
@@ -112,6 +114,36 @@ def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Arra
     random = np.random.default_rng(0)
     for size in SPREAD:
         yield y0 + size * random.uniform(-1.0, 1.0, tree.n), dy0 + 10.0 * size * random.uniform(-1.0, 1.0, tree.n)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenTree:
+    """The linkage at a state of its tree whose open pins may be apart, by the suite's own terms.
+
+    With V the map from tree to absolute speeds and a0 the acceleration at rest, its own, unconstrained motion obeys
+
+        V^T M V y'' = V^T (Q - M a0)
+
+    Attributes:
+        q: (n_q,) absolute. mass: (n, n) V^T M V. forces: (n,) V^T (Q - M a0), parts of which have the size `load`.
+        gaps: (pins, 2) of the open pins, point b minus point a.
+    """
+
+    q: Array
+    mass: Array
+    forces: Array
+    load: float
+    gaps: Array
+
+
+def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree:
+    """At a tree state y, dy (n,)."""
+    q, v, a0 = tree.absolute(y, dy, np.zeros(tree.n))
+    speeds = tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n)))[1]
+    Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
+    gaps = np.array([position(q, b) - position(q, a) for a, b in closing_pins(tree)]).reshape(-1, 2)
+    load = float(np.abs(Q).max() + np.abs(inertial).max())
+    return OpenTree(q, (speeds * evaluator.mass) @ speeds.T, speeds @ (Q - inertial), load, gaps)
 
 
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:

@@ -26,23 +26,23 @@ from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import native_forces
 from gauss_bench.engines.shared import (
     beyond_a_tree,
-    closing_pins,
     driven_coordinates,
     finite,
     finite_acceleration,
     joint_tree,
     jointed,
+    open_tree,
     require_agreement,
     tree_states,
     with_accelerations,
 )
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.spaces import places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
@@ -305,26 +305,16 @@ def verify(built: MujocoModel) -> None:
 
 
 def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) -> dict[str, tuple[Array, Array, float]]:
-    """Everything but the softness of the closures at a tree state y, dy (n,): MuJoCo's, the suite's, and the size of its parts.
-
-    With V the map from tree to absolute speeds and a0 the acceleration at rest of the tree's own, unconstrained motion obeys
-
-        V^T M V y'' = V^T (Q - M a0)
-    """
-    tree, n = built.tree, built.tree.n
-    data = built.forward(y, dy)
-    q, v, a0 = tree.absolute(y, dy, np.zeros(n))
-    speeds = tree.absolute(np.tile(y, (n, 1)), np.eye(n), np.zeros((n, n)))[1]
-    Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
+    """Everything but the softness of the closures at a tree state y, dy (n,): MuJoCo's, the suite's, and the size of its parts."""
+    data, own = built.forward(y, dy), open_tree(evaluator, built.tree, y, dy)
     forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
-    mass, own_mass = np.zeros((n, n)), (speeds * evaluator.mass) @ speeds.T
+    mass = np.zeros_like(own.mass)
     built.mujoco.mj_fullM(built.still, data, mass)
-    gaps = np.array([position(q, a) - position(q, b) for a, b in closing_pins(tree)]).reshape(-1, 2)
-    centres = np.array(data.xipos[built.bodies])[:, :2]
-    extent, load = float(np.abs(q).max()), float(np.abs(Q).max() + np.abs(inertial).max())
+    centres, gaps = np.array(data.xipos[built.bodies])[:, :2], np.array(data.efc_pos).reshape(-1, 3)[:, :2]
+    extent = float(np.abs(own.q).max())
     return {
-        "positions of links": (centres, q.reshape(-1, 3)[:, :2], extent),
-        "gaps of open pins": (np.array(data.efc_pos).reshape(-1, 3)[:, :2], gaps, extent),
-        "mass matrix": (mass, own_mass, float(own_mass.max())),
-        "forces and velocity terms": (forces, tree.forces(q, Q - inertial), load),
+        "positions of links": (centres, places(own.q), extent),
+        "gaps of open pins": (gaps, -own.gaps, extent),
+        "mass matrix": (mass, own.mass, float(own.mass.max())),
+        "forces and velocity terms": (forces, own.forces, own.load),
     }

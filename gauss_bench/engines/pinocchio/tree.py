@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, require_agreement, size, spatial, tree_states
-from gauss_bench.mechanism.coordinates import position
+from gauss_bench.engines.shared import closing_pins, open_tree, require_agreement, size, spatial, tree_states
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point
 from gauss_bench.mechanism.tree import Branch, Tree
@@ -119,12 +118,10 @@ def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
     """
     evaluator, rng = Evaluator(replace(mechanism, forces=())), np.random.default_rng(0)
     for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):
-        ddy = rng.standard_normal(tree.n)
-        q, v, a = tree.absolute(y, dy, ddy)
-        tau = tree.forces(q, evaluator.mass * a - evaluator.applied.generalised(q, v))
-        gaps = np.concatenate([np.zeros(0), *(position(q, b) - position(q, a) for a, b in body.pins)])
+        ddy, own = rng.standard_normal(tree.n), open_tree(evaluator, tree, y, dy)
+        tau = own.mass @ ddy - own.forces
         pairs = {
             "inverse dynamics": (body.inverse_dynamics(y, dy, ddy), tau, size(tau)),
-            "gaps of open pins": (body.gaps(y), gaps, size(gaps)),
+            "gaps of open pins": (body.gaps(y), own.gaps.ravel(), size(own.gaps)),
         }
         require_agreement(pairs, AGREEMENT)
