@@ -252,9 +252,3 @@ def test_it_shares_no_code_with_the_reference_in_minimal_coordinates() -> None:
     assert not any(name.startswith("gauss_bench.reference") for name in here)
     assert not any(name.startswith("gauss_bench.engines") for name in there)
     assert here & there == {"gauss_bench.mechanism.model", "gauss_bench.terms"}
-
-
-def test_it_is_an_engine_as_all_are() -> None:
-    engine: Any = get("minimal")
-    assert engine.knobs
-    assert all(knob.source.startswith("own search: ") for knob in engine.knobs.values())  # our own derivation, and said so

@@ -145,16 +145,6 @@ def test_accelerations_do_not_depend_on_integrator_step_or_history():
         assert (model.acceleration(0.0, q, v) == expected).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_rigid_rk4_follows_the_exact_motion(name):
-    mechanism, times = linkage(name), np.linspace(0.0, 0.2, 5)
-    exact, found = by_gauss(mechanism, times), trajectory(mechanism, times, step=5e-4)
-    assert np.abs(found.q - exact.q).max() < 1e-7  # measured 7e-11 to 2e-8, mostly the step
-    assert np.abs(found.v - exact.v).max() < 1e-5
-    assert np.abs(found.a - exact.a).max() < 1e-4 * np.abs(exact.a).max()
-    assert found.steps == 400
-
-
 def test_default_softness_does_not_converge_with_the_step():
     mechanism, times = linkage("crank_slider"), [0.0, 0.5]
     exact = by_gauss(mechanism, times).q[-1]

@@ -128,13 +128,6 @@ def test_a_redundant_row_changes_nothing(name: str) -> None:
     assert difference(solution.a, FORMULATIONS["lagrange"](plain).a) < AGREEMENT
 
 
-@pytest.mark.parametrize("name", ["lagrange", "schur"])
-def test_multipliers_refuse_redundant_rows_with_a_typed_error(name: str) -> None:
-    mechanism = redundant()
-    with pytest.raises(SingularSystem, match="redundant"):
-        FORMULATIONS[name](Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0))
-
-
 @pytest.mark.parametrize("name", SOUND)
 def test_constraint_forces_do_not_depend_on_the_formulation(name: str, any_mechanism: Mechanism) -> None:
     terms = Evaluator(any_mechanism).terms(0.0, any_mechanism.q0, any_mechanism.v0)

@@ -13,6 +13,7 @@ from typing import Any
 
 from gauss_bench.untrusted import parse_toml
 
+COMMA = re.compile(r',(?![^\[]*\])(?=(?:[^"]*"[^"]*")*[^"]*$)')  # in no bracket and no quotes
 BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # a word, or several, without quotes
 
 
@@ -43,7 +44,7 @@ class Known:
         """
         if text in self.labels:
             return dict(self.labels[text])
-        first, *others = parts = _parts(text)
+        first, *others = parts = [x.strip() for x in COMMA.split(text)]
         name, given = (next(iter(self.labels)), parts) if is_own(first) else (first, others)
         if strange := [x for x in (name, *given) if not is_own(x) and x not in self.labels]:
             raise KeyError(f"neither settings nor a variant: {strange[0]!r}; there are {', '.join(self.labels)}")
@@ -93,19 +94,6 @@ class Known:
 def is_own(text: str) -> bool:
     """Tell whether a text names options one by one."""
     return "=" in text
-
-
-def _parts(text: str) -> list[str]:
-    """The parts between commas that stand in no bracket and no quotes."""
-    depth, quoted, parts = 0, False, [""]
-    for c in text:
-        depth += (c == "[") - (c == "]")
-        quoted ^= c == '"'
-        if c == "," and depth <= 0 and not quoted:
-            parts.append("")
-        else:
-            parts[-1] += c
-    return [x.strip() for x in parts]
 
 
 def _read(text: str) -> Any:

@@ -17,6 +17,7 @@ from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import require_agreement, size
 from gauss_bench.integrate import StepFailure
 from gauss_bench.integrate.adaptive import MOST
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import Along, Distance, Law, Mechanism, Point, PointForce
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -88,8 +89,7 @@ class CompiledDynamics(ConstrainedDynamics):
             case PointForce():
                 self.library.add_push(self.linkage, *at(load.point), *direction(load.frame, load.value))
             case Law(coordinate=Along() as x):
-                angle = x.angle + (np.pi / 2 if x.across else 0.0)
-                axis = direction(x.origin.link, np.array([np.cos(angle), np.sin(angle)]))[1]
+                axis = direction(x.origin.link, unit(x.angle, x.across))[1]
                 self.library.add_spring(self.linkage, *at(x.origin), *at(x.point), axis, _law(load))
             case Law(coordinate=Distance() as x):
                 self.library.add_spring(self.linkage, *at(x.a), *at(x.b), _numbers([0.0, 0.0]), _law(load))
