@@ -4,7 +4,6 @@ Gauss and Lagrange come from the same eliminator, so that what differs between t
 """
 
 from collections.abc import Callable
-from itertools import groupby
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import finite
 from gauss_bench.integrate import BAUMGARTE_RATE
-from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
+from gauss_bench.integrate.fixed_step import EVALUATIONS, equal_runs
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
@@ -81,11 +80,9 @@ class CompiledModel:
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
         self.evaluations = 0
-        equal = groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15)))
-        self.runs = [(count, h, len(list(group))) for (count, h), group in equal]
-        ends = np.cumsum([0, *(intervals for _, _, intervals in self.runs)])
-        begins = zip(self.runs, times[ends[:-1]].tolist(), strict=True)
-        self.planned = sum(leg.n for (count, h, intervals), t in begins for leg in self.kernel.legs(t, h, count * intervals))
+        self.runs = equal_runs(times, self.choice.step)
+        legs = [self.kernel.legs(float(times[x.row]), x.size, x.steps * x.samples) for x in self.runs]
+        self.planned = sum(leg.n for some in legs for leg in some)
         self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
         self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
 
@@ -104,8 +101,7 @@ class CompiledModel:
         self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _run_fixed(self) -> None:
-        row = 0
-        for count, h, intervals in self.runs:
+        for row, count, h, intervals in self.runs:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:
                 self.q[row + 1], self.v[row + 1] = self._roll(q, v, t, h, count, None)
@@ -117,7 +113,6 @@ class CompiledModel:
                     for i in range(count):
                         q, v = self._roll(q, v, t + (k * count + i) * h, h, 1, None)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
-            row += intervals
         self.steps = self.planned
         differences = 2 * self.kernel.directions if self.choice.integrator == IMPLICIT else 0  # in positions and velocities
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps

@@ -6,7 +6,7 @@ semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical 
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -145,6 +145,23 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
         whole = abs(gap - count * step) <= ROUNDING * end
         counts.append((count, step if whole else float(gap) / count))
     return counts
+
+
+class Equal(NamedTuple):
+    """Samples between which equal steps are taken: the row of the one before, steps from one to the next, their size, how many."""
+
+    row: int
+    steps: int
+    size: float
+    samples: int
+
+
+def equal_runs(times: Array, step: float) -> list[Equal]:
+    """The steps of `step_counts`, those of one size together."""
+    runs: list[Equal] = []
+    for (count, size), group in groupby(step_counts(times, step), key=lambda c: (c[0], round(c[1], 15))):
+        runs.append(Equal(sum(x.samples for x in runs), count, size, len(list(group))))
+    return runs
 
 
 class Stretch(NamedTuple):

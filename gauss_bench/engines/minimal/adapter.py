@@ -7,7 +7,6 @@ dyads opens by less than `least`; there the coordinate whose dyads are open wide
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from gauss_bench.engines.minimal.structure import Links, NoWay, ways
 from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
-from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts
+from gauss_bench.integrate.fixed_step import EVALUATIONS, equal_runs
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.mechanism.spaces import angle_at, angles, places
@@ -222,12 +221,7 @@ class MinimalModel:
         """There is only the compiled loop, whatever `native` says; a rehearsal compiles what changes of coordinate need."""
         self.times = times
         self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
-        self.runs = []  # first row, step, steps between samples, samples
-        row = 0
-        for (count, h), group in groupby(step_counts(times, self.choice.step), key=lambda c: (c[0], round(c[1], 15))):
-            samples = len(list(group))
-            self.runs.append((row, h, count, samples))
-            row += samples
+        self.runs = equal_runs(times, self.choice.step)
         machine = self._machine(self.first)
         if not machine.adaptive:
             for *_, samples in self.runs:
@@ -252,7 +246,7 @@ class MinimalModel:
         if self.choice.integrator == ADAPTIVE:
             self._adaptive()
             return
-        for row, h, every, samples in self.runs:
+        for row, every, h, samples in self.runs:
             if not self.lost:
                 self._equal(row, h, every, samples)
 
