@@ -31,6 +31,11 @@ def document(name: str) -> dict[str, Any]:
     return tomllib.loads((DATA / f"{name}.toml").read_text(encoding="utf-8"))
 
 
+def table_of_faults(kind: str) -> list[list[Any]]:
+    """Rows of `data/faults/engines.toml`."""
+    return [[*row.values()] for row in document("faults/engines")[kind]]
+
+
 def linkage(name: str, scenario: str | None = None) -> Mechanism:
     """A linkage of the tests' own, or a built-in one."""
     own = (DATA / f"{name}.toml").exists()

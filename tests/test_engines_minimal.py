@@ -13,7 +13,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.minimal import adapter
 from gauss_bench.engines.minimal.adapter import Minimal
 from gauss_bench.engines.minimal.structure import Links, ways
-from gauss_bench.linkage.load import load, load_document
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.certificate import find_certified
@@ -174,21 +174,8 @@ def test_a_spring_on_the_angle_of_a_link_that_dyads_hold_counts_whole_turns() ->
     assert errors(mechanism, times, expected.q, integrator="dop853_fixed", step=5e-4) < 1e-9
 
 
-PENDULUM = {
-    "format": "planar-linkage/1",
-    "name": "pendulum",
-    "gravity": [0.0, -9.81],
-    "crank": "rod",
-    "ground": {"points": {"O": [0.0, 0.0]}},
-    "links": {"rod": {"points": {"O": [0.0, 0.0], "A": [0.5, 0.0]}, "mass": 1.0, "com": [0.3, 0.02], "inertia": 0.02}},
-    "joints": {"O": {"type": "revolute", "at": ["ground.O", "rod.O"]}},
-    "assembly": {"angles": {"rod": 0.5}},
-    "scenarios": {"swing": {"duration": 1.0, "start": {"crank_deg": 30.0, "speed": 1.0}}},
-}
-
-
 def test_a_pendulum_needs_no_dyad_at_all() -> None:
-    mechanism, times = load_document(PENDULUM, "swing"), np.linspace(0.0, 1.0, 5)
+    mechanism, times = linkage("small/pendulum"), np.linspace(0.0, 1.0, 5)
     assert [way.dyads for way in ways(mechanism)] == [()]
     expected = by_kernel(mechanism, times)
     assert errors(mechanism, times, expected.q, integrator="dop853_fixed", step=1e-3) < 1e-11

@@ -10,6 +10,7 @@ from gauss_bench.engines import COMPILED, OWN
 from gauss_bench.engines.own_options import Known, OptionError
 from gauss_bench.runs.offers import ChoiceError, offer
 from tests.conftest import needs
+from tests.engine_runs import table_of_faults
 
 KNOWN = Known(
     {
@@ -33,26 +34,7 @@ def test_options_change_what_they_name_and_nothing_else() -> None:
     assert (mu, type(mu)) == (0.0, float)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("turns=3", "no option 'turns'; there are rounds=20, mu=1e-08, shut=true, pair=\\[0.02,1\\], method=Newton"),
-        ("remark=x", "no option 'remark'"),
-        ("rounds=1.5", "'rounds' takes a whole number from 1 on; not '1.5'"),
-        ("rounds=0", "'rounds' takes a whole number"),
-        ("rounds=true", "'rounds' takes a whole number"),
-        ("mu=-1e-3", "'mu' takes a number that is not negative; not '-1e-3'"),
-        ("mu=nan", "'mu' takes a number"),
-        ("mu=inf", "'mu' takes a number"),
-        ("mu=", "'mu' takes a number"),
-        ("shut=1", "'shut' takes true or false"),
-        ("pair=[1]", "'pair' takes 2 numbers in brackets, as in \\[0.02,1\\]; not '\\[1\\]'"),
-        ("pair=[1, nan]", "'pair' takes 2 numbers"),
-        ("method=LU", "'method' takes one of: Newton; CG; PGS; not 'LU'"),
-        ("rounds=1,rounds=2", "'rounds' is given twice"),
-        ("rounds=1,quick", "only the first may be a name"),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), table_of_faults("options"))
 def test_what_an_engine_does_not_know_is_refused_with_what_it_knows(text: str, said: str) -> None:
     with pytest.raises(OptionError, match=said):
         KNOWN.resolve(text)

@@ -10,23 +10,10 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import OWN_SEARCH, VariantError, Variants, read_variants
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.offers import offer
-from tests.conftest import needs
+from tests.conftest import DATA, needs
+from tests.engine_runs import table_of_faults
 
-GOOD = """
-[knobs]
-integrator = { meaning = "method", source = "https://example.org/integrators" }
-stabilization = { meaning = "cure of drift", source = "https://example.org/drift" }
-mu = { meaning = "damping", source = "https://example.org/mu" }
-rounds = { meaning = "iterations", own_search = "nobody says how many are enough" }
-pair = { meaning = "two numbers", source = "https://example.org/pair" }
-[settings]
-default = { mu = 1e-8, rounds = 20, pair = [1.0, 2.0] }
-quick = { rounds = 1, remark = "for those in a hurry" }
-[variants]
-plain = { integrator = "rk4" }
-many = { settings = "quick", integrator = ["rk4", "euler"], mu = [1e-4, 1e-6], stabilization = "projection" }
-pairs = { integrator = "rk4", pair = [[1.0, 1.0], [2.0, 2.0]] }
-"""
+GOOD = (DATA / "room" / "variants.toml").read_text(encoding="utf-8")
 
 
 def made(folder: Path, text: str) -> Variants:
@@ -80,29 +67,7 @@ def test_what_is_inexact_needs_a_cause(text: str, said: str, tmp_path: Path) -> 
         made(tmp_path, text)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (', source = "https://example.org/mu"', "", r"knobs\.mu: needs `source`"),
-        ("https://example.org/mu", "a friend told me", r"knobs\.mu\.source: .* pattern"),
-        (
-            ', own_search = "nobody says how many are enough"',
-            ', own_search = "why not"',
-            r"knobs\.rounds\.own_search: .* at least",
-        ),
-        ('meaning = "damping"', 'meaning = " "', r"knobs\.mu\.meaning: .* at least"),
-        ('meaning = "damping"', 'meaning = "damping", unit = "1"', r"knobs\.mu\.unit: Extra"),
-        ("rounds = 1,", "turns = 1,", r"settings\.quick: turns is no knob"),
-        ("mu = 1e-8, ", "", r"settings\.default: mu has no value"),
-        ('integrator = "rk4" }\nmany', 'integrator = "rk4", speed = 3 }\nmany', r"variants\.plain: speed is no knob"),
-        ('plain = { integrator = "rk4" }', "plain = { mu = 1e-4 }", r"variants\.plain: integrator is missing"),
-        ('settings = "quick"', 'settings = "slow"', r"variants\.many: there are no settings 'slow'"),
-        ("plain = {", "quick = {", r"variants\.quick: quick is there already"),
-        ("[variants]", "[variant]", "variants: Field required"),
-        ('plain = { integrator = "rk4" }', "plain = 3", r"variants\.plain: .* dictionary"),
-        ("[knobs]", "[[knobs]", "TOML syntax"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "said"), table_of_faults("variants"))
 def test_a_faulty_file_is_told_by_table_and_field(old: str, new: str, said: str, tmp_path: Path) -> None:
     assert old in GOOD
     with pytest.raises(VariantError, match=said) as error:

@@ -12,7 +12,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.linkage.load import built_in, load, load_document
+from gauss_bench.linkage.load import built_in, load, load_document, merge
 from gauss_bench.mechanism.coordinates import rate
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import Jammed
@@ -22,6 +22,7 @@ from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.trajectory import Reference, RunFailure, Status, Trajectory
 from tests.conftest import DATA
+from tests.engine_runs import document
 
 SOUND = sorted(FORMULATIONS.keys() - CONTROLS)
 FILE = DATA / "friction.toml"
@@ -49,22 +50,8 @@ def rubbing(name: str, scenario: str, mu: float = 0.1, radius: float = 0.02, spe
 
 def block(slope: float, mu: float, speed: float) -> Mechanism:
     """A block of 2 kg on a guide that falls at `slope` degrees, released at 1 m/s downwards; its point is not at its centre."""
-    return load_document(
-        {
-            "format": "planar-linkage/1",
-            "name": "block",
-            "ground": {"points": {"O": [0.1, 0.2]}},
-            "links": {"block": {"points": {"K": [0.03, -0.02]}, "mass": 2.0, "inertia": 0.01}},
-            "joints": {
-                "slope": {"type": "prismatic", "guide": "ground.O", "angle_deg": -slope, "block": "block.K", "offset": 0.05}
-            },
-            "forces": {"rub": {"type": "coulomb_friction", "joint": "slope", "mu": mu, "speed": speed}},
-            "assembly": {"sketch": {"slope": [0.1, 0.2]}},
-            "scenarios": {
-                "slide": {"duration": 1.0, "forces": ["rub"], "start": {"slides": {"slope": 0.0}, "slide_speeds": {"slope": 1.0}}}
-            },
-        }
-    )
+    changes = {"joints": {"slope": {"angle_deg": -slope}}, "forces": {"rub": {"mu": mu, "speed": speed}}}
+    return load_document(merge(document("small/block"), changes))
 
 
 MASS, LENGTH = 1.3, 0.6
@@ -72,19 +59,7 @@ MASS, LENGTH = 1.3, 0.6
 
 def pendulum(mu: float, radius: float, speed: float) -> Mechanism:
     """A uniform bar on a pin with friction, released 30 degrees below the horizontal."""
-    return load_document(
-        {
-            "format": "planar-linkage/1",
-            "name": "pendulum",
-            "crank": "bar",
-            "ground": {"points": {"O": [0.0, 0.0]}},
-            "links": {"bar": {"points": {"O": [0.0, 0.0], "E": [LENGTH, 0.0]}, "bars": [["O", "E"]], "mass": MASS}},
-            "joints": {"O": {"type": "revolute", "at": ["ground.O", "bar.O"]}},
-            "forces": {"rub": {"type": "coulomb_friction", "joint": "O", "mu": mu, "radius": radius, "speed": speed}},
-            "assembly": {"angles": {"bar": 0.0}},
-            "scenarios": {"swing": {"duration": 2.0, "start": {"crank_deg": -30.0, "speed": 0.0}, "forces": ["rub"]}},
-        }
-    )
+    return load_document(merge(document("small/rubbing_bar"), {"forces": {"rub": {"mu": mu, "radius": radius, "speed": speed}}}))
 
 
 def run(mechanism: Mechanism, h: float = 1e-3, t: float = 1.0, name: str = "gauss", integrator: str = "rk4") -> Trajectory:

@@ -13,6 +13,7 @@ from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Point
 from gauss_bench.mechanism.tree import spanning_tree
+from tests.engine_runs import document, table_of_faults
 
 LINKS = 3
 STEP = 1e-4  # fourth-order differences: truncation and rounding both near 1e-12
@@ -58,20 +59,7 @@ def test_batches_and_long_double_are_the_single_state_again(coordinate: Coordina
 
 def slotted(**more: Any) -> dict[str, Any]:
     """A block on a fixed guide that carries a pendulum, without a crank: the block is the first link and never turns."""
-    bar = {"points": {"A": [0.0, 0.0], "B": [0.5, 0.0]}, "bars": [["A", "B"]], "mass": 1.0}
-    return {
-        "format": "planar-linkage/1",
-        "name": "slotted",
-        "ground": {"points": {"O": [0.0, 0.0]}},
-        "links": {"block": {"points": {"A": [0.0, 0.0]}, "mass": 1.0, "inertia": 0.1}, "bar": bar},
-        "joints": {
-            "guide": {"type": "prismatic", "guide": "ground.O", "block": "block.A"},
-            "pin": {"type": "revolute", "at": ["block.A", "bar.A"]},
-        },
-        "assembly": {"sketch": {"guide": [0.1, 0.0]}, "angles_deg": {"bar": -60.0}},
-        "scenarios": {"fall": {"duration": 1.0, "start": {"angles_deg": {"bar": -60.0}, "slides": {"guide": 0.1}}}},
-        **more,
-    }
+    return document("small/slotted") | more
 
 
 def test_without_crank_and_driver_the_first_coordinate_that_moves_is_measured() -> None:
@@ -123,19 +111,7 @@ def test_a_driven_coordinate_goes_before_the_crank() -> None:
     assert load("excavator").measured.name == "distance ground.P-boom.A"
 
 
-@pytest.mark.parametrize(
-    ("measure", "fault"),
-    [
-        ({}, "measure: give exactly one of link, joint, between and point"),
-        ({"link": "bar", "joint": "guide"}, "measure: give exactly one of link, joint, between and point"),
-        ({"link": "ground"}, "measure.link: unknown link 'ground'"),
-        ({"joint": "pin"}, "measure.joint: joint 'pin' is not prismatic"),
-        ({"point": "ground.O"}, "measure.point: 'ground.O' is on the ground; it must be on a link"),
-        ({"link": "bar", "angle": 1.0}, "measure.angle: given without point"),
-        ({"point": "bar.B", "angle": 1.0, "angle_deg": 1.0}, "measure.angle: given together with angle_deg"),
-        ({"between": ["bar.A", "bar.B"]}, "measure.between: the link 'bar' appears twice"),
-    ],
-)
+@pytest.mark.parametrize(("measure", "fault"), table_of_faults("measures"))
 def test_a_measure_that_means_nothing_is_refused(measure: dict[str, Any], fault: str) -> None:
     with pytest.raises(LinkageError) as error:
         load_document(slotted(measure=measure))

@@ -272,17 +272,8 @@ scenarios = { run = { duration = 0.01, forces = ["cord"], start = { slides = { r
 
 def rotor(force: dict[str, Any], speed: float = 0.0) -> Mechanism:
     """A link of 0.5 kg m^2 on a pin, without gravity, under one torque."""
-    content = {
-        "format": "planar-linkage/2",
-        "name": "rotor",
-        "gravity": [0.0, 0.0],
-        "ground": {"points": {"O": [0.0, 0.0]}},
-        "links": {"a": {"points": {"O": [0.0, 0.0]}, "mass": 1.0, "inertia": 0.5}},
-        "joints": {"O": {"type": "revolute", "at": ["ground.O", "a.O"]}},
-        "forces": {"push": {"type": "torque", "link": "a"} | force},
-        "assembly": {"angles": {"a": 0.0}},
-        "scenarios": {"run": {"duration": 1.0, "forces": ["push"], "start": {"angles": {"a": 0.0}, "speeds": {"a": speed}}}},
-    }
+    content = changed(DATA / "small" / "rotor.toml", {"forces": {"push": force}})
+    content["scenarios"]["run"]["start"]["speeds"]["a"] = speed
     return load_document(content)
 
 
