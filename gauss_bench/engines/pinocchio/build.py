@@ -24,19 +24,9 @@ from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 SOURCE = Path(__file__).parent / "loop.cpp"
 # No -march: Eigen's objects cross into a library that was built for any processor. Definitions are those of Pinocchio's targets.
-FLAGS = (
-    "-std=c++17",
-    "-O2",
-    "-DNDEBUG",
-    "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION",
-    "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
-    "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30",
-    "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
-    "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
-    "-shared",
-    "-fPIC",
-    "-w",
-)
+DEFINED = "PINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION BOOST_MPL_LIMIT_LIST_SIZE=30 BOOST_MPL_LIMIT_VECTOR_SIZE=30"
+DEFINED += " BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS BOOST_FUSION_INVOKE_MAX_ARITY=12 NDEBUG"
+FLAGS = ("-std=c++17", "-O2", *(f"-D{x}" for x in DEFINED.split()), "-shared", "-fPIC", "-w")
 COMPILERS = ("c++", "g++", "clang++")
 LIBRARIES = ("pin", "libpinocchio", "cmeel-eigen", "cmeel-boost")
 MEMORY = 3 << 30  # bytes of the compiler
