@@ -14,12 +14,11 @@ import jinja2
 from markupsafe import Markup, escape
 
 from gauss_bench.report.content import NOTHING, Cell, Section, Table
+from gauss_bench.report.pages import MARKED, SENTENCE
 from gauss_bench.report.site.formulas import is_formula, mathml
 
-MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 LONG, LABEL = 60, 40  # characters: a longer cell opens from a label of at most so many
 HEADLINE = 260  # characters of a finding before its reader opens the rest
-SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")
 DASH = "A dash: not measured there, or without sense for that row."
 TAGS = {"bad": "where we lose", "warn": "to know", "good": "holds"}
 
