@@ -42,10 +42,8 @@ def written(block: Block, folder: Path) -> None:
     if block.remark.startswith("added to"):
         whole = (folder / block.remark.split()[2].rstrip(",")).read_text(encoding="utf-8").replace("linkage/1", "linkage/2")
         name = Path(block.title).stem
-        whole = whole.replace('name   = "rocker"', f'name   = "{name}"').replace(
-            '["motor", "brake"]', f'["motor", "brake", "{name}"]'
-        )
-        text = whole + text
+        whole = whole.replace('name   = "rocker"', f'name   = "{name}"')
+        text = whole.replace('["motor", "brake"]', f'["motor", "brake", "{name}"]') + text
     path = folder / block.title
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")

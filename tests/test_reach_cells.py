@@ -59,7 +59,7 @@ def cells(run: Run) -> Iterator[Said]:
             missed = {e: shown["words"][k] for e, k in places.items() if k >= 0}
             assert not there.keys() & missed.keys()
             yield from (Said("chooser", name, e, wanted, x) for e, x in (there | missed).items())
-        text = str(leaders(run, name, [x for x in settings if x.mechanism == name]))
+        text = leaders(run, name, [x for x in settings if x.mechanism == name]).replace("`", "")
         for engine, words in re.findall(rf"\b({'|'.join(engine_names(run))}): ([^.]*)", text):
             yield Said("linkage page", name, engine, {"position": 1e-4}, words)
     for engine in engine_names(run):

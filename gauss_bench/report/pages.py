@@ -2,13 +2,13 @@
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import jinja2
 
 from gauss_bench.report.content import Cell, Section
 from gauss_bench.report.rows import Run
 
+SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")  # between two of a finding
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 
 
@@ -43,27 +43,14 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def _context(run: Run, content: Sequence[Section]) -> dict[str, Any]:
-    return {
-        "sections": content,
-        "facts": facts(run),
-    }
-
-
 def facts(run: Run) -> list[str]:
     """The origin of its numbers, in a few words."""
-    return [x for x in (_suite(run), str(run.environment.get("date", "")), _commit(run), str(run.environment.get("cpu", ""))) if x]
-
-
-def _suite(run: Run) -> str:
-    return f"suite {run.environment['suite']}" if "suite" in run.environment else ""
-
-
-def _commit(run: Run) -> str:
-    commit = str(run.environment.get("commit") or "")[:10]
-    return f"commit {commit}{' with changes' if run.environment.get('dirty') else ''}" if commit else ""
+    known = run.environment
+    suite = f"suite {known['suite']}" if "suite" in known else ""
+    commit = f"commit {known['commit'][:10]}{' with changes' if known.get('dirty') else ''}" if known.get("commit") else ""
+    return [x for x in (suite, str(known.get("date", "")), commit, str(known.get("cpu", ""))) if x]
 
 
 def markdown_page(run: Run, content: Sequence[Section]) -> str:
-    text = _environment().get_template("page.md").render(_context(run, content))
+    text = _environment().get_template("page.md").render(sections=content, facts=facts(run))
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"

@@ -111,7 +111,7 @@ def widest(mechanism: Mechanism, run: Played, truth: Array, times: Array) -> flo
     shown = times <= UNTIL
     closed, opened = truth[shown], (truth + run.gap.reshape(len(truth), -1))[shown]
     # the truth is stored in few digits: what that leaves open is taken off
-    apart = [[position(q, j.a) - position(q, j.b) for q in (opened, closed)] for j in mechanism.joints]
+    apart = [[np.subtract(*(position(q, end) for end in j.ends)) for q in (opened, closed)] for j in mechanism.joints]
     return max(float(np.hypot(*(one - other).T).max()) for one, other in apart)
 
 
@@ -119,7 +119,7 @@ def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str
     """The links, and every joint by both of its ends where it is open, with a red line between them."""
     yield from (film.draw(link_part(mechanism, i, film.states, canvas)) for i in range(len(mechanism.links)))
     for joint in mechanism.joints:
-        a, b = (canvas.at(position(film.states, end)) for end in (joint.a, joint.b))
+        a, b = (canvas.at(position(film.states, end)) for end in joint.ends)
         ends = [a]
         if np.abs(a - b).max() > OPEN:
             ends.append(b)
@@ -136,7 +136,7 @@ def animated(attribute: str, values: Array, film: Film) -> str:
 def cost_picture(run: Run) -> str:
     """Return error against time of every engine on LINKAGE, both axes as long as the data."""
     lines = fronts(run)
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"engine": mark(run, way), "line": way, "x": one.seconds, "y": one.position} for way, some in lines.items() for one in some
     ]
     until = max(one.until for some in lines.values() for one in some)

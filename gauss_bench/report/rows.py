@@ -98,9 +98,8 @@ def unit(rows: Iterable[Row]) -> str:
     return units.pop() if len(units) == 1 else "rad or m"
 
 
-def measure(rows: Iterable[Row]) -> str:
+def measure(rows: Sequence[Row]) -> str:
     """Both, as a table shows them."""
-    rows = list(rows)
     return f"{quantity(rows)} [{unit(rows)}]"
 
 
@@ -190,12 +189,6 @@ def costs(rows: Sequence[Row]) -> list[Row]:
 def _merge(group: Sequence[Row]) -> Row:
     """The first row, with every number it lacks taken from the next that has it."""
     return {k: next((r[k] for r in group if is_known(r.get(k))), x) if not is_known(x) else x for k, x in group[0].items()}
-
-
-def name_row(row: Row) -> str:
-    """Engine and settings as a figure names them."""
-    mark = " (control)" if row["control"] else ""
-    return f"{row['engine']} {row['settings'] if row['settings'] != 'default' else ''}".strip() + mark
 
 
 def order(row: Row) -> tuple[Any, ...]:

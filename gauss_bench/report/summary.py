@@ -5,7 +5,6 @@ decides stand in tables of their own, as the rows do, so that a run that is made
 """
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 
 from gauss_bench.reach import ERRORS
@@ -27,6 +26,7 @@ from gauss_bench.report.content import (
     times,
 )
 from gauss_bench.report.first_table import SAID, first_table, mark
+from gauss_bench.report.pages import SENTENCE
 from gauss_bench.report.rows import (
     Row,
     Run,
@@ -45,7 +45,6 @@ from gauss_bench.report.site.settings import multiples
 from gauss_bench.report.site.write import SITE
 
 LOST = "**"  # findings set in bold what is lost
-SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")
 SHORT, LONGEST = 40, 800  # characters of a finding
 
 

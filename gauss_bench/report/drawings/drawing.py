@@ -64,7 +64,7 @@ def names_of(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Par
 def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:
     """A canvas that holds every named point, and the given ones, at every drawn state (k, n)."""
     named = [mechanism.point(i, name) for i, link in enumerate(mechanism.links) for name in link.points]
-    ends = [p for j in mechanism.joints for p in ((j.a, j.b) if isinstance(j, Revolute) else (j.guide, j.block))]
+    ends = [p for j in mechanism.joints for p in j.ends]
     ground = [p for p in (*ends, *holder_of(mechanism)) if p.link == GROUND]
     everything = np.vstack([position(states, p) for p in (*named, *ground, *points)])
     low, high = everything.min(axis=0), everything.max(axis=0)

@@ -161,7 +161,7 @@ def between(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]
         lines += [[(x, -side), (x, side)] for x in ends] + [[(0, 0), (LEAD, 0)], [(1 - LEAD, 0), (1, 0)]]
     drawn = "".join(path(np.array(line) * (length, 1)) for line in lines)
     reach = np.array([[(0.0, y), (length, y)] for y in (0.0, side + WIDE, -side - WIDE)])
-    yield make_part([f'<path d="{drawn}" {LINE}/>'], **where, name=name, reach=reach)  # type: ignore[arg-type]
+    yield make_part([f'<path d="{drawn}" {LINE}/>'], **where, name=name, reach=reach)
     yield from (make_part([PIN], x) for x in (a, b))
 
 
@@ -169,7 +169,7 @@ def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
     """A rod between pixels a and b (n, 2), and a barrel around its first part that keeps its length."""
     length, where = along(a, b)
     rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {KEPT}/>'
-    yield make_part([rod], **where, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))  # type: ignore[arg-type]
+    yield make_part([rod], **where, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))
     wide = BARREL * length * float(where["stretch"].min())
     box = f'x="8" y="-7.5" width="{wide:.1f}" height="15" rx="2.5" fill="{PAPER}" stroke="{CRANK_EDGE}" stroke-width="1.8"'
     yield make_part([f"<rect {box}/>"], a, where["turn"])

@@ -15,7 +15,7 @@ SHARED = "Cases that ended for the same reason share a line; none of them is in 
 
 def section(run: Run) -> Section:
     failed = [row for row in run.results if not ok(row)]
-    kinds = {
+    kinds: dict[str, list[Row]] = {
         "Failed": [row for row in failed if row["status"] != "skip"],
         "Skipped: not modelled, with the adapter's reason": [row for row in failed if row["status"] == "skip"],
         "Ended, but not valid: the judge's reason": [

@@ -43,7 +43,7 @@ def judge_row(row: Row) -> Row:
 
 def reasons(rows: Sequence[Row]) -> list[Row]:
     """Each cause once, with the lines that fail for it."""
-    found = []
+    found: list[Row] = []
     for group in causes(rows).values():
         verdict, where = str(group[0]["verdict"]), ", ".join(dict.fromkeys(str(row["equation"]) for row in group))
         said = {"verdict": SAID.get(verdict, verdict), "verdict_tone": TONES.get(verdict, "")}

@@ -87,7 +87,7 @@ def why(run: Run, name: str, settings: Sequence[Setting]) -> tuple[str, Table] |
     if not lines:
         return None
     # the product of geometric means holds, as that of medians does not
-    whole, steps, each = (geometric_mean(x[k] for x in lines) for k in ("time", "steps", "each"))
+    whole, steps, each = (geometric_mean(number(x, k) for x in lines) for k in ("time", "steps", "each"))
     said = (
         f"To hold {small(FIRST)} m, on {count(len(lines), 'linkage')} it takes, as geometric means, {times(whole)} times as long "
         f"as the fastest engine there: {times(steps)} times as many steps, each of {times(each)} times the time."

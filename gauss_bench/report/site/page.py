@@ -13,13 +13,12 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import NOTHING, Cell, Section, Table
+from gauss_bench.report.content import NOTHING, Cell, Chart, Section, Table
+from gauss_bench.report.pages import MARKED, SENTENCE
 from gauss_bench.report.site.formulas import is_formula, mathml
 
-MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 LONG, LABEL = 60, 40  # characters: a longer cell opens from a label of at most so many
 HEADLINE = 260  # characters of a finding before its reader opens the rest
-SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")
 DASH = "A dash: not measured there, or without sense for that row."
 TAGS = {"bad": "where we lose", "warn": "to know", "good": "holds"}
 
@@ -170,7 +169,7 @@ def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mappin
 
 def charts_in(content: Section) -> dict[str, Any]:
     """Name -> data of every figure of a section."""
-    own = {x.name: x.data() for x in content.blocks if x.kind == "chart"}
+    own = {x.name: x.data() for x in content.blocks if isinstance(x, Chart)}
     return own | {name: data for part in content.parts for name, data in charts_in(part).items()}
 
 

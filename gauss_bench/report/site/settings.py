@@ -139,8 +139,8 @@ def _size(row: Row) -> tuple[float, ...]:
 
 def make_setting(row: Row, **more: Any) -> Setting:
     """A setting from a row and what the row does not say; numbers that neither knows are NaN."""
-    known = {k: more.get(k, number(row, k)) for k in NUMBERS}
-    return Setting(*method_of(row), **known, estimated=bool(more.get("estimated")))
+    known: dict[str, Any] = dict(zip(METHOD, method_of(row), strict=True)) | {k: number(row, k) for k in NUMBERS}
+    return Setting(**{"estimated": False} | known | more)
 
 
 @lru_cache(maxsize=2)
