@@ -213,7 +213,7 @@ def key_of(row: Row) -> Key:
     return Key(*(row[x] for x in Key._fields))
 
 
-def gather(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
+def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
     """What the rows of races say, by their entries: seconds of a round of a process, facts, or a status with its reason.
 
     With `strict` an entry that failed in one process has failed, whatever it took in others.
