@@ -5,12 +5,13 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gauss_bench.bench import gate, runner
+from gauss_bench.bench import gate
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.gate import accept, compare, facts, failures, read_baseline
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.cli import main
 from gauss_bench.tables import KEY
+from gauss_bench.verbs import suites
 
 CASES = [Case("four_bar", "torque", "gauss", "default", "rk4", "none", h, 1.0) for h in (1e-2, 5e-3)]
 
@@ -78,7 +79,7 @@ def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_t
         run.extend(cases)
         return pd.DataFrame([CASE]), pd.DataFrame()
 
-    monkeypatch.setattr(runner, "measure_all", measured)
+    monkeypatch.setattr(suites, "measure_all", measured)
     monkeypatch.setattr(gate, "facts", lambda *arguments: figures)
     assert main(["check", "four_bar", "--baseline", str(baseline)]) == 0
     assert {x.engine for x in run} == {"gauss"}
@@ -134,7 +135,7 @@ def test_the_hint_repeats_what_was_asked_for(
 ) -> None:
     path = tmp_path / "a baseline.csv"
     accept(ended("ok"), path, "first")
-    monkeypatch.setattr(runner, "measure_all", lambda *arguments: (pd.DataFrame([CASE]), pd.DataFrame()))
+    monkeypatch.setattr(suites, "measure_all", lambda *arguments: (pd.DataFrame([CASE]), pd.DataFrame()))
     monkeypatch.setattr(gate, "facts", lambda *arguments: ended("nan"))
     assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(path)]) == 1
     assert f"gauss-bench check four_bar --engine gauss --baseline '{path}' --accept 'REASON'" in capsys.readouterr().out

@@ -23,7 +23,7 @@ from gauss_bench.reference.build import absolute_motion
 from gauss_bench.runs.one_run import Run, nothing
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status, Trajectory
+from gauss_bench.trajectory import Status
 
 EXACT = 1e-9  # of the largest acceleration of a state: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
 ALONG = 1e-8  # of N^T Q: MuJoCo's solver leaves 1e-9 where it ends by its own tolerance
@@ -205,18 +205,12 @@ def motions(subject: Subject) -> Iterator[Check]:
         yield _follow(subject, choice, *subject.moving[0])
     for linkage, scenario in ((PROBE, "driven"), ("parallelogram", "torque")):
         yield _follow(subject, usual, linkage, scenario)
-    for name in offer.stabilizations:
-        if name != usual.stabilization:
-            yield _stabilize(subject, name)
-
-
-def _stabilize(subject: Subject, name: str) -> Check:
-    """A run under a stabilisation and the first integrator that goes with it."""
-    for integrator in subject.offer.integrators:
-        check = _follow(subject, replace(subject.usual, stabilization=name, integrator=integrator), *subject.moving[0])
-        if check.passed is not None:
-            break
-    return check
+    for name in (x for x in offer.stabilizations if x != usual.stabilization):
+        for integrator in offer.integrators:  # the first that goes with it
+            check = _follow(subject, replace(usual, stabilization=name, integrator=integrator), *subject.moving[0])
+            if check.passed is not None:
+                break
+        yield check
 
 
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
@@ -234,7 +228,7 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
             return Check(title, None if refusal(subject, choice, run, mechanism) else False, run.message)
     if soft and choice.stabilization != "none":
         return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
-    *samples, fine = [_levels(run.trajectory) for run in runs if run.trajectory]
+    *samples, fine = [np.array([x.q, x.v, x.a]) for x in (run.trajectory for run in runs) if x]
     told = ""
     for run, levels in zip(runs, samples, strict=False):
         true = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
@@ -263,11 +257,6 @@ def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> 
         if not x <= RATIO * y + ROUNDING:
             return "", f"{word} are off by {x:.1e} of the largest; a finer run changes them by {y:.1e}"
     return f"within {off[0]:.1e} of the way that it goes; a finer run changes it by {moved[0]:.1e}", ""
-
-
-def _levels(x: Trajectory) -> Array:
-    """Positions, velocities and accelerations (3, k, n)."""
-    return np.array([x.q, x.v, x.a])
 
 
 def own_motion(q0: Array, v0: Array, model: Model) -> Array:

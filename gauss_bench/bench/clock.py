@@ -213,7 +213,7 @@ def key_of(row: Row) -> Key:
     return Key(*(row[x] for x in Key._fields))
 
 
-def gather(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
+def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
     """What the rows of races say, by their entries: seconds of a round of a process, facts, or a status with its reason.
 
     With `strict` an entry that failed in one process has failed, whatever it took in others.
@@ -284,8 +284,8 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
     """The spread of what several processes found; or of rounds of one, nine tenths of them."""
     if several:
         return foreseen(values)
-    low, high = np.quantile(values, (0.05, 0.95))
-    return float(low), float(high)
+    low, high = np.quantile(values, (0.05, 0.95)).tolist()
+    return low, high
 
 
 def foreseen(values: Array) -> tuple[float, float]:
@@ -341,14 +341,9 @@ def at_least(row: Row, column: str, target: float | None) -> Row:
     """The row with its target, and whether the column reaches it; what was not measured has not reached it."""
     if target is None:
         return row
-    return row | {"target": target, "met": bool(_number(row, column) >= target)}
+    return row | {"target": target, "met": row.get(column) is not None and bool(row[column] >= target)}
 
 
 def at_most(row: Row, column: str, target: float) -> Row:
     """As `at_least`, for what should be small."""
-    return row | {"target": target, "met": bool(_number(row, column) <= target)}
-
-
-def _number(row: Row, column: str) -> float:
-    x = row.get(column)
-    return math.nan if x is None else float(x)
+    return row | {"target": target, "met": row.get(column) is not None and bool(row[column] <= target)}

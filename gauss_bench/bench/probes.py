@@ -10,7 +10,6 @@ With N (n, dof) a basis of the velocities that the constraints allow, accelerati
 because those forces do no work along N: a loop that gives way leaves this alone, a wrong mass, force or row of J does not.
 """
 
-import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,8 +28,14 @@ STATES, SEED = 8, 20261123
 REACH, SLOW, FAST = 0.4, 2.0, 6.0  # of steps [m, rad] from state to state; of velocities [m/s, rad/s] along what can move
 FLOOR = 0.05  # of the largest among the states: below it a state counts as an equilibrium, where a share of nothing says nothing
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
-FACTORS = {"mass": 1.3, "inertia": 1.4, "length": 1.04, "angle": 1.1, "gravity": 1.2, "force": 1.3}
-PLURALS = {"mass": "masses", "inertia": "inertias", "length": "lengths", "angle": "angles", "gravity": "gravity", "force": "forces"}
+FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
+    "mass": ("masses", 1.3),
+    "inertia": ("inertias", 1.4),
+    "length": ("lengths", 1.04),
+    "angle": ("angles", 1.1),
+    "gravity": ("gravity", 1.2),
+    "force": ("forces", 1.3),
+}
 
 Path = tuple[str | int, ...]
 
@@ -78,7 +83,7 @@ def _share(errors: Array, sizes: Array) -> float:
 def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
     """A linkage with a change of `changes` made, at its states; under these of its forces alone, where they are given."""
     document, digest, path = document_of(linkage)
-    changed = _change(document, changes(linkage, scenario)[change])
+    changed = scale(document, changes(linkage, scenario)[change])
     if forces is not None:
         changed["scenarios"][scenario]["forces"] = list(forces)
     mechanism = load_document(changed, scenario, f"{path} ({change})", f"{digest} {change} {forces}", path.stem)
@@ -108,14 +113,14 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
     """The factors of a linkage's numbers by the name of the change: none, all, those of a kind, then one by one."""
     document, _, _ = document_of(linkage)
-    found = {path: _kind(path) for path in numbers(document, scenario)}
-    kinds = {
-        f"all {PLURALS[kind]} x {factor:g}": {path: factor for path, other in found.items() if other == kind}
-        for kind, factor in FACTORS.items()
-    }
-    single = {f"{_describe(path)} x {FACTORS[kind]:g}": {path: FACTORS[kind]} for path, kind in found.items()}
-    everything = {path: factor for change in kinds.values() for path, factor in change.items()}
-    return {AS_IT_IS: {}, EVERYTHING: everything, **{name: x for name, x in kinds.items() if x}, **single}
+    every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]
+    found: dict[str, dict[Path, float]] = {AS_IT_IS: {}, EVERYTHING: {path: factor for path, _, factor in every}}
+    for path, plural, factor in every:
+        found.setdefault(f"all {plural} x {factor:g}", {})[path] = factor
+    for path, _, factor in every:
+        name = "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in path).lstrip(".")
+        found[f"{name} x {factor:g}"] = {path: factor}
+    return found
 
 
 def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
@@ -142,16 +147,10 @@ def _kind(path: Path) -> str:
     return {"mass": "mass", "kg_per_m": "mass", "inertia": "inertia", "angle_deg": "angle"}.get(words[-1], "length")
 
 
-def _describe(path: Path) -> str:
-    return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in path).lstrip(".")
-
-
-def _change(document: dict[str, Any], factors: Mapping[Path, float]) -> dict[str, Any]:
-    """A copy of a document, numbers at some paths times their factors."""
-    changed = copy.deepcopy(document)
-    for path, factor in factors.items():
-        place: Any = changed
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] *= factor
-    return changed
+def scale(item: Any, factors: Mapping[Path, float], path: Path = ()) -> Any:
+    """A copy of a part of a document, numbers at some paths times their factors."""
+    if isinstance(item, dict):
+        return {key: scale(x, factors, (*path, key)) for key, x in item.items()}
+    if isinstance(item, list):
+        return [scale(x, factors, (*path, k)) for k, x in enumerate(item)]
+    return item * factors[path] if path in factors else item

@@ -32,14 +32,14 @@ def check_publishable(folder: Path) -> None:
         TableError: the run may not be published.
     """
     told = read_environment(folder)
-    if not told.get("commit"):
-        raise TableError(f"{folder / ENVIRONMENT}: does not name the commit that the run was made from: not to be published")
-    if told.get("dirty"):
-        raise TableError(f"{folder / ENVIRONMENT}: the run was made from changed code: not to be published")
-    if told.get("shortened"):
-        raise TableError(f"{folder / ENVIRONMENT}: kernels were made in haste, with {told['shortened']}: not to be published")
-    if (folder / TIMES).exists() and not told.get("cpu"):
-        raise TableError(f"{folder / ENVIRONMENT}: does not name the processor that times were taken on: not to be published")
+    faults = {
+        "does not name the commit that the run was made from": not told.get("commit"),
+        "the run was made from changed code": told.get("dirty"),
+        f"kernels were made in haste, with {told.get('shortened')}": told.get("shortened"),
+        "does not name the processor that times were taken on": (folder / TIMES).exists() and not told.get("cpu"),
+    }
+    for fault in (words for words, there in faults.items() if there):
+        raise TableError(f"{folder / ENVIRONMENT}: {fault}: not to be published")
 
 
 def environment() -> dict[str, Any]:

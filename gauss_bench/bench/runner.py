@@ -73,7 +73,10 @@ def run(
             for table, rows in gather(finish(tasks, 1, label, journal).values()).items():
                 tables.setdefault(table, []).extend(rows)
     complete_rows(suite, tables)
-    _write(tables, suite, folder, name)
+    for table, rows in tables.items():
+        write_table(table, rows, folder)
+    write_schema(folder)
+    write_text(folder / ENVIRONMENT, json.dumps(describe_run(tables, suite, name), indent=1) + "\n")
     return tables
 
 
@@ -102,31 +105,22 @@ def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame([row_of(TABLES[name], row) for row in rows], columns=list(TABLES[name].names))
 
 
-def _write(tables: Tables, suite: Suite, folder: Path, name: str) -> None:
-    """Every file of a run: the tables that it filled, their schema, and the environment."""
+def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
+    """Where, when and with what a run was made: version and every setting of its engines, as the report prints them."""
     engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
-    where = environment() | {
+    return environment() | {
         "suite": name,
         "hours": suite.hours,
         "baseline_engine": BASELINE,
         "own_engines": list(AUTHORED),
         "gates": LIMITS,
-        "engines": describe(list(engines)),
+        "engines": {x.name: {"version": x.version, "settings": x.settings} for x in offers([*engines])},
         "left_out": [rule.model_dump(exclude_defaults=True) for rule in suite.left_out],
         "linkages": own_files(suite),
     }
-    for table, rows in tables.items():
-        write_table(table, rows, folder)
-    write_schema(folder)
-    write_text(folder / ENVIRONMENT, json.dumps(where, indent=1) + "\n")
 
 
 def own_files(suite: Suite) -> dict[str, str]:
     """Name -> text of the linkage files that do not come with the suite, so that a report can draw them wherever it is written."""
     paths = [Path(x) for x in linkages_of(suite) if x not in built_in()]
     return {load(x).name: x.read_text(encoding="utf-8") for x in paths if x.is_file()}
-
-
-def describe(engines: list[str]) -> dict[str, Any]:
-    """Version and every setting of the engines, as the report prints them."""
-    return {x.name: {"version": x.version, "settings": x.settings} for x in offers(engines)}

@@ -5,7 +5,6 @@ at), and what of one is raced.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -124,17 +123,6 @@ def build_model(run: Run, way: Way, models: Models) -> Model:
     return cast(Model, models[variant])
 
 
-def starting(run: Run, way: Way, model: Any, times: Array) -> Callable[[], None]:
-    """Return what readies a model that ways of other sizes share."""
-    choice = choice_of(way, is_adaptive(way), run.until)
-
-    def ready() -> None:
-        model.choice = choice
-        model.prepare(times)
-
-    return ready
-
-
 def one_step(run: Run, way: Way, steps: int, models: Models) -> Block:
     """A step of a way; of one that chooses its steps, which are not alike, a whole run of which each is a repetition."""
     if not is_adaptive(way):
@@ -170,16 +158,27 @@ def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: 
     model = build_model(run, way, models)
     if is_adaptive(way):
         return _repeat(run, way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
-    first = min(steps, FIRST)
-    starting(run, way, model, np.array([0.0, first / steps * run.until]))()
-    seconds = max(processor_time(model.run), 1e-9) * steps / first
-    share = share_of(seconds, lead, steps)
+    first = min(steps, FIRST) / steps
+    block = _block(run, way, model, np.array([0.0, first * run.until]), first)
+    block.ready()
+    share = share_of(max(processor_time(model.run), 1e-9) / first, lead, steps)
     return _repeat(run, way, model, np.array([0.0, share * run.until]), share)
 
 
+def _block(run: Run, way: Way, model: Any, times: Array, share: float) -> Block:
+    """A run over the times, so much of a whole one, of a model that ways of other sizes share."""
+    choice = choice_of(way, is_adaptive(way), run.until)
+
+    def ready() -> None:
+        model.choice = choice
+        model.prepare(times)
+
+    return Block(way, ready, model.run, share)
+
+
 def _repeat(run: Run, way: Way, model: Model, times: Array, share: float) -> Block:
-    """Runs over the times, of which each is so much of a whole one, as often as BLOCK seconds take."""
-    block = Block(way, starting(run, way, model, times), model.run, share)
+    """The same as often as BLOCK seconds take."""
+    block = _block(run, way, model, times, share)
     block.ready()
     taken = processor_time(block.go)
     model.read()  # a run that is not to be trusted is not raced

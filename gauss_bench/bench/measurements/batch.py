@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, at_least, gather, lasting, row
+from gauss_bench.bench.clock import Block, Key, Row, at_least, gather_rounds, lasting, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Tables, Task, place_of
@@ -43,7 +43,7 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     own, rival = keys = list_keys(part)
     processes = [race(entries, (linkage, scenario, part), part.rounds, [x.engine for x in keys]) for _ in range(part.processes)]
-    measured = gather((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
+    measured = gather_rounds((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
     found = row(start, lambda: measured.compared(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(found, "ratio", part.targets.get(mechanism.name))]}
 

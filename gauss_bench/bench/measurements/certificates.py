@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gather
+from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gather, place_of
 from gauss_bench.engines import not_installed
 from gauss_bench.linkage.load import SINGLE, built_in, built_in_folder, document_of, load
 from gauss_bench.mechanism.coordinates import value
@@ -28,7 +28,6 @@ from gauss_bench.reference.certify import DIGITS, Uncertified, certify
 from gauss_bench.reference.verification import verify
 from gauss_bench.runs.offers import duration
 from gauss_bench.suites.schema import Suite
-from gauss_bench.terms import Array
 
 TABLE = "certificates"
 LIMIT = 3600.0  # [s] for one certificate on a slow core
@@ -76,7 +75,7 @@ def certify_one(
             certificate = certify(linkage, mechanism.scenario, digits, until, report)
         except (Uncertified, ArithmeticError, ImportError) as error:
             message = not_installed(error) if isinstance(error, ImportError) else str(error)
-            return {"status": "failed", "mechanism": mechanism.name, "scenario": mechanism.scenario, "message": message}
+            return {"status": "failed", **place_of(mechanism), "message": message}
     if out:
         write_certificate(certificate, out)
     return describe(certificate, mechanism) | {"file": str(out) if out else None, "seconds": time.perf_counter() - started}
@@ -87,9 +86,11 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
     c = certificate
     row: dict[str, Any] = {"status": "ok", "message": c.stopped, "mechanism": c.name, "scenario": c.scenario}
     row |= {"digits": c.digits, "until": c.until, "duration": c.duration, "complete": c.until >= c.duration * (1 - 1e-12)}
-    for level in ("q", "v", "a", "multipliers"):
-        row[f"error_{level}"] = _last(getattr(c, f"error_{level}")) if level != "multipliers" or c.multipliers.size else None
-    row |= {f"floor_{level}": _last(getattr(c, f"floor_{level}")) for level in ("q", "v", "a")}
+    for bar in ("error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a"):
+        known = getattr(c, bar)[np.isfinite(getattr(c, bar))]
+        row[bar] = float(known[-1]) if len(known) else None
+    if not c.multipliers.size:
+        row["error_multipliers"] = None
     row |= {
         "measured": mechanism.measured.name,
         "measured_unit": mechanism.measured.unit,
@@ -104,20 +105,11 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
     return row
 
 
-def _last(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known[-1]) if len(known) else None
-
-
 def certified_scenarios() -> list[tuple[str, str]]:
     """Linkage and scenario of everything the suite has a certificate for; dry friction cannot be certified."""
-    names = [*built_in(), *CLOSED_FORMS]
-    pairs = [(name, scenario) for name in names for scenario in document_of(name)[0]["scenarios"]]
-    return [(name, scenario) for name, scenario in pairs if not load(name, scenario).has_friction and _want(name, scenario)]
-
-
-def _want(name: str, scenario: str) -> bool:
-    return name in built_in() or scenario != "driven"
+    pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
+    wanted = [(name, scenario) for name, scenario in pairs if name in built_in() or scenario != "driven"]
+    return [place for place in wanted if not load(*place).has_friction]
 
 
 def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
@@ -147,16 +139,11 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
     tasks = []
     for path in files:
         certificate = read_certificate(path)
-        owner = linkage or _owner(certificate, path)
+        beside = path.resolve().parent.parent / f"{certificate.name}.toml"  # else it is built in, or generated
+        owner = linkage or (str(beside) if beside.is_file() else certificate.name)
         check_holds(certificate, load(owner, certificate.scenario), path)
         tasks.append(_task((certificate.name, certificate.scenario), _verify, (str(path), owner)))
     return _rows(tasks, jobs)
-
-
-def _owner(certificate: Certificate, path: Path) -> str:
-    """The linkage file beside the certificate's folder, or the built-in or generated linkage of that name."""
-    beside = path.resolve().parent.parent / f"{certificate.name}.toml"
-    return str(beside) if beside.is_file() else certificate.name
 
 
 def _verify(path: str, linkage: str) -> Tables:

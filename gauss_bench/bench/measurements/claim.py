@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather, row
+from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather_rounds, row
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
@@ -77,7 +77,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
     """The rows of one race, in a process of its own: how many times longer many unknowns take."""
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
-    measured = gather(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
+    measured = gather_rounds(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
     return {"claim_races": [row(start | {"what": what}, measured.compared, *pair) for what, pair in pairs(part).items()]}
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.cases import variants
-from gauss_bench.bench.clock import Block, Key, Measured, gather, key_of, lasting, ratio, stepping, time_of
+from gauss_bench.bench.clock import Block, Key, Measured, gather_rounds, key_of, lasting, ratio, stepping, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
@@ -166,7 +166,7 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
         told = places.setdefault((r["mechanism"], r["scenario"]), [])
         if "quantity" in r:  # else it is of a race that was lost as a whole
             told.append(r)
-    return {place: gather(rows) for place, rows in places.items()}
+    return {place: gather_rounds(rows) for place, rows in places.items()}
 
 
 def complete(suite: Suite, tables: Tables) -> None:

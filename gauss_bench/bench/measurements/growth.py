@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather, lasting, row, spread
+from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather_rounds, lasting, row, spread
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Rows, Tables, Task, patient
@@ -88,7 +88,7 @@ def right(size: int) -> Right:
 
 def race_growth(size: int, rounds: int, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
     """The rows of one race; what cannot be had, crashes or hangs leaves rows with a status and the reason."""
-    measured = gather(race(entries, (size,), rounds, [*CONTENDERS]))
+    measured = gather_rounds(race(entries, (size,), rounds, [*CONTENDERS]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
 
     def found(key: Key) -> Row:

@@ -75,10 +75,10 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
 
 def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
     """The row with the order of the energy's error, from the run at twice the step, and whether drift and order are as wanted."""
-    if fine["status"] != Status.OK:
-        return fine | {"target": part.drift, "met": False}
-    met = max(fine["position_drift"], fine["velocity_drift"]) <= part.drift
-    if coarse.get("status") != Status.OK:
-        return fine | {"target": part.drift, "met": met}
-    order = float(np.log2(coarse["energy_max"] / fine["energy_max"])) if fine["energy_max"] > 0 else np.inf
-    return fine | {"order": order, "target": part.drift, "met": met and order >= part.order - part.margin}
+    found = fine | {"target": part.drift, "met": False}
+    if fine["status"] == Status.OK:
+        found["met"] = max(fine["position_drift"], fine["velocity_drift"]) <= part.drift
+        if coarse.get("status") == Status.OK:
+            found["order"] = float(np.log2(coarse["energy_max"] / fine["energy_max"])) if fine["energy_max"] > 0 else np.inf
+            found["met"] = found["met"] and found["order"] >= part.order - part.margin
+    return found

@@ -7,8 +7,10 @@ a fused multiply-add being two operations, is the peak rate.
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 
 import numpy as np
+from jinja2 import Template
 
 from gauss_bench.bench.clock import Block, Key, Measured, Row, lasting, row, spread
 from gauss_bench.bench.provenance import environment
@@ -22,6 +24,7 @@ CYCLES = LATENCY["fma"]
 CHAINS = 16  # two in flight for each of two pipes and four cycles
 LINKS = 16  # of the chain in one turn of the loop
 TURNS = 2_000
+TEMPLATE = Path(__file__).parent / "chain.ll.jinja"
 PROCESSOR = "processor"
 LATENCY_KEY, RATE_KEY = Key("latency", PROCESSOR, "", "", ""), Key("rate", PROCESSOR, "", "", "")
 FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")
@@ -29,23 +32,10 @@ FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")
 
 def chain_text(chains: int, links: int, lanes: int) -> str:
     """A module whose `accelerate` goes `groups` times through x = a x + b, `links` times for each of `chains` chains."""
-    real = f"<{lanes} x double>"
-    number = {x: f"<{', '.join([f'double {x}'] * lanes)}>" for x in ("0.5", "1.0")}
-    lines = [f"define void @accelerate({', '.join(f'ptr %{x}' for x in ('y', 'p', 't', 'out'))}, i64 %groups) {{", "entry:"]
-    lines += ["  br label %loop", "loop:", "  %k = phi i64 [0, %entry], [%next, %loop]"]
-    lines += [f"  %x{c}_0 = phi {real} [{number['1.0']}, %entry], [%x{c}_{links}, %loop]" for c in range(chains)]
-    for i in range(links):
-        arguments = [", ".join(f"{real} {x}" for x in (f"%x{c}_{i}", number["0.5"], number["1.0"])) for c in range(chains)]
-        lines += [f"  %x{c}_{i + 1} = call {real} @llvm.fma.v{lanes}f64({x})" for c, x in enumerate(arguments)]
-    lines += [
-        "  %next = add i64 %k, 1",
-        "  %more = icmp slt i64 %next, %groups",
-        "  br i1 %more, label %loop, label %done",
-        "done:",
-    ]
-    lines += [f"  store {real} %x{c}_{links}, ptr %out, align 8" for c in range(chains)]
-    lines += ["  ret void", "}", f"declare {real} @llvm.fma.v{lanes}f64({real}, {real}, {real})"]
-    return "\n".join(lines)
+    half, one = (f"<{', '.join([f'double {x}'] * lanes)}>" for x in (0.5, 1.0))
+    numbers = {"chains": chains, "links": links, "lanes": lanes, "real": f"<{lanes} x double>", "half": half, "one": one}
+    text: str = Template(TEMPLATE.read_text(encoding="utf-8"), trim_blocks=True).render(numbers)
+    return text
 
 
 def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:

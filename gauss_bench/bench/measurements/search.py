@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather, quartiles, ratio, row, spread, time_of
+from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
@@ -215,7 +215,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     steps = {way: trial.steps for ways in passing.values() for way, trial in ways.items()}
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     rough, lost = race_apart(rough_entries, run, part, [(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
-    seconds = {variant: time_of(x) for variant, x in gather(rough, entry_of).samples.items()}
+    seconds = {variant: time_of(x) for variant, x in gather_rounds(rough, entry_of).samples.items()}
     costs = {way: seconds[way._replace(size=0.0)] * steps[way] for way in steps if way._replace(size=0.0) in seconds}
     chosen: dict[Way, None] = {}
     for ways in passing.values():
@@ -327,7 +327,7 @@ def list_lost(races: Rows) -> dict[str, Row]:
 
 def gather_measured(races: Rows) -> Measured:
     """Gather what the processes of a race measured."""
-    return gather((r for r in races if r.get("integrator") is not None), way_of)
+    return gather_rounds((r for r in races if r.get("integrator") is not None), way_of)
 
 
 def entry_of(r: Mapping[str, Any]) -> Way:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, gather, lasting, row, spread
+from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, gather_rounds, lasting, row, spread
 from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_survivors
@@ -36,7 +36,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
     """A row for each way, over the processes; one that crashes or hangs in a process has that reason in its row."""
     processes = [race(entries, (linkage, scenario, part), part.rounds, METHODS) for _ in range(part.processes)]
-    measured = gather((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
+    measured = gather_rounds((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
     start = place_of(load(linkage, scenario))
     return {"kernel_kinematics": [turn_row(start, part, method, measured) for method in METHODS]}
 
