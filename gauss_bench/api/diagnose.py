@@ -10,7 +10,7 @@ from gauss_bench.api.simulate import OneRun, name_run
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.diagnosis import Numbers, Verdict, diagnose_runs, nothing_to_see
+from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, nothing_to_see
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
@@ -21,7 +21,7 @@ from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import ChoiceError, check_budget, countable, duration, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Reference, Status
+from gauss_bench.trajectory import Reference
 
 BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion where nothing else is asked for: longer runs only let errors grow beyond what adds up
@@ -54,7 +54,7 @@ class Diagnosis(OneRun):
     numbers: Numbers | None
     explanations: tuple[Explained, ...]
     candidates: tuple[Explained, ...]
-    runs: tuple[tuple[Status, str], ...]
+    runs: tuple[Ended, ...]
     reference: str
 
     @property
@@ -103,7 +103,7 @@ def diagnose(
     countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
     if not offered.usable:
-        return describe(mechanism, engine, choice, end, nothing_to_see([(offered.status, offered.reason)]), "")
+        return describe(mechanism, engine, choice, end, nothing_to_see(Ended(offered.status, offered.reason)), "")
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
