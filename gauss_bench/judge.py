@@ -7,6 +7,7 @@ tolerance. Each limit asks "is this still the motion of this linkage?"; how good
 is ranked.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -47,6 +48,9 @@ class Subject(StrEnum):
     STEP = "step"
     RATES = "rates"
     REPETITION = "repetition"
+
+
+Check = tuple[Subject, float, float, str]  # what is looked at, its value, its limit, and what is said where it is larger
 
 
 @dataclass(frozen=True)
@@ -212,55 +216,52 @@ def examine(
 def judge(evidence: Evidence) -> Judgement:
     """Every objection to a complete run; a figure that is not finite is one."""
     x = evidence
-    checks: list[tuple[Subject, float, float, str]] = []
-    if x.acceleration_error is not None:
-        said = f"accelerations off by {x.acceleration_error:.2g} at the same state (median)"
-        checks.append((Subject.MODEL, x.acceleration_error, OFF_ACCELERATION, said))
-    opened = float(x.drift.position.max(initial=0.0))
-    checks.append((Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)"))
-    gained = float(np.abs(x.energy if x.seen is None else x.seen).max(initial=0.0))
-    said = f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move"
-    limit = OFF_ENERGY * x.energy_scale
-    checks.append((Subject.ENERGY, gained, limit + min(x.energy_bar, MOST_SHARED * limit + x.energy_floor), said))
-    if x.errors is not None:
-        length, turn = float(x.errors.length.max(initial=0.0)), float(x.errors.angle.max(initial=0.0))
-        checks.append((Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be"))
-        checks.append((Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad from where it should be"))
-    if x.steps_a_period is not None:
-        said = f"{x.steps_a_period:.2g} steps in a period of the fastest oscillation, which {FEWEST:g} do not resolve yet"
-        checks.append((Subject.STIFFNESS, FEWEST, x.steps_a_period, said))
-    if x.steps_a_forcing is not None:
-        said = f"{x.steps_a_forcing:.2g} steps in a period of the fastest force, which {FEWEST:g} do not resolve yet"
-        checks.append((Subject.STIFFNESS, FEWEST, x.steps_a_forcing, said))
-    if x.halving is not None:  # of a method of first order, half of the error shows
-        length, turn = float(x.halving.length.max(initial=0.0)), float(x.halving.angle.max(initial=0.0))
-        checks.append((Subject.STEP, length, OFF_MOTION / 2 * x.size, f"{x.finer} moves a link by {length:.2g} m"))
-        checks.append((Subject.STEP, turn, OFF_MOTION / 2, f"{x.finer} turns a link by {turn:.2g} rad"))
-    checks += _check_start(x) + _check_rates(x)
+    checks = [*_check_model(x), *_check_motion(x), *_check_start(x), *_check_rates(x)]
     if x.unrepeated:
         checks.append((Subject.REPETITION, 1.0, 0.0, f"nothing says that it may be trusted: {x.unrepeated}"))
-    if x.disagreement is not None:
-        said = (
-            f"formulations of the same accelerations differ by {x.disagreement:.2g} (median): masses or lengths lie too far apart"
-        )
-        checks.append((Subject.MODEL, x.disagreement, OFF_ACCELERATION, said))
-    return Judgement(tuple(Objection(*item) for item in checks if not item[1] <= item[2]))
+    return Judgement(tuple(Objection(*check) for check in checks if not check[1] <= check[2]))
 
 
-def _check_start(x: Evidence) -> list[tuple[Subject, float, float, str]]:
+def _check_model(x: Evidence) -> Iterator[Check]:
+    """Hold accelerations, loops, energy and steps against what the linkage itself allows."""
+    two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths lie too far apart"
+    own = "accelerations off by {:.2g} at the same state (median)"
+    for off, said in ((x.acceleration_error, own), (x.disagreement, two)):
+        if off is not None:
+            yield Subject.MODEL, off, OFF_ACCELERATION, said.format(off)
+    opened, gained = _largest(x.drift.position), _largest(x.energy if x.seen is None else x.seen)
+    yield Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)"
+    limit = OFF_ENERGY * x.energy_scale
+    allowed = limit + min(x.energy_bar, MOST_SHARED * limit + x.energy_floor)
+    yield Subject.ENERGY, gained, allowed, f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move"
+    for steps, what in ((x.steps_a_period, "oscillation"), (x.steps_a_forcing, "force")):
+        if steps is not None:
+            said = f"{steps:.2g} steps in a period of the fastest {what}, which {FEWEST:g} do not resolve yet"
+            yield Subject.STIFFNESS, FEWEST, steps, said
+
+
+def _check_motion(x: Evidence) -> Iterator[Check]:
+    """Hold where links end up against the truth, or a repetition, of which a method of first order shows half of the error."""
+    if x.errors is not None:
+        length, turn, beside = _largest(x.errors.length), _largest(x.errors.angle), "from where it should be"
+        yield Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m {beside}"
+        yield Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad {beside}"
+    if x.halving is not None:
+        length, turn = _largest(x.halving.length), _largest(x.halving.angle)
+        yield Subject.STEP, length, OFF_MOTION / 2 * x.size, f"{x.finer} moves a link by {length:.2g} m"
+        yield Subject.STEP, turn, OFF_MOTION / 2, f"{x.finer} turns a link by {turn:.2g} rad"
+
+
+def _check_start(x: Evidence) -> Iterator[Check]:
     """Hold the first sample against the start of the scenario."""
-    if x.start is None or x.rates is None:
-        return []
-    slow = x.size / x.duration if x.duration else x.size
-    speed, spin = max(x.rates.fastest[0], slow), max(x.rates.fastest[1], slow / x.size)
-    units = ((x.size, "m"), (1.0, "rad"), (speed, "m/s"), (spin, "rad/s"))
-    return [
-        (Subject.START, gap, OFF_START * scale, f"the first sample is {gap:.2g} {unit} off the scenario's start")
-        for gap, (scale, unit) in zip(x.start, units, strict=True)
-    ]
+    if x.start is not None and x.rates is not None:
+        slow = x.size / x.duration if x.duration else x.size
+        speed, spin = max(x.rates.fastest[0], slow), max(x.rates.fastest[1], slow / x.size)
+        for gap, scale, unit in zip(x.start, (x.size, 1.0, speed, spin), ("m", "rad", "m/s", "rad/s"), strict=True):
+            yield Subject.START, gap, OFF_START * scale, f"the first sample is {gap:.2g} {unit} off the scenario's start"
 
 
-def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
+def _check_rates(x: Evidence) -> Iterator[Check]:
     """Hold positions against the integral of velocities, and velocities against that of accelerations.
 
     The allowance of each comes from the samples, whose every second one is left out, and from the repetition: gaps that it halves
@@ -268,7 +269,7 @@ def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
     more than the motion itself may be off by.
     """
     if x.rates is None:
-        return []
+        return
     slow = OFF_RATES * x.size / x.duration if x.duration else 0.0  # so slow that no link leaves its place by it
     limits = {
         "place": (OFF_RATES * x.size, "m", "positions", "velocities"),
@@ -276,25 +277,27 @@ def _check_rates(x: Evidence) -> list[tuple[Subject, float, float, str]]:
         "speed": (max(OFF_RATES * x.rates.fastest[0], slow), "m/s", "velocities", "accelerations"),
         "spin": (max(OFF_RATES * x.rates.fastest[1], slow / x.size), "rad/s", "angular velocities", "angular accelerations"),
     }
-    checks = []
     for bar, (name, (limit, unit, what, rates)) in zip(x.rates.bars, limits.items(), strict=True):
         gaps: Array = getattr(x.rates, name)
         allowed = limit + min(SHARED * bar, MOST_SHARED * limit)
         if x.rates_again is not None:
             again: Array = getattr(x.rates_again, name)
             common = min(len(gaps), len(again))
-            changed = float(np.abs(gaps[:common] - again[:common]).max(initial=0.0))
+            changed = _largest(gaps[:common] - again[:common])
             allowed += min(SHARED * changed, MOST_SHARED * limit)
-        largest = float(gaps.max(initial=0.0))
-        checks.append((Subject.RATES, largest, allowed, f"{what} are {largest:.2g} {unit} off the integral of their {rates}"))
-    return checks
+        largest = _largest(gaps)
+        yield Subject.RATES, largest, allowed, f"{what} are {largest:.2g} {unit} off the integral of their {rates}"
+
+
+def _largest(x: Array) -> float:
+    return float(np.abs(x).max(initial=0.0))
 
 
 def remark(evidence: Evidence) -> str:
     """The remark that a run needs though nothing is objected to, or an empty text."""
     lost, told = evidence.disagreement, []
     if evidence.seen is not None:
-        gap = float(np.abs(evidence.energy - evidence.seen).max(initial=0.0))
+        gap = _largest(evidence.energy - evidence.seen)
         if gap > 0.0:
             told.append(f"its energy is not decidable: {gap:.2g} J are lost between samples too far apart to see damping take them")
     if lost is not None and DIGITS < lost <= OFF_ACCELERATION:
@@ -310,16 +313,18 @@ def trusted_until(
 
     `reference` is the truth and `finer` the repetition, where they are known.
     """
+
+    def first(x: Trajectory | Reference, count: int) -> Trajectory:
+        return Trajectory(x.t[:count], x.q[:count], x.v[:count], x.a[:count], 0)
+
     good, bad = 0, len(trajectory.t)
     while bad - good > 1:
         middle = (good + bad) // 2
-        t, q, v, a = (x[: middle + 1] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
-        part = Trajectory(t, q, v, a, 0)
+        part = first(trajectory, middle + 1)
         evidence = examine(evaluator, part, reference)
         if finer is not None:
-            again = Trajectory(finer.t[: middle + 1], finer.q[: middle + 1], finer.v[: middle + 1], finer.a[: middle + 1], 0)
-            halving = metrics.state_errors(evaluator.mechanism, part, finer)
-            evidence = replace(evidence, halving=halving, rates_again=metrics.rate_gaps(again))
+            halving, again = metrics.state_errors(evaluator.mechanism, part, finer), metrics.rate_gaps(first(finer, middle + 1))
+            evidence = replace(evidence, halving=halving, rates_again=again)
         good, bad = (middle, bad) if judge(evidence).valid else (good, middle)
     return float(trajectory.t[good])
 

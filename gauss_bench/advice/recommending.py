@@ -106,8 +106,9 @@ class _Engine:
         """Return who runs the loop under a way's settings, where they tell."""
         return str(self.options.get(way.settings, {}).get("loop", ""))
 
-    def next(self) -> Variant:
-        return self.left.pop(0)
+    def best(self) -> tuple[Way, Trial] | None:
+        """The way that holds with the least work so far."""
+        return next(iter(self.passing().items()), None)
 
 
 def work(integrator: str, trial: Trial) -> float:
@@ -212,7 +213,7 @@ class Recommender:
     def _lane(self) -> None:
         try:
             while (engine := self._next()) is not None:
-                self._variant(engine, engine.next())
+                self._variant(engine, engine.left.pop(0))
                 with self._state:
                     engine.busy = False
                     self._state.notify_all()
@@ -241,7 +242,7 @@ class Recommender:
     def _variant(self, engine: _Engine, variant: Variant) -> None:
         """One ladder, and what it brings."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
-        adaptive, before = variant.integrator in engine.adaptive, next(iter(engine.passing().items()), None)
+        adaptive, before = variant.integrator in engine.adaptive, engine.best()
         trials: list[Trial] = []
         engine.trials[way] = trials
         scale, most = tolerances(smallest=12), 0
@@ -318,18 +319,16 @@ class Recommender:
         return max(min(2 * LONGEST * self.budget.seconds, share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
-        after = next(iter(engine.passing().items()), None)
+        after, trials = engine.best(), [x for many in engine.trials.values() for x in many]
         if after is None:
-            trials = [x for many in engine.trials.values() for x in many]
             best = nearest(trials, SHARE)
             if engine.refused:
                 self.told(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
             elif best is not None and len(engine.trials) == 1:
                 self.told(f"{engine.name}: not yet; nearest {self._errors(best)}")
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
-            self.told(
-                f"{engine.name}: {'holds' if before is None else 'better'}: {said(after[0], engine)}: {self._errors(after[1])}"
-            )
+            how = "holds" if before is None else "better"
+            self.told(f"{engine.name}: {how}: {said(after[0], engine)}: {self._errors(after[1])}")
             with self._say:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
@@ -351,10 +350,9 @@ class Recommender:
         place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
         deadline = time.monotonic() + self.budget.left(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
+        limits = (max(1.0, x()) for x in (self.budget.left, self.budget.wall))
         try:
-            tables, lost = list_survivors(
-                race_there, (*place_of, rows, deadline), names, *(max(1.0, x()) for x in (self.budget.left, self.budget.wall))
-            )
+            tables, lost = list_survivors(race_there, (*place_of, rows, deadline), names, *limits)
         except WorkerFailure as error:
             self.told(f"race: {error}")
             return {}
@@ -370,8 +368,8 @@ class Recommender:
             if raced := {way: times[way] for way in ways if way in times}:
                 winner = won(raced)[0]
                 chosen[engine.name] = winner, ways[winner]
-            elif ways:
-                chosen[engine.name] = next(iter(ways.items()))
+            elif best := engine.best():
+                chosen[engine.name] = best
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
         held = [
             replace(self._hold(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(self.engines[e], times, fastest))
@@ -420,9 +418,8 @@ class Recommender:
         way, trial = min(best, key=lambda x: x[1].errors[SHARE])
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         placed = said(way._replace(size=trial.size), engine)
-        message = f"{found.words}; came to {self._errors(trial)} with {placed}" + (
-            "" if counts["complete"] else "; not all was tried"
-        )
+        untried = "" if counts["complete"] else "; not all was tried"
+        message = f"{found.words}; came to {self._errors(trial)} with {placed}{untried}"
         return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
 
 

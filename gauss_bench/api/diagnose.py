@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from gauss_bench.api.simulate import OneRun, name_run
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.diagnosis import Numbers, Verdict, diagnose_runs, nothing_to_see
+from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, nothing_to_see
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
@@ -22,7 +21,7 @@ from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import ChoiceError, check_budget, countable, duration, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Reference, Status
+from gauss_bench.trajectory import Reference
 
 BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion where nothing else is asked for: longer runs only let errors grow beyond what adds up
@@ -55,12 +54,8 @@ class Diagnosis(OneRun):
     numbers: Numbers | None
     explanations: tuple[Explained, ...]
     candidates: tuple[Explained, ...]
-    runs: tuple[tuple[Status, str], ...]
+    runs: tuple[Ended, ...]
     reference: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """The fields by name; plain."""
-        return super().as_dict() | {"runs": [{"status": str(status), "message": message} for status, message in self.runs]}
 
     @property
     def succeeded(self) -> bool:
@@ -107,31 +102,25 @@ def diagnose(
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
-
-    def described(verdict: Verdict, reference: str) -> Diagnosis:
-        fields = ("cause", "parts", "numbers", "explanations", "candidates", "runs")
-        found = {x: getattr(verdict, x) for x in fields} | {"part": verdict.cause.part, "verdict": verdict.sentence}
-        return Diagnosis(**name_run(mechanism, engine, choice), **found, until=end, reference=reference)
-
     if not offered.usable:
-        return described(nothing_to_see([(offered.status, offered.reason)]), "")
+        return describe(mechanism, engine, choice, end, nothing_to_see(Ended(offered.status, offered.reason)), "")
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
         reference = truth(linkage, mechanism, end, deadline, told)
 
         def run(chosen: Choice, wanted: Sampling) -> Run:
-            return run_apart(
-                Request(linkage, mechanism.scenario, engine, chosen, wanted),
-                mechanism,
-                max(LEAST, deadline - time.monotonic()),
-                worker,
-            )
+            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, list_left(deadline), worker)
 
         offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
         projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
         verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
-    return described(verdict, reference.method)
+    return describe(mechanism, engine, choice, end, verdict, reference.method)
+
+
+def list_left(deadline: float) -> float:
+    """Seconds that are left of the budget."""
+    return max(LEAST, deadline - time.monotonic())
 
 
 def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
@@ -149,3 +138,19 @@ def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, tol
         raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
     bar = np.full(len(found.reference.t), max(found.bars[kind] for kind in KNOWN))
     return replace(found.reference, error_q=bar, error_v=bar, error_a=bar)
+
+
+def describe(mechanism: Mechanism, engine: str, choice: Choice, until: float, verdict: Verdict, reference: str) -> Diagnosis:
+    return Diagnosis(
+        **name_run(mechanism, engine, choice),
+        until=until,
+        cause=verdict.cause,
+        part=verdict.cause.part,
+        verdict=verdict.sentence,
+        parts=verdict.parts,
+        numbers=verdict.numbers,
+        explanations=verdict.explanations,
+        candidates=verdict.candidates,
+        runs=verdict.runs,
+        reference=reference,
+    )

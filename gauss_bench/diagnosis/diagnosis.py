@@ -20,7 +20,7 @@ from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.dimensions import misplace
 from gauss_bench.diagnosis.explanations import Explained, candidates, every_explanation, explain, of_constraints, tell
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
-from gauss_bench.diagnosis.observations import FEWEST, Burst, Observed, Runner, burst, observe, sample
+from gauss_bench.diagnosis.observations import FEWEST, Burst, Runner, burst, observe, sample
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.one_run import sampling_at
@@ -85,6 +85,14 @@ class Numbers(split.Closure):
 
 
 @dataclass(frozen=True)
+class Ended:
+    """The end of a run."""
+
+    status: Status
+    message: str
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What is said.
 
@@ -102,15 +110,15 @@ class Verdict:
     parts: dict[Part, float]
     numbers: Numbers | None
     explanations: tuple[Explained, ...]
-    runs: tuple[tuple[Status, str], ...]
+    runs: tuple[Ended, ...]
     candidates: tuple[Explained, ...] = ()
 
 
-def nothing_to_see(ended: Sequence[tuple[Status, str]]) -> Verdict:
+def nothing_to_see(*ended: Ended) -> Verdict:
     """The verdict where there is no run to look at."""
-    status, message = ended[0]
-    why = message if status is Status.SKIP else f"{status}: {message}"
-    return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), tuple(ended))
+    first = ended[0]
+    why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
+    return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), ended)
 
 
 class Answer(NamedTuple):
@@ -147,18 +155,18 @@ def diagnose_runs(
         ChoiceError: too few steps.
     """
     own = OwnMotion(mechanism)
-    seen = observe(run, choices, until, told)
-    ended = tuple((r.status, r.message) for r in seen.runs)
-    while not seen.bursts and ended[0][0] is Status.NAN and until / SHORTER >= 2 * FEWEST * choices[0].step:
+    bursts, runs = observe(run, choices, until, told)
+    ended = tuple(Ended(r.status, r.message) for r in runs)
+    while not bursts and ended[0].status is Status.NAN and until / SHORTER >= 2 * FEWEST * choices[0].step:
         until /= SHORTER
-        seen = observe(run, choices, until, told)
-    if not seen.bursts:
-        return nothing_to_see(ended)
+        bursts, _ = observe(run, choices, until, told)
+    if not bursts:
+        return nothing_to_see(*ended)
     told("the differences")
     with np.errstate(all="ignore"):
-        case = Case(run, own, TrueMotion(own, reference), seen, choices, adaptive, projected)
+        case = Case(run, own, TrueMotion(own, reference), bursts, choices, adaptive, projected)
         cause, sentence, explanations = case.verdict()
-        failed = next((f" (a run ended early: {status}: {message})" for status, message in ended if status is not Status.OK), "")
+        failed = next((f" (a run ended early: {x.status}: {x.message})" for x in ended if x.status is not Status.OK), "")
         alike = tuple(candidates([*explanations], case.noise))
         return Verdict(cause, sentence + failed, case.parts(cause), case.numbers(), tuple(explanations), ended, alike)
 
@@ -171,19 +179,19 @@ class Case:
         run: Runner,
         own: OwnMotion,
         truth: TrueMotion,
-        seen: Observed,
+        bursts: tuple[Burst, ...],
         choices: Sequence[Choice],
         adaptive: bool,
         projected: Choice | None,
     ):
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
-        self.first: Burst = seen.bursts[0]
+        self.first: Burst = bursts[0]
         self.true = truth.at(self.first.at.t)
         self.off = self.first.at.q - self.true.q
-        self.errors = tuple(_largest(b.at.q - truth.at(b.at.t).q) for b in seen.bursts)
+        self.errors = tuple(_largest(b.at.q - truth.at(b.at.t).q) for b in bursts)
         self.error, self.bar = self.errors[0], float(truth.bar(self.first.at.t).max())
-        shortest = min(len(b.at) for b in seen.bursts)
-        self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in seen.bursts)
+        shortest = min(len(b.at) for b in bursts)
+        self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in bursts)
         self.steps = split.by_steps(self.bursts, self.true[slice(0, shortest)], adaptive)
         self.limit, self.by_step = split.size(self.steps.limit), split.size(self.steps.by_step)
         self.whole = split.size(self.off[: self.steps.horizon])

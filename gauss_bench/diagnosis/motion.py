@@ -1,13 +1,11 @@
 """The suite's own motion of a linkage, for many states at once: accelerations of possibly altered terms, exact flow, and the truth.
 
-In weighted coordinates b = M^(1/2) a with K = J M^(-1/2) independent rows are solved as they stand,
+In weighted coordinates b = M^(1/2) a with K = J M^(-1/2) = U S V^T, of which redundant rows have no part,
 
-    [1  K^T] [b]   [M^(-1/2) Q]
-    [K   0 ] [l] = [gamma     ]
+    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-and redundant ones by K = U S V^T, b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q. Every part of the terms can be another one than the
-linkage's, which is how a fault is predicted. Loops that an engine has left open by some micrometres make redundant rows contradict
-each other a little: they still count as one.
+Every part of the terms can be another one than the linkage's, which is how a fault is predicted. Loops that an engine has left open
+by some micrometres make redundant rows contradict each other a little: they still count as one.
 """
 
 from dataclasses import dataclass, replace
@@ -22,6 +20,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, States
 
 RANK_TOLERANCE = 1e-4  # of the largest singular value, as where states are projected
+DEPENDENT = 1e-12  # the same, of rows that are independent
 SUBSTEP = 2.5e-3  # [s] of order 8: at 50 rad/s an eighth of a radian, which leaves about 1e-11
 
 
@@ -30,14 +29,14 @@ class Parts:
     """What accelerations are made of at k states: M as its diagonal (n,), J (k, m, n), gamma (k, m), Q (k, n).
 
     Attributes:
-        independent: whether the rows are.
+        tolerance: of singular values, relative to the largest: a row that adds less counts as redundant.
     """
 
     mass: Array
     J: Array
     gamma: Array
     Q: Array
-    independent: bool
+    tolerance: float
 
     def accelerations(self) -> Array:
         """a (k, n) of M a + J^T lambda = Q, J a = gamma."""
@@ -45,28 +44,13 @@ class Parts:
         free = self.Q / root
         if not self.J.shape[1]:
             return np.asarray(free / root)
-        if self.independent:
-            return self._solve(root, free)
         U, s, Vt = np.linalg.svd(self.J / root, full_matrices=False)
-        keep = s > RANK_TOLERANCE * s.max(axis=-1, keepdims=True, initial=0.0)
+        keep = s > self.tolerance * s.max(axis=-1, keepdims=True, initial=0.0)
         inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
         moved = inverse * (np.swapaxes(U, -1, -2) @ self.gamma[..., None])[..., 0]
         blocked = keep * (Vt @ free[..., None])[..., 0]
         b = free + (np.swapaxes(Vt, -1, -2) @ (moved - blocked)[..., None])[..., 0]
         return np.asarray(b / root)
-
-    def _solve(self, root: Array, free: Array) -> Array:
-        """a (k, n) where rows are independent; NaN where they are not, in spite of it."""
-        k, m, n = self.J.shape
-        A = np.zeros((k, n + m, n + m))
-        A[:, np.arange(n), np.arange(n)] = 1.0
-        A[:, n:, :n] = self.J / root
-        A[:, :n, n:] = np.swapaxes(A[:, n:, :n], -1, -2)
-        right = np.concatenate([free, self.gamma], axis=1)[..., None]
-        try:
-            return np.asarray(np.linalg.solve(A, right)[:, :n, 0] / root)
-        except np.linalg.LinAlgError:
-            return np.full_like(free, np.nan)
 
     def multipliers(self, a: Array) -> Array:
         """The shortest lambda (k, m) of M a + J^T lambda = Q for given accelerations a (k, n)."""
@@ -85,13 +69,13 @@ class OwnMotion:
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
         self.absolute = AbsoluteCoordinates(mechanism)
-        self.independent = mechanism.redundant == 0
+        self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
 
     def parts(self, x: States) -> Parts:
         """The terms at states; without friction, which needs the multipliers."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         Q = self.evaluator.applied.generalised(x.q, x.v, x.t)
-        return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.independent)
+        return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.tolerance)
 
     def second_rates(self, x: States) -> Array:
         """gamma (k, m) without velocity terms: the second derivatives of what drivers prescribe."""

@@ -89,36 +89,21 @@ def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
     return Burst(choice.step, choice.tolerance, x[:1], x[1:2], x[before], x[here], x[after], trajectory.a[here])
 
 
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """The runs of an engine.
+def observe(
+    run: Runner, choices: Sequence[Choice], until: float, told: Callable[[str], object]
+) -> tuple[tuple[Burst, ...], tuple[Run, ...]]:
+    """Run all choices and return the bursts of those that reached a checkpoint, and all runs.
 
-    Attributes:
-        bursts: of the runs that reached a checkpoint, the one that was asked for first; those of smaller steps may be missing.
-        runs: all of them.
-        times: the checkpoints (k,) [s] of the first.
+    Of a run that fails what it reached is kept, and the others still run; where the first reached nothing there are no others.
     """
-
-    bursts: tuple[Burst, ...]
-    runs: tuple[Run, ...]
-    times: Array
-
-
-def observe(run: Runner, choices: Sequence[Choice], until: float, told: Callable[[str], object]) -> Observed:
-    """Run all choices; of one that fails what it reached is kept, and the others still run."""
-    at = checkpoints(choices[0].step, until)
-    bursts: list[Burst] = []
-    runs: list[Run] = []
+    at, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:
         told(f"a run by {f'tolerance {choice.tolerance:g}' if choice.tolerance else f'steps of {choice.step:g} s'}")
         runs.append(run(choice, sample(choice.step, at)))
         trajectory = runs[-1].trajectory or runs[-1].reached
-        if trajectory is None and not bursts:
+        made = trajectory and burst(choice, at, trajectory)
+        if made and len(made.at):
+            bursts.append(made)
+        elif not bursts:
             break
-        made = None if trajectory is None else burst(choice, at, trajectory)
-        if made is None or not len(made.at):
-            if not bursts:
-                break
-            continue
-        bursts.append(made)
-    return Observed(tuple(bursts), tuple(runs), at)
+    return tuple(bursts), tuple(runs)

@@ -16,7 +16,8 @@ from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import FEWEST, OFF_MOTION, Evidence, Subject, examine, judge
-from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
+from gauss_bench.linkage.surest import null_space
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, factor_of
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
@@ -72,12 +73,13 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         times: (k,) [s] of its samples.
         longest: [s] of a repetition; of a run that would take more the first part is repeated.
     """
-    if request.choice.integrator not in offer.adaptive:
-        return at_half_the_step(request, seconds, times, longest)
-    part = first_part(times, seconds, longest)
-    choice = replace(request.choice, tolerance=finer_tolerance(offer, request.choice))
-    closer = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))  # where samples end steps, no tolerance decides
-    return replace(request, choice=choice, wanted=sampling_at(choice.step, closer), ask=nothing, answers=0)
+    part, choice = first_part(times, seconds, longest), request.choice
+    if choice.integrator not in offer.adaptive:
+        choice = replace(choice, step=choice.step / 2)
+    else:
+        choice = replace(choice, tolerance=finer_tolerance(offer, choice))
+        part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))  # where samples end steps, no tolerance decides
+    return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
 
 
 def at_samples(finer: Run, times: Array) -> Run:
@@ -116,7 +118,7 @@ def is_same_run(one: Trajectory, other: Trajectory) -> bool:
 def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
     """Tell whether the last bits of a motion must hang on its steps: links move freely, and no parabola is all that they do."""
     J = Evaluator(mechanism).constraints(trajectory.t[:1], trajectory.q[:1], trajectory.v[:1]).J[0]
-    return bool(np.ptp(trajectory.a, axis=0).any()) and _free(J, mechanism.n).shape[1] > 0
+    return bool(np.ptp(trajectory.a, axis=0).any()) and null_space(J, mechanism.n).shape[1] > 0
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
@@ -139,13 +141,6 @@ def steps_a_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> flo
     """Return how many fixed steps the shortest period of a force has; None without such a force, or without fixed steps."""
     period = mechanism.forcing_period
     return None if period is None or adaptive else period / choice.step
-
-
-def at_half_the_step(request: Request, seconds: float, times: Array, longest: float = LONGEST) -> Request:
-    """The run asked for again at half the step and these times (k,); of one that took too many seconds, the first part of it."""
-    times = first_part(times, seconds, longest)
-    step = request.choice.step / 2
-    return replace(request, choice=replace(request.choice, step=step), wanted=sampling_at(step, times), ask=nothing, answers=0)
 
 
 def decides(truth: Reference, mechanism: Mechanism) -> bool:
@@ -184,13 +179,13 @@ def evidence_of(
     if not adaptive:
         rate = fastest_rate(mechanism, trajectory)
         evidence = replace(evidence, steps_a_period=2 * np.pi / (rate * choice.step) if rate else None)
+    why = ""
     if finer.trajectory is None:
-        lost = f"{how} gave no motion to compare with: {finer.status}, {finer.message}"
-        return replace(evidence, unrepeated=lost if truth is None else ""), ""
-    if is_same_run(trajectory, finer.trajectory) and (adaptive or depends_on_steps(mechanism, trajectory)):
-        other_way = "another tolerance" if adaptive else "half the step"
-        same = f"{choice.integrator} is not repeatable: {other_way} gives the same bits"
-        return replace(evidence, unrepeated=same if truth is None else ""), ""
+        why = f"{how} gave no motion to compare with: {finer.status}, {finer.message}"
+    elif is_same_run(trajectory, finer.trajectory) and (adaptive or depends_on_steps(mechanism, trajectory)):
+        why = f"{choice.integrator} is not repeatable: {'another tolerance' if adaptive else how} gives the same bits"
+    if why or finer.trajectory is None:
+        return replace(evidence, unrepeated=why if truth is None else ""), ""
     other = as_truth(finer.trajectory)
     part = "" if len(other.t) == len(trajectory.t) else f"{how} was tried up to {other.t[-1]:.3g} s"
     halving, again = metrics.state_errors(mechanism, trajectory, other), metrics.rate_gaps(finer.trajectory)
@@ -231,31 +226,18 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
     for k in np.unique(np.linspace(0, len(trajectory.t) - 1, LOOKED_AT).round().astype(int)):
         t, q, v = float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]
         try:
-            N = _free(evaluator.constraints(t, q, v).J, mechanism.n)
+            N = null_space(evaluator.constraints(t, q, v).J, mechanism.n)
             if N.shape[1] > LARGEST:
                 return []
             a_q = [model.acceleration(t, q + MOVED * x, v) - model.acceleration(t, q - MOVED * x, v) for x in N.T]
             a_v = [model.acceleration(t, q, v + MOVED * x) - model.acceleration(t, q, v - MOVED * x) for x in N.T]
-            parts = [N.T @ np.array(x).T / (2 * MOVED) for x in (a_q, a_v)] if N.size else [np.zeros((0, 0))] * 2
-            modes.append(_modes(*parts))
+            k = N.shape[1]
+            by_place, by_speed = (N.T @ np.reshape(x, (k, mechanism.n)).T / (2 * MOVED) for x in (a_q, a_v))
+            system = np.block([[np.zeros((k, k)), np.eye(k)], [by_place, by_speed]])
+            modes.append(np.linalg.eigvals(system).astype(complex))
         except FAILURES:
             continue
     return modes
-
-
-def _free(J: Array, n: int) -> Array:
-    """(n, k) orthonormal directions that constraint rows (m, n) leave free."""
-    if not len(J):
-        return np.eye(n)
-    _, sizes, rows = np.linalg.svd(J)
-    return np.asarray(rows[int((sizes > RANK_TOLERANCE * sizes.max(initial=0.0)).sum()) :].T)
-
-
-def _modes(by_place: Array, by_speed: Array) -> NDArray[np.complex128]:
-    """The eigenvalues of x'' = K x + C x'."""
-    k = len(by_place)
-    system = np.block([[np.zeros((k, k)), np.eye(k)], [by_place, by_speed]])
-    return np.linalg.eigvals(system).astype(complex)
 
 
 def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:

@@ -6,10 +6,10 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, check
 from gauss_bench.sweep.halving import halve
 from gauss_bench.sweep.paths import number_at
 from gauss_bench.sweep.plan import PLANS, Plan, plan
+from gauss_bench.sweep.plots import plots
 from gauss_bench.sweep.summary import summary
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
@@ -90,14 +91,15 @@ def sweep(
         LinkageError, SweepError, ChoiceError, KeyError: what cannot be used; before anything is written.
         Busy: another sweep writes into the folder.
     """
-    if sampling not in PLANS or where.backend not in BACKENDS:
-        raise SweepError(f"--sampling is one of {', '.join(PLANS)}, --backend one of {', '.join(BACKENDS)}")
-    if where.jobs < 1:
-        raise SweepError(f"--jobs {where.jobs}: must be at least 1")
-    if where.scheduler and where.backend != "dask":
-        raise SweepError("--scheduler: is for --backend dask")
-    if not engines or len(set(engines)) < len(engines):
-        raise SweepError("--engine: name each engine once")
+    for wrong, said in (
+        (sampling not in PLANS, f"--sampling is one of {', '.join(PLANS)}"),
+        (where.backend not in BACKENDS, f"--backend is one of {', '.join(BACKENDS)}"),
+        (where.jobs < 1, f"--jobs {where.jobs}: must be at least 1"),
+        (where.scheduler and where.backend != "dask", "--scheduler: is for --backend dask"),
+        (not engines or len(set(engines)) < len(engines), "--engine: name each engine once"),
+    ):
+        if wrong:
+            raise SweepError(said)
     some = plan(vary, samples, sampling, seed)
     asked = _ask(linkage, some, engines, how, where.jobs)
     nominal = family(asked).nominal
@@ -119,15 +121,9 @@ def sweep(
         "sampling": "sobol" if some.base else "random",
         "engines": {x: told | {"half_the_step": halves[x]} for x, told in summary(rows, some, list(figures)).items()},
     }
-    _finish(out, told, rows, some, list(figures))
-    return told
-
-
-def _finish(out: Path, told: dict[str, Any], rows: Any, some: Plan, figures: list[str]) -> None:
-    from gauss_bench.sweep.plots import plots
-
-    write_text(out / PICTURE, plots(rows, some, figures) + SIGN)
+    write_text(out / PICTURE, plots(rows, some, list(figures)) + SIGN)
     write_text(out / "summary.json", json.dumps(told, indent=1) + "\n")
+    return told
 
 
 def _ask(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) -> Asked:
@@ -179,8 +175,7 @@ def _stamp(asked: Asked, vary: Sequence[str], some: Plan, sampling: str, seed: i
     }
 
 
-@dataclass(frozen=True)
-class _Batch:
+class _Batch(NamedTuple):
     """Samples of an engine: the number of their part, the first of them, and the last but one."""
 
     number: int
@@ -247,37 +242,35 @@ def _tasks(where: Where) -> int:
 
 @contextmanager
 def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
-    """joblib's backend: threads where what computes is native code or in workers of its own, else processes; or Dask.
+    """joblib's backend: threads where what computes is native code or in workers of its own, else processes; or Dask."""
+    from joblib import parallel_config
+
+    with ExitStack() as stack:
+        if where.backend == "local":
+            if all(in_batches(x) or is_isolated(x) for x in engines):
+                backend = parallel_config(backend="threading")
+            else:
+                backend = parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),))
+        else:
+            client = stack.enter_context(_client(where, stack))
+            backend = parallel_config(backend="dask", client=client, wait_for_workers_timeout=60)
+        stack.enter_context(backend)
+        yield
+
+
+def _client(where: Where, stack: ExitStack) -> Any:
+    """Dask's client, of a scheduler that is there or of workers on this machine.
 
     Raises:
         SweepError: there is no scheduler, or Dask is not installed.
     """
-    from joblib import parallel_config
-
-    if where.backend == "local":
-        if all(in_batches(x) or is_isolated(x) for x in engines):
-            backend = parallel_config(backend="threading")
-        else:
-            backend = parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),))
-        with backend:
-            yield
-        return
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise SweepError("--backend dask: needs the packages dask and distributed: pip install 'gauss-bench[cluster]'") from error
-    if where.scheduler:
-        try:
-            client = Client(where.scheduler, timeout=FIRST)  # type: ignore[no-untyped-call]
-        except (OSError, TimeoutError, ValueError) as error:
-            raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error
-        with client, parallel_config(backend="dask", client=client, wait_for_workers_timeout=60):
-            yield
-        return
     os.environ.setdefault("DASK_DISTRIBUTED__DASHBOARD__LINK", "")
-    with (
-        LocalCluster(n_workers=where.jobs, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster,  # type: ignore[no-untyped-call]
-        Client(cluster) as client,  # type: ignore[no-untyped-call]
-        parallel_config(backend="dask", client=client, wait_for_workers_timeout=60),
-    ):
-        yield
+    options = {"n_workers": where.jobs, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
+    try:
+        return Client(where.scheduler or stack.enter_context(LocalCluster(**options)), timeout=FIRST)  # type: ignore[no-untyped-call]
+    except (OSError, TimeoutError, ValueError) as error:
+        raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error
