@@ -20,7 +20,7 @@ from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
-from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import loop_rows
 from gauss_bench.reference.taylor.samples import LoopStates, sample
 from gauss_bench.reference.taylor.solve import columns, stack_arrays
@@ -76,9 +76,9 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     rows = loop_rows(LoopCoordinates(mechanism))
     document = document_of(linkage, scenario)
     x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
-    chart, _ = choose_chart(rows, Instant(columns(x), NUMBERS))
+    chart, _ = choose_chart(rows, at_states(x))
     laws = [driver.law(np.zeros(1)) for driver in mechanism.drivers]
-    found = rates(rows, chart, Instant(columns(x), NUMBERS), columns(v[:, list(chart.free)]), laws)
+    found = rates(rows, chart, at_states(x), columns(v[:, list(chart.free)]), laws)
     a = stack_arrays([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
     here = sample(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
