@@ -12,9 +12,9 @@ import pytest
 
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, effect_factors, link_type
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.kinematics.loop_equations import LoopEquations, Variable
+from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.linkage.load import load, load_document
@@ -123,10 +123,6 @@ def test_links_have_the_names_of_the_paper() -> None:
 
 
 def test_effect_factors_put_each_column_in_one_place() -> None:
-    a, b, s = Variable("a", 0), Variable("b", 1), Variable("s")
-    U, K = effect_factors([b, s], [s, a], [b])
-    np.testing.assert_array_equal(U, [[0, 0], [1, 0]])
-    np.testing.assert_array_equal(K, [[1], [0]])
     for ways in LoopEquations(load("eight_bar", "driven"), inputs_of(load("eight_bar", "driven"))).ways:
         for p in ways:
             np.testing.assert_array_equal(p.factors.sum(axis=1), 1.0)
