@@ -25,6 +25,7 @@ from gauss_bench.mechanism.model import LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
 from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, everything, redundant
+from tests.four_bars import four_bar
 
 Solver = Callable[..., Motion]
 SOLVERS = [loop_motion, basic_motion]
@@ -301,38 +302,13 @@ def test_sampling_and_the_way_to_the_first_sample_do_not_change_the_assembly() -
 # Where it ends
 
 
-def four_bar(crank: float, coupler: float, rocker: float, frame: float, C: Sequence[float], degrees: float = 60.0) -> Mechanism:
-    """A four-bar at a crank angle, drawn with its joint C at a place."""
-    B = crank * np.exp(1j * np.radians(degrees))
-
-    def bar(a: str, b: str, length: float) -> dict[str, Any]:
-        return {"points": {a: [0.0, 0.0], b: [length, 0.0]}, "bars": [[a, b]], "mass": 1.0}
-
-    document = {
-        "format": "planar-linkage/1",
-        "name": "bars",
-        "crank": "a",
-        "ground": {"points": {"A": [0.0, 0.0], "D": [frame, 0.0]}},
-        "links": {"a": bar("A", "B", crank), "b": bar("B", "C", coupler), "c": bar("D", "C", rocker)},
-        "joints": {
-            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
-            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
-            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
-            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
-        },
-        "assembly": {"sketch": {"B": [B.real, B.imag], "C": list(C)}},
-        "scenarios": {"rest": {"duration": 1.0, "start": {"crank_deg": degrees}}},
-    }
-    return load_document(document)
-
-
 def turned(mechanism: Mechanism, speed: float) -> tuple[Input, ...]:
     return (Input(constant(float(mechanism.q0[2]), speed), link=0),)
 
 
 @pytest.mark.parametrize("step", [0.01, 0.5])
 def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None:
-    mechanism = four_bar(0.3, 0.2, 0.25, 0.4, (0.3, 0.2))
+    mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     times = np.arange(0.0, 2.0, step)
     with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ .*limit of motion") as caught:
@@ -349,7 +325,7 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None
 
 def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
     """The Jacobian falls with the square root of the distance: 1e-4 of it means some 1e-8 rad."""
-    mechanism = four_bar(0.3, 0.2, 0.25, 0.4, (0.3, 0.2))
+    mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))
     for gap, error in ((1e-6, None), (1e-9, SingularPosition)):
         given = turned(mechanism, limit - gap - float(mechanism.q0[2]))
@@ -364,7 +340,7 @@ def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
 @pytest.mark.parametrize("samples", [20, 181])
 def test_a_change_point_is_a_singular_position_not_a_limit(samples: int) -> None:
     """A parallelogram with two cranks only: at 180 degrees it may go on as an antiparallelogram. 181 samples meet it exactly."""
-    mechanism = four_bar(0.2, 0.4, 0.2, 0.4, (0.5, 0.17))
+    mechanism = load_document(four_bar(0.2, 0.4, 0.2, 0.4))
     with pytest.raises(SingularPosition) as caught:
         loop_motion(mechanism, turned(mechanism, np.pi), np.linspace(0.0, 1.2, samples))
     assert caught.value.inputs["a"] == pytest.approx(np.pi, abs=1e-6)  # the rank counts as lost at 1e-7 of the largest

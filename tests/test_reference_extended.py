@@ -24,6 +24,7 @@ from gauss_bench.reference.extended_linkage import start
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.refinement import Unsolved, chord, imbalance, saddle
 from tests.conftest import DATA
+from tests.four_bars import four_bar
 
 LONG = np.longdouble
 EPS = float(np.finfo(LONG).eps)
@@ -227,30 +228,11 @@ def test_a_singular_position_ends_the_motion_with_its_time() -> None:
     assert len(motion.q) == len(motion.a) == len(motion.times)
 
 
-def rocker() -> dict[str, Any]:
-    """A four-bar whose crank can be driven to about 68 degrees, where coupler and rocker stand in line."""
-    bars = {"a": ("A", "B", "0.3"), "b": ("B", "C", "0.2"), "c": ("D", "C", "0.25")}
-    return {
-        "format": "planar-linkage/1",
-        "name": "rocker",
-        "crank": "a",
-        "ground": {"points": {"A": [0, 0], "D": [Decimal("0.4"), 0]}},
-        "links": {
-            name: {"points": {p: [0, 0], r: [Decimal(x), 0]}, "bars": [[p, r]], "mass": 1} for name, (p, r, x) in bars.items()
-        },
-        "joints": {
-            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
-            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
-            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
-            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
-        },
-        "assembly": {"sketch": {"B": [0.15, 0.26], "C": [0.3, 0.2]}},
-        "scenarios": {"push": {"duration": 1.0, "driver": {"link": "a", "law": "constant", "start_deg": 60, "speed": 1}}},
-    }
-
-
 def test_a_driver_beyond_a_limit_of_motion_stops_there() -> None:
-    motion = extend_motion(rocker(), "push", samples("1"), STEP)
+    document = four_bar(*map(Decimal, ("0.3", "0.2", "0.25", "0.4")))  # coupler and rocker stand in line at about 68 degrees
+    driver = {"link": "a", "law": "constant", "start_deg": 60, "speed": 1}
+    document["scenarios"] = {"push": {"duration": 1.0, "driver": driver}}
+    motion = extend_motion(document, "push", samples("1"), STEP)
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4)) - np.pi / 3
     assert float(motion.times[-1]) == pytest.approx(limit, abs=2 * STEP)
     assert motion.stopped
@@ -291,9 +273,3 @@ def test_friction_and_short_long_doubles_are_refused(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(extended_linkage, "MANTISSA", 1000)
     with pytest.raises(ArithmeticError, match="mantissa"):
         run("four_bar", "torque", "0.02")
-
-
-def test_progress_is_told_at_every_sample() -> None:
-    told: list[float] = []
-    extend_motion(decimals("four_bar", "torque"), "torque", ["0", "0.02", "0.03"], STEP, told.append)
-    assert told == [0.0, 0.02, 0.03]
