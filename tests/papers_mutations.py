@@ -95,38 +95,25 @@ METHOD: dict[str, Wrong] = {
     "Gauss's function": {
         "M for its inverse": lambda p, a: (p.M @ a + p.f - p.Q) @ p.M @ (p.M @ a + p.f - p.Q),
         "sign of Q": lambda p, a: me.gauss_function(replace(p, Q=-p.Q), a),
-        "sign of f": lambda p, a: me.gauss_function(replace(p, f=-p.f), a),
     },
-    "Gauss's function by the root of M": {
-        "positive root": lambda p, a: np.sum((power(p.M, 0.5) @ (p.M @ a + p.f - p.Q)) ** 2) / 2,
-    },
+    "Gauss's function by the root of M": {"positive root": lambda p, a: np.sum((power(p.M, 0.5) @ (p.M @ a + p.f - p.Q)) ** 2) / 2},
     "constraint forces that do work": {
         "other sign": lambda p, a, extra: me.root_function(p, a, -extra),
         "left out": lambda p, a, extra: me.root_function(p, a),
     },
-    "constraints in accelerations": {
-        "other sign": lambda rate, q, v: -me.differentiate(rate, q, v),
-        "twice": lambda rate, q, v: 2 * me.differentiate(rate, q, v),
-    },
+    "constraints in accelerations": {"other sign": lambda rate, q, v: -me.differentiate(rate, q, v)},
     "general solution": {
         "plus in the projector": lambda p, X, h: X @ p.g + (np.eye(p.n) + X @ p.J) @ h,
         "transpose for inverse": lambda p, X, h: me.general_solution(p, p.J.T, h),
-        "no projector": lambda p, X, h: X @ p.g + h,
         "the other projector": lambda p, X, h: X @ p.g + X @ p.J @ h,
     },
     "rows that disagree": INVERSES,
-    "least-squares form": {
-        "no half": lambda A, b, h: 2 * me.half_square(A, b, h),
-        "sign of b": lambda A, b, h: me.half_square(A, -b, h),
-    },
+    "least-squares form": {"no half": lambda A, b, h: 2 * me.half_square(A, b, h)},
     "exponent of M in A": {"no M": 0.0, "whole M": 1.0, "inverse M": -1.0},
     "exponent of M in b": {"no M": 0.0, "whole M": 1.0},
     "motion from A and b": EXPONENTS,
     "unit of length": EXPONENTS,
-    "condition of the minimum": {
-        "multiplied by A": lambda A, b, h: (A @ A @ h, A @ b),
-        "one side only": lambda A, b, h: (A.T @ A @ h, b),
-    },
+    "condition of the minimum": {"multiplied by A": lambda A, b, h: (A @ A @ h, A @ b)},
     "inverse in the minimum": INVERSES,
     "sign before the last term": {"plus": lambda p, w: me.expand(p, w) + 2 * N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w},
     "the free vector w": {"not projected": lambda p, w: me.bracket(p, w) + N(p) @ w},
@@ -135,7 +122,6 @@ PROJECTOR: dict[str, Wrong] = {
     "inverse of a projector": {"rows counted": [1, -1, 0], "rank of J": [0, 0, 1]},
     "order of the factors reversed": {
         "not reversed": lambda p: power(p.M, -0.5) @ N(p),
-        "positive exponent": lambda p: N(p) @ power(p.M, 0.5),
         "no projector": lambda p: power(p.M, -0.5),
     },
     "with an ordinary inverse": {"Moore-Penrose": pr.euclidean, "constraints alone": shortest_acceleration},
@@ -158,14 +144,11 @@ EXAMPLE: dict[str, Wrong] = {
         "spring": changed(crank_slider.forces, 6, lambda old, q, v: 5.0 * (q[6] - L1 - L2) - v[6]),
         "damper": changed(crank_slider.forces, 6, lambda old, q, v: old + 2 * v[6]),
         "torque": flipped(crank_slider.forces, 2),
-        "gravity": flipped(crank_slider.forces, 4),
-        "gravity along x": lambda q, v: crank_slider.forces(q, v)[[1, 0, 2, 3, 4, 5, 6]],
     },
     "order of the accelerations": {"y before x": [0, 1, 2, 4, 3, 5, 6], "angles last": [0, 1, 3, 4, 6, 2, 5]},
     "constraints": {
         "sign in row 4": changed(crank_slider.residual, 3, lambda old, q: old + 2 * q[4]),
         "whole rod in row 6": changed(crank_slider.residual, 5, lambda old, q: old + L2 / 2 * np.sin(q[5])),
-        "sine for cosine in row 1": changed(crank_slider.residual, 0, lambda old, q: q[0] - L1 / 2 * np.sin(q[2])),
     },
     "Jacobian but for one entry": {
         "sign of (1, 3)": flipped(crank_slider.jacobian, (0, 2)),
@@ -175,7 +158,6 @@ EXAMPLE: dict[str, Wrong] = {
         "sign": {"of": "cos", "factor": -1},
         "other angle": {"of": "cos", "angle": 2},
         "whole rod": {"of": "cos", "factor": 2},
-        "minus sine, as in row 5": {"of": "sin", "factor": -1},
     },
     "rows 1, 2 and 4 of g": SQUARES,
     "row 3 of g": SQUARES,
@@ -185,26 +167,19 @@ EXAMPLE: dict[str, Wrong] = {
     "figures of the crank's centre": {"1 to 4": [1, 4], "2 to 9": [2, 9], "3 to 6": [3, 6]},
     "inertias of crank and rod": {"about the end": [4.0, 4.0], "crank only": [1.0, 0.0]},
     "gravity": {"9.8": 9.8, "upwards": -9.81, "in feet": 32.2},
-    "integrator, step and time span": {
-        "long steps": lambda motion: float(motion.run(ex.SHOWN, rtol=1e-3).theta[-1]),
-        "other start": lambda motion: float(motion.run(ex.SHOWN, (1e-6, 0.0)).theta[-1]),
-    },
+    "integrator, step and time span": {"long steps": lambda motion: float(motion.run(ex.SHOWN, rtol=1e-3).theta[-1])},
 }
 LINK_UNITS: dict[str, Wrong] = {
     "RRR1 path": {
         "sine and cosine exchanged": lambda p: tuple(x[::-1] for x in lu.first_bar(p)),
         "sign of J": unit(lu.first_bar, 1),
-        "sign of J'": unit(lu.first_bar, 2),
     },
     "RRR1 second path": {
         "alpha the other way": lambda p: lu.second_bar(replace(p, alpha=-p.alpha)),
         "l for l'": lambda p: lu.second_bar(replace(p, l2=p.l)),
     },
     "RP1 path": {"other side": lambda p: lu.block(replace(p, e=-p.e)), "sign of J'": unit(lu.block, 2)},
-    "RP2 vector and Jacobian unit": {
-        "other side": lambda p: lu.guide(replace(p, e=-p.e)),
-        "columns exchanged": lambda p: (lu.guide(p)[0], lu.guide(p)[1][:, ::-1]),
-    },
+    "RP2 vector and Jacobian unit": {"other side": lambda p: lu.guide(replace(p, e=-p.e))},
     "RP2 rate unit, column 2": {"sign": lambda p: -lu.column_2(p), "exchanged": lambda p: lu.column_2(p)[::-1]},
     "RP2 rate unit, column 1": RATES,
     "RP2 rate unit, what is missing": {"other sign": -1.0, "half": 0.5},
@@ -212,22 +187,17 @@ LINK_UNITS: dict[str, Wrong] = {
 }
 LOOPS: dict[str, Wrong] = {
     "as many unknowns as equations": {"plus the redundant": [2, 1], "one for each loop": [1, 0]},
-    "velocities": {
-        "sign": lambda m, q_rate: -lo.velocities(m, q_rate),
-        "transposed": lambda m, q_rate: np.linalg.solve(m.J.T, -m.B @ q_rate),
-    },
+    "velocities": {"sign": lambda m, q_rate: -lo.velocities(m, q_rate)},
     "accelerations": {"A for J'": ["J"]},
     "columns of a unit": {"blocks too": [1, 1, 1], "angle only": [1, 0, 0]},
     "one 1 in each row": {"U only": [["U"]], "K only": [["K"]]},
     "matrices of a loop": {
         "U and K exchanged": lambda units, U, K: lo.assemble(units, U, K)[::-1],
         "last way left out": lambda units, U, K: lo.assemble(units[:-1], U[:-1], K[:-1]),
-        "signs alternate": lambda units, U, K: lo.assemble([(-1) ** i * J for i, J in enumerate(units)], U, K),
     },
     "loops one above the other": {"transposed": True},
     "six-bar example": {
         "an entry of J": blocks(0, (0, 1)),
-        "rate of the guide": blocks(1, (2, 3)),
         "an entry of J'": blocks(1, (3, 2)),
         "an entry of B'": blocks(3, (1, 0)),
     },
@@ -240,19 +210,12 @@ LOOPS: dict[str, Wrong] = {
     },
     "motion laws": {
         "sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},
-        "whole wave of cosine": lambda: lo.textbook() | {"cosine": lambda u: (1 - np.cos(2 * np.pi * u)) / 2},
         "third order": lambda: lo.textbook() | {"poly345": lambda u: 3 * u**2 - 2 * u**3},
     },
 }
 POINTS: dict[str, Wrong] = {
-    "loops of the shaper": {
-        "sense of the crank": lambda x: (po.sides(x)[0] - 2 * (x.A - x.O2), po.sides(x)[1]),
-        "sense of the rod": lambda x: (po.sides(x)[0], po.sides(x)[1] - 2 * (x.C - x.B)),
-    },
-    "lengths of lever and rod": {
-        "exchanged": lambda x: po.lengths(replace(x, lever=x.rod, rod=x.lever)),
-        "rod from O1": lambda x: (po.lengths(x)[0], abs(x.C - x.O1) ** 2 - x.rod**2),
-    },
+    "loops of the shaper": {"sense of the crank": lambda x: (po.sides(x)[0] - 2 * (x.A - x.O2), po.sides(x)[1])},
+    "lengths of lever and rod": {"exchanged": lambda x: po.lengths(replace(x, lever=x.rod, rod=x.lever))},
     "which coordinate of C is known": {"X of B": ["B", "real"], "Y of B": ["B", "imag"]},
     "which points are in line": {"O2 A B": ["O2", "A", "B"], "A B C": ["A", "B", "C"]},
     "line as a quotient": LINE,

@@ -1,7 +1,6 @@
 """Linkages by their points: the motion is that of the closed forms, and no assembly is left without being told."""
 
 import copy
-import csv
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from gauss_bench.kinematics.basic_coordinates import (
     branch_changes,
     branch_of,
 )
-from gauss_bench.kinematics.basins import Basin, basins, point_form
+from gauss_bench.kinematics.basins import basins, point_form
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.motion import Motion
@@ -23,11 +22,11 @@ from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root, levenberg_marquardt
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism import motion_laws
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, Driver, Mechanism, SlideDriver
-from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, everything
+from tests.four_bars import four_bar
 
 LINKAGES = ["crank_slider", "four_bar", "six_bar", "eight_bar", "shaper", "parallelogram"]
 METHODS = list(ROOT_FINDERS)
@@ -68,38 +67,6 @@ def violations(mechanism: Mechanism, inputs: tuple[Input, ...], times: np.ndarra
 
 
 ROUNDING = np.array([1e-12, 1e-11, 1e-10])  # promised of positions, velocities, accelerations of order 1 to 100
-
-
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", LINKAGES)
-def test_points_agree_with_closed_forms_in_forty_digits(name: str, method: str) -> None:
-    mechanism = load(name, "driven")
-    points = {p.name: p for p in mechanism.observed_points}
-    with (DATA / f"kinematics_{name}.csv").open(encoding="utf-8") as file:
-        table = list(csv.DictReader(file))
-    degrees = sorted({float(row["crank_deg_from_start"]) for row in table})
-    motion = basic_motion(mechanism, inputs_of(mechanism), np.array(degrees) / 360, method)
-    for row in table:
-        k, p = degrees.index(float(row["crank_deg_from_start"])), points[row["point"]]
-        q, v, a = motion.q[k], motion.v[k], motion.a[k]
-        found = (position(q, p), velocity(q, v, p), acceleration(q, v, a, p))
-        expected = np.array([float(row[key]) for key in ("x", "y", "vx", "vy", "ax", "ay")]).reshape(3, 2)
-        for value, true, tolerance in zip(found, expected, (1e-12, 1e-11, 1e-10), strict=True):  # what is promised, relative
-            assert value == pytest.approx(true, rel=tolerance, abs=tolerance)
-
-
-@pytest.mark.parametrize("scenario", ["driven", "cycloid"])
-@pytest.mark.parametrize("name", LINKAGES)
-def test_the_motion_is_that_of_the_minimal_coordinate(name: str, scenario: str) -> None:
-    if name == "crank_slider" and scenario == "cycloid":
-        scenario = "driven"
-    mechanism = load(name, scenario)
-    times = np.linspace(0.0, 1.0, 25)
-    motion = basic_motion(mechanism, inputs_of(mechanism), times)
-    assert mechanism.driver is not None
-    expected = MinimalCoordinate(mechanism).state(*(x + 0 * times for x in mechanism.driver.law(times)))
-    for found, true, tolerance in zip((motion.q, motion.v, motion.a), expected, ROUNDING, strict=True):
-        assert np.abs(found - true).max() < tolerance * max(1.0, np.abs(true).max())
 
 
 def test_angles_stay_continuous_over_many_turns_and_from_a_late_start() -> None:
@@ -144,30 +111,6 @@ def test_the_shaper_has_the_equations_of_the_paper() -> None:
         C.imag - 0.58,
     ]
     assert model.phi(z) == pytest.approx(expected, abs=1e-15)
-
-
-def test_the_quotient_form_fails_where_the_lever_is_level_and_the_cross_product_does_not() -> None:
-    """The shaper turned by a quarter: its lever lies along the x axis twice a turn."""
-    document = document_of("shaper")
-    quarter = lambda x: [-x[1], x[0]]  # noqa: E731
-    document["ground"]["points"] = {k: quarter(x) for k, x in document["ground"]["points"].items()}
-    document["assembly"]["sketch"] = {k: quarter(x) for k, x in document["assembly"]["sketch"].items()}
-    document["assembly"]["angles_deg"]["block"] += 90.0
-    document["joints"]["ram"]["angle_deg"] = 90.0
-    document["scenarios"]["driven"]["driver"]["start_deg"] = 90.0
-    mechanism = load_document(document, "driven")
-    model = PointModel(mechanism, inputs_of(mechanism))
-    motion = basic_motion(mechanism, inputs_of(mechanism), np.array([0.2, 0.25, 0.3]))
-    points = {name: position(motion.q[1], mechanism.point(i, name)) for i, name in ((0, "A"), (2, "B"), (2, "O1"))}
-    (xa, ya), (xb, yb), (xo, yo) = points["A"], points["B"], points["O1"]
-    assert abs(yb) < 1e-15
-    with np.errstate(all="ignore"):
-        quotient = (xa - xb) / np.float64(round(ya - yb, 14)) - (xo - xb) / np.float64(round(yo - yb, 14))
-    assert not np.isfinite(quotient)
-    x = model.points.inputs_at(motion.q[1])
-    residual, J = model.residual(x)(model.points.unknown_at(motion.q[1]))
-    assert np.abs(residual).max() < 1e-14
-    assert np.linalg.cond(J) < 10
 
 
 def slotted(slot_deg: float, offset: float, flag: bool) -> Mechanism:
@@ -262,35 +205,11 @@ def test_partners_with_two_points_each_are_held_by_a_fixed_angle() -> None:
     assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
 
 
-def test_a_slide_on_the_ground_drives_by_its_place() -> None:
-    document = document_of("pushed")
-    mechanism = load_document(document)
-    (driver,) = mechanism.drivers
-    inputs = (Input(driver.law, joint=driver.name),)
-    times = np.linspace(0.0, 1.0, 9)
-    motion = basic_motion(mechanism, inputs, times)
-    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
-
-
 def test_a_coupler_drives_by_its_angle() -> None:
     mechanism = load("four_bar", "driven")
     inputs = turning(mechanism, coupler=0.1)
     times = np.linspace(0.0, 1.0, 9)
     assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
-
-
-def test_two_cranks_drive_a_five_bar_as_far_as_its_arms_reach() -> None:
-    mechanism = load("five_bar")
-    times = np.linspace(0.0, 1.0, 11)
-    inputs = turning(mechanism, left=0.5, right=0.6)
-    motion = basic_motion(mechanism, inputs, times)
-    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
-    apart = turning(mechanism, left=np.radians(60.0), right=np.radians(-40.0))
-    with pytest.raises(LimitOfMotion, match=r"left = .* rad, right = .* rad") as caught:
-        basic_motion(mechanism, apart, times)
-    left, right = caught.value.inputs
-    gap = 0.5 + 0.2 * np.exp(1j * right) - 0.2 * np.exp(1j * left)
-    assert 0 < 0.8 - abs(gap) < 1e-6  # both arms stretched, to the shortest step
 
 
 def test_pins_through_three_links_are_one_point() -> None:
@@ -332,28 +251,6 @@ def test_a_slide_driven_on_a_driven_arm() -> None:
     times = np.linspace(0.0, 1.0, 9)
     motion = basic_motion(mechanism, inputs, times)
     assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
-
-
-def test_active_bars_drive_by_their_length() -> None:
-    mechanism = load("excavator")
-    inputs = inputs_of(mechanism)
-    times = np.linspace(0.0, mechanism.duration, 11)
-    motion = basic_motion(mechanism, inputs, times)
-    assert np.abs(motion.q[-1] - motion.q[0])[2::3].min() > 0.1
-    rows = Constraints(mechanism)(times, motion.q, motion.v)
-    assert np.abs(rows.phi).max() < ROUNDING[0]
-    assert np.abs((rows.J @ motion.v[..., None])[..., 0] + rows.phi_t).max() < ROUNDING[1]
-    assert np.abs((rows.J @ motion.a[..., None])[..., 0] - rows.gamma).max() < ROUNDING[2]
-
-
-def test_an_open_chain_needs_no_equation() -> None:
-    mechanism = load("four_bar", "driven")
-    chain = replace(mechanism, joints=mechanism.joints[:2], links=mechanism.links[:2], q0=mechanism.q0[:6], drivers=(), dof=2)
-    inputs = turning(chain, **{chain.links[0].name: 3.0, chain.links[1].name: -2.0})
-    assert count_rows(chain, inputs) == 0
-    times = np.linspace(0.0, 1.0, 5)
-    motion = basic_motion(chain, inputs, times)
-    assert (violations(chain, inputs, times, motion) < ROUNDING).all()
 
 
 # Assemblies -----------------------------------------------------------------------------------------------------------
@@ -432,23 +329,12 @@ def test_a_redundant_linkage_has_no_choice_to_name() -> None:
 # Ends of motion -------------------------------------------------------------------------------------------------------
 
 
-def short_four_bar() -> Mechanism:
-    """A crank of 0.3 that cannot turn fully: the limit is where coupler and rocker lie in line."""
-    document = document_of("four_bar")
-    bars = {"crank": ("A", "B", 0.3), "coupler": ("B", "C", 0.2), "rocker": ("D", "C", 0.25)}
-    document["ground"]["points"] = {"A": [0.0, 0.0], "D": [0.4, 0.0]}
-    document["links"] = {k: {"points": {p: [0.0, 0.0], r: [x, 0.0]}, "mass": 1.0, "inertia": 1.0} for k, (p, r, x) in bars.items()}
-    document |= {"assembly": {"sketch": {"B": [0.15, 0.26], "C": [0.3, 0.2]}}, "observe": {}, "forces": {}}
-    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"crank_deg": 60.0}}}
-    return load_document(document)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_limit_of_motion_is_named_with_the_input_it_lies_at(method: str) -> None:
-    mechanism = short_four_bar()
+    mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4))
     inputs = (Input(motion_laws.constant(np.radians(60.0), 1.0), link=0),)
-    with pytest.raises(LimitOfMotion, match=r"no solution beyond crank = 1\.37") as caught:
+    with pytest.raises(LimitOfMotion, match=r"no solution beyond a = 1\.37") as caught:
         basic_motion(mechanism, inputs, np.linspace(0.0, 1.0, 11), method)
     assert 0 < limit - caught.value.inputs[0] < 1e-6  # a step of 10 degrees halved twenty times is 2e-7 rad
     reached = caught.value.reached
@@ -462,8 +348,8 @@ def test_a_limit_of_motion_is_named_with_the_input_it_lies_at(method: str) -> No
 def test_rates_at_the_very_limit_are_refused(short: float) -> None:
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4))
     inputs = (Input(motion_laws.constant(limit - short, 1.0), link=0),)
-    with pytest.raises(MotionError, match=r"crank = 1\.37"):  # no solution or singular: here the step and rounding decide
-        basic_motion(short_four_bar(), inputs, np.array([0.0]))
+    with pytest.raises(MotionError, match=r"a = 1\.37"):  # no solution or singular: here the step and rounding decide
+        basic_motion(load_document(four_bar(0.3, 0.2, 0.25, 0.4)), inputs, np.array([0.0]))
 
 
 def test_a_change_point_is_a_singular_position_and_not_passed_in_silence() -> None:
@@ -574,19 +460,3 @@ def test_near_starts_find_the_assembly_and_far_ones_any() -> None:
     assert far[2].other > 0.2  # the patient search ends at other assemblies
     assert basins(mechanism, inputs_of(mechanism), [0.8], starts=60) == far
     assert basins(mechanism, inputs_of(mechanism), [0.8], starts=60, seed=1) != far
-
-
-def test_basins_take_any_coordinates() -> None:
-    def form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> Any:
-        return lambda x: (np.sin(x), np.diag(np.cos(x))), np.zeros(1)
-
-    def turned(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.angle(np.exp(1j * (x - y)))
-
-    mechanism = load("four_bar", "driven")
-    plain = basins(mechanism, inputs_of(mechanism), [8.0], form=form)
-    modulo = basins(mechanism, inputs_of(mechanism), [8.0], form=form, difference=turned)
-    for one, other in zip(plain, modulo, strict=True):
-        assert isinstance(one, Basin)
-        assert other.right > one.right  # roots a turn away count as the same
-        assert one.right + one.other == pytest.approx(other.right + other.other)

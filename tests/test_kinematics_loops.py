@@ -2,7 +2,7 @@
 
 import csv
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.kinematics.basic_coordinates import basic_motion
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, effect_factors, link_type
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.kinematics.loop_equations import LoopEquations, Variable
+from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.linkage.load import load, load_document
@@ -24,7 +25,10 @@ from gauss_bench.mechanism.model import LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
 from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, everything, redundant
+from tests.four_bars import four_bar
 
+Solver = Callable[..., Motion]
+SOLVERS = [loop_motion, basic_motion]
 SIX = ["crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar"]
 ROUNDING = 1e-14  # sums of a few numbers of order one
 
@@ -78,29 +82,6 @@ def test_units_are_the_derivatives_of_the_vector_and_reverse_with_the_path(
         np.testing.assert_array_equal(one, -other)
 
 
-def test_units_are_those_of_table_1_but_for_its_misprint(rng: np.random.Generator) -> None:
-    l, e, s, phi, alpha, w, s_rate = rng.normal(size=7)
-    c, k = np.cos(phi), np.sin(phi)
-    rrr = Way(0, pin("1", 0.0), pin("3", l * np.exp(1j * alpha))).units(phi, w, (), ())
-    ca, ka = np.cos(phi + alpha), np.sin(phi + alpha)
-    np.testing.assert_allclose(rrr.vector, [l * ca, l * ka], atol=ROUNDING)
-    np.testing.assert_allclose(rrr.J, [[-l * ka], [l * ca]], atol=ROUNDING)
-    np.testing.assert_allclose(rrr.J_rate, [[-l * w * ca], [-l * w * ka]], atol=ROUNDING)
-
-    rp1 = Way(0, pin("1", 0.0), block("2", 1j * e)).units(phi, w, (), ())
-    np.testing.assert_allclose(rp1.vector, [-e * k, e * c], atol=ROUNDING)
-    np.testing.assert_allclose(rp1.J, [[-e * c], [-e * k]], atol=ROUNDING)
-    np.testing.assert_allclose(rp1.J_rate, [[e * w * k], [-e * w * c]], atol=ROUNDING)
-
-    rp2 = Way(0, pin("1", 0.0), guide("2", -1j * e, 1.0)).units(phi, w, [s], [s_rate])
-    np.testing.assert_allclose(rp2.vector, [e * k + s * c, -e * c + s * k], atol=ROUNDING)
-    np.testing.assert_allclose(rp2.J, [[e * c - s * k, c], [e * k + s * c, k]], atol=ROUNDING)
-    printed = np.array([[-e * w * k - s * w * c - w * k, -w * k], [e * w * c - s * w * k + w * c, w * c]])
-    np.testing.assert_allclose(rp2.J_rate[:, 1], printed[:, 1], atol=ROUNDING)
-    np.testing.assert_allclose(rp2.J_rate[:, 0] - printed[:, 0], (w - s_rate) * np.array([k, -c]), atol=ROUNDING)
-    assert np.abs(rp2.J_rate - printed).max() > 0.01
-
-
 def test_links_have_the_names_of_the_paper() -> None:
     def names(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> dict[str, str]:
         graph = find_graph(mechanism, bars)
@@ -122,22 +103,7 @@ def test_links_have_the_names_of_the_paper() -> None:
     assert link_type([Element("B", "B", PIN, 1.0), Element("B.001", "B", PIN, 1.0), pin("C", 0.0)]) == "RR"  # a multiple joint at B
 
 
-def test_effect_factors_put_each_column_in_one_place() -> None:
-    a, b, s = Variable("a", 0), Variable("b", 1), Variable("s")
-    U, K = effect_factors([b, s], [s, a], [b])
-    np.testing.assert_array_equal(U, [[0, 0], [1, 0]])
-    np.testing.assert_array_equal(K, [[1], [0]])
-    for ways in LoopEquations(load("eight_bar", "driven"), inputs_of(load("eight_bar", "driven"))).ways:
-        for p in ways:
-            np.testing.assert_array_equal(p.factors.sum(axis=1), 1.0)
-
-
 # Loops
-
-
-def test_the_loops_are_those_of_the_paper() -> None:
-    assert [str(loop) for loop in find_graph(load("six_bar")).loops] == ["a-b-c-d", "d-e-f-g"]
-    assert [str(loop) for loop in find_graph(load("eight_bar")).loops] == ["1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-10-4"]
 
 
 @pytest.mark.parametrize("name", [*SIX, "five_bar", "jansen", "redundant"])
@@ -160,35 +126,6 @@ def test_links_may_share_two_joints_and_multiple_joints_are_merged() -> None:
     jansen = find_graph(load("jansen"))
     assert {"B", "B.001"} <= {pair.name for pair in jansen.pairs}
     assert {name for loop in jansen.loops for name in loop.joints} == {pair.node for pair in jansen.pairs}
-
-
-def test_the_six_bar_has_the_printed_matrices(rng: np.random.Generator) -> None:
-    """Section 1.2.5; loop variables phi = [phi2, phi3, phi5, s], q = [phi1]; dimensions of figure 2 are ours."""
-    mechanism = load("six_bar", "driven")
-    equations = LoopEquations(mechanism, inputs_of(mechanism))
-    assert [str(x) for x in equations.variables] == ["theta(coupler)", "theta(ternary)", "theta(rod)", "s(g)", "theta(crank)"]
-    x, rate = rng.normal(size=5), rng.normal(size=5)
-    f2, f3, f5, _, f1 = x
-    w2, w3, w5, _, w1 = rate
-    l1, l2, l3, l3_, l5, alpha, phi = 0.10, 0.30, 0.28, 0.24, 0.36, np.radians(50.0), np.radians(-45.0)
-    c, s, zero = np.cos, np.sin, np.zeros((2, 1))
-    J = [
-        [-l2 * s(f2), l3_ * s(f3 + alpha), 0, 0],
-        [l2 * c(f2), -l3_ * c(f3 + alpha), 0, 0],
-        [0, -l3 * s(f3), -l5 * s(f5), -c(phi)],
-        [0, l3 * c(f3), l5 * c(f5), -s(phi)],
-    ]
-    J_rate = [
-        [-l2 * w2 * c(f2), l3_ * w3 * c(f3 + alpha), 0, 0],
-        [-l2 * w2 * s(f2), l3_ * w3 * s(f3 + alpha), 0, 0],
-        [0, -l3 * w3 * c(f3), -l5 * w5 * c(f5), 0],
-        [0, -l3 * w3 * s(f3), -l5 * w5 * s(f5), 0],
-    ]
-    found = equations.at(x, rate)
-    np.testing.assert_allclose(found.J, J, atol=ROUNDING)
-    np.testing.assert_allclose(found.J_rate, J_rate, atol=ROUNDING)
-    np.testing.assert_allclose(found.B, np.vstack([[[-l1 * s(f1)], [l1 * c(f1)]], zero]), atol=ROUNDING)
-    np.testing.assert_allclose(found.B_rate, np.vstack([[[-l1 * w1 * c(f1)], [-l1 * w1 * s(f1)]], zero]), atol=ROUNDING)
 
 
 def test_loops_that_repeat_each_other_are_taller_than_wide_and_still_solved() -> None:
@@ -218,13 +155,14 @@ def relative(found: np.ndarray, true: np.ndarray) -> float:
     return float(np.abs(found - true).max() / max(1.0, np.abs(true).max()))
 
 
+@pytest.mark.parametrize("solve", SOLVERS)
 @pytest.mark.parametrize("name", SIX)
-def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str) -> None:
+def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve: Solver) -> None:
     mechanism = load(name, "driven")
     with (Path(DATA) / f"kinematics_{name}.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     times = np.array(sorted({float(row["crank_deg_from_start"]) for row in rows})) / 360.0  # the crank turns once a second
-    motion = loop_motion(mechanism, inputs_of(mechanism), times)
+    motion = solve(mechanism, inputs_of(mechanism), times)
     for point in mechanism.observed_points:
         own = sorted((row for row in rows if row["point"] == point.name), key=lambda row: float(row["crank_deg_from_start"]))
         true = np.array([[float(row[key]) for key in ("x", "y", "vx", "vy", "ax", "ay")] for row in own])
@@ -235,11 +173,12 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str) -> Non
         assert relative(acceleration(q, v, a, point), true[:, 4:]) < 1e-11
 
 
+@pytest.mark.parametrize("solve", SOLVERS)
 @pytest.mark.parametrize("name", SIX)
-def test_all_links_agree_with_the_minimal_coordinate(name: str) -> None:
+def test_all_links_agree_with_the_minimal_coordinate(name: str, solve: Solver) -> None:
     mechanism = load(name, "driven")
     times = np.linspace(0.0, 1.0, 37)
-    motion = loop_motion(mechanism, inputs_of(mechanism), times)
+    motion = solve(mechanism, inputs_of(mechanism), times)
     other = MinimalCoordinate(mechanism)
     speed, none = np.array([2 * np.pi]), np.zeros(1)
     states = [other.state(np.array([theta]), speed, none) for theta in inputs_of(mechanism)[0].law(times)[0]]
@@ -247,24 +186,12 @@ def test_all_links_agree_with_the_minimal_coordinate(name: str) -> None:
         assert relative(found, np.array([state[level][0] for state in states])) < tolerance
 
 
-def test_rates_are_the_differences_of_what_they_are_the_rates_of() -> None:
-    mechanism = load("eight_bar", "cycloid")
-    h = 1e-4
-    times = np.linspace(0.1, 0.9, 9)[:, None] + h * np.array([-1.0, 0.0, 1.0])
-    motion = loop_motion(mechanism, inputs_of(mechanism), times.ravel())
-    pairs = ((motion.q, motion.v), (motion.v, motion.a))
-    for x, rate in pairs:
-        below, _, above = np.moveaxis(x.reshape(*times.shape, -1), 1, 0)
-        # h^2/6 = 2e-9 times the third derivative, up to 1e4 here
-        np.testing.assert_allclose((above - below) / (2 * h), rate.reshape(*times.shape, -1)[:, 1], atol=5e-5)
-    assert np.abs(motion.a).max() > 10.0
-
-
-def test_a_slide_can_be_the_input() -> None:
+@pytest.mark.parametrize("solve", SOLVERS)
+def test_a_slide_can_be_the_input(solve: Solver) -> None:
     mechanism = load_document(tomllib.loads((DATA / "pushed.toml").read_text(encoding="utf-8")))
     times = np.linspace(0.0, 1.0, 21)
     law = mechanism.drivers[0].law
-    motion = loop_motion(mechanism, (Input(law, joint="guide"),), times)
+    motion = solve(mechanism, (Input(law, joint="guide"),), times)
     assert_satisfies(mechanism, motion, times)
     np.testing.assert_allclose(value(mechanism.slides[0].motion, motion.q), law(times)[0], atol=1e-12)
 
@@ -291,10 +218,11 @@ def test_the_guide_may_move_along_a_block_of_the_frame() -> None:
     np.testing.assert_allclose(motion.q[:, 8], np.radians(-25.0), atol=ROUNDING)
 
 
-def test_active_bars_are_links_of_their_own() -> None:
+@pytest.mark.parametrize("solve", SOLVERS)
+def test_active_bars_are_links_of_their_own(solve: Solver) -> None:
     mechanism = load("excavator")
     times = np.linspace(0.0, 2.0, 21)
-    motion = loop_motion(mechanism, inputs_of(mechanism), times)
+    motion = solve(mechanism, inputs_of(mechanism), times)
     assert_satisfies(mechanism, motion, times)
     np.testing.assert_allclose(motion.q[0], mechanism.q0, atol=1e-13)  # the bars' own angles are found from the points
 
@@ -346,11 +274,12 @@ def chain(turn: float) -> Mechanism:
     )
 
 
-def test_in_an_open_chain_everything_is_input() -> None:
+@pytest.mark.parametrize("solve", SOLVERS)
+def test_in_an_open_chain_everything_is_input(solve: Solver) -> None:
     mechanism = chain(turn=0.2)
     laws = rise("sine", 0.4, 1.0, 1.0), rise("sine", -0.3, 2.0, 1.0), rise("poly345", 0.1, 0.2, 1.0)
     times = np.linspace(0.0, 1.0, 11)
-    motion = loop_motion(mechanism, (Input(laws[0], link=0), Input(laws[1], link=1), Input(laws[2], joint="P")), times)
+    motion = solve(mechanism, (Input(laws[0], link=0), Input(laws[1], link=1), Input(laws[2], joint="P")), times)
     assert_satisfies(mechanism, motion, times)
     a, b, s = (law(times)[0] for law in laws)
     # the block's point lies s along y and 0.04 to the left, -x, of G; its own line is at 0.2 rad
@@ -373,38 +302,13 @@ def test_sampling_and_the_way_to_the_first_sample_do_not_change_the_assembly() -
 # Where it ends
 
 
-def four_bar(crank: float, coupler: float, rocker: float, frame: float, C: Sequence[float], degrees: float = 60.0) -> Mechanism:
-    """A four-bar at a crank angle, drawn with its joint C at a place."""
-    B = crank * np.exp(1j * np.radians(degrees))
-
-    def bar(a: str, b: str, length: float) -> dict[str, Any]:
-        return {"points": {a: [0.0, 0.0], b: [length, 0.0]}, "bars": [[a, b]], "mass": 1.0}
-
-    document = {
-        "format": "planar-linkage/1",
-        "name": "bars",
-        "crank": "a",
-        "ground": {"points": {"A": [0.0, 0.0], "D": [frame, 0.0]}},
-        "links": {"a": bar("A", "B", crank), "b": bar("B", "C", coupler), "c": bar("D", "C", rocker)},
-        "joints": {
-            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
-            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
-            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
-            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
-        },
-        "assembly": {"sketch": {"B": [B.real, B.imag], "C": list(C)}},
-        "scenarios": {"rest": {"duration": 1.0, "start": {"crank_deg": degrees}}},
-    }
-    return load_document(document)
-
-
 def turned(mechanism: Mechanism, speed: float) -> tuple[Input, ...]:
     return (Input(constant(float(mechanism.q0[2]), speed), link=0),)
 
 
 @pytest.mark.parametrize("step", [0.01, 0.5])
 def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None:
-    mechanism = four_bar(0.3, 0.2, 0.25, 0.4, (0.3, 0.2))
+    mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     times = np.arange(0.0, 2.0, step)
     with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ .*limit of motion") as caught:
@@ -421,7 +325,7 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None
 
 def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
     """The Jacobian falls with the square root of the distance: 1e-4 of it means some 1e-8 rad."""
-    mechanism = four_bar(0.3, 0.2, 0.25, 0.4, (0.3, 0.2))
+    mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))
     for gap, error in ((1e-6, None), (1e-9, SingularPosition)):
         given = turned(mechanism, limit - gap - float(mechanism.q0[2]))
@@ -436,7 +340,7 @@ def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
 @pytest.mark.parametrize("samples", [20, 181])
 def test_a_change_point_is_a_singular_position_not_a_limit(samples: int) -> None:
     """A parallelogram with two cranks only: at 180 degrees it may go on as an antiparallelogram. 181 samples meet it exactly."""
-    mechanism = four_bar(0.2, 0.4, 0.2, 0.4, (0.5, 0.17))
+    mechanism = load_document(four_bar(0.2, 0.4, 0.2, 0.4))
     with pytest.raises(SingularPosition) as caught:
         loop_motion(mechanism, turned(mechanism, np.pi), np.linspace(0.0, 1.2, samples))
     assert caught.value.inputs["a"] == pytest.approx(np.pi, abs=1e-6)  # the rank counts as lost at 1e-7 of the largest

@@ -7,31 +7,9 @@ import pytest
 
 from gauss_bench.kinematics.singular import ChangePoint, Singular, singular_positions
 from gauss_bench.linkage.load import document_of, load, load_document
+from tests.four_bars import four_bar
 
 EXACT = 1e-11  # [rad] Newton ends near rounding; a fold doubles the digits lost
-
-
-def four_bar(crank: float, coupler: float, rocker: float, frame: float, **start: Any) -> dict[str, Any]:
-    """A four-bar of uniform bars with the crank drawn at 60 degrees."""
-    return {
-        "format": "planar-linkage/1",
-        "name": "bars",
-        "crank": "a",
-        "ground": {"points": {"A": [0.0, 0.0], "D": [frame, 0.0]}},
-        "links": {
-            "a": {"points": {"A": [0.0, 0.0], "B": [crank, 0.0]}, "bars": [["A", "B"]], "mass": 1.0},
-            "b": {"points": {"B": [0.0, 0.0], "C": [coupler, 0.0]}, "bars": [["B", "C"]], "mass": 1.0},
-            "c": {"points": {"D": [0.0, 0.0], "C": [rocker, 0.0]}, "bars": [["D", "C"]], "mass": 1.0},
-        },
-        "joints": {
-            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
-            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
-            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
-            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
-        },
-        "assembly": {"sketch": {"B": [crank / 2, 0.87 * crank], "C": [frame * 0.75, 0.2]}},
-        "scenarios": {"rest": {"duration": 1.0, "start": {"crank_deg": 60.0, **start}}},
-    }
 
 
 def of(found: list[Singular], coordinate: str) -> np.ndarray:

@@ -13,7 +13,6 @@ from gauss_bench.papers.audit import PAPERS, Verdict, discrepancy, lines, list_f
 from gauss_bench.papers.forms import link_units as lu
 from gauss_bench.papers.forms import problems
 from gauss_bench.papers.forms.loops import turnings
-from tests.conftest import needs
 from tests.papers_mutations import MUTATIONS
 from tests.papers_tables import audited
 
@@ -196,30 +195,3 @@ def test_a_computer_inverts_the_singular_projector_to_noise() -> None:
         except np.linalg.LinAlgError:
             continue
         assert np.abs(problem.J @ a - problem.g).max() > 1.0
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_misprints_by_symbols() -> None:
-    sp = needs("sympy")
-    t, l1, l2, e = sp.symbols("t l1 l2 e")
-    a1, x2, y2, a2, x3, phi, s = (sp.Function(name)(t) for name in ("a1", "x2", "y2", "a2", "x3", "phi", "s"))
-    rod = y2 + l2 / 2 * sp.sin(a2)
-    assert sp.diff(rod, a2) == l2 / 2 * sp.cos(a2)
-    for constraint, bias in (
-        (l1 * sp.cos(a1) - x2 + l2 / 2 * sp.cos(a2), l1 * sp.cos(a1) * a1.diff(t) ** 2 + l2 / 2 * sp.cos(a2) * a2.diff(t) ** 2),
-        (x2 + l2 / 2 * sp.cos(a2) - x3, l2 / 2 * sp.cos(a2) * a2.diff(t) ** 2),
-        (rod, l2 / 2 * sp.sin(a2) * a2.diff(t) ** 2),
-    ):
-        Ja = sum(sp.diff(constraint, q) * q.diff(t, 2) for q in (x2, y2, x3, a1, a2))
-        assert sp.simplify(Ja - bias - constraint.diff(t, 2)) == 0
-    J = sp.Matrix([e * sp.cos(phi) - s * sp.sin(phi), e * sp.sin(phi) + s * sp.cos(phi)])
-    phi_rate, s_rate = phi.diff(t), s.diff(t)
-    printed = sp.Matrix(
-        [
-            -e * phi_rate * sp.sin(phi) - s * phi_rate * sp.cos(phi) - phi_rate * sp.sin(phi),
-            e * phi_rate * sp.cos(phi) - s * phi_rate * sp.sin(phi) + phi_rate * sp.cos(phi),
-        ]
-    )
-    missing = (phi_rate - s_rate) * sp.Matrix([sp.sin(phi), -sp.cos(phi)])
-    assert sp.simplify(J.diff(t) - printed - missing) == sp.zeros(2, 1)

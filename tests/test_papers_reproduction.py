@@ -145,13 +145,6 @@ def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, st
         assert all(later > earlier for earlier, later in pairwise(speeds))
 
 
-def test_turns_of_the_printed_motion_get_ever_faster_up_to_the_regime(motion: CrankMotion) -> None:
-    speeds = [abs(first_turn(motion)[1])]
-    while len(speeds) < 20:
-        speeds.append(float(turn(motion, -speeds[-1])[0, -1]))
-    assert all(later > earlier for earlier, later in pairwise(speeds))
-
-
 @pytest.mark.slow
 def test_the_regime_is_that_of_a_long_run(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
     course = motion.run(16.0, rtol=1e-8)

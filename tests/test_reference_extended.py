@@ -13,7 +13,7 @@ import pytest
 import gauss_bench.reference.extended_linkage as extended_linkage
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import list_held
-from gauss_bench.linkage.load import decimal_document, load, load_document, merge
+from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.numbers import PI
 from gauss_bench.reference.build import build_reference
@@ -24,6 +24,7 @@ from gauss_bench.reference.extended_linkage import start
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.refinement import Unsolved, chord, imbalance, saddle
 from tests.conftest import DATA
+from tests.four_bars import four_bar
 
 LONG = np.longdouble
 EPS = float(np.finfo(LONG).eps)
@@ -110,27 +111,6 @@ def test_refinement_finds_the_digits_a_double_inverse_does_not_have(rng: np.rand
 TERMS = ["crank_slider", "shaper", "five_bar", "jansen", "excavator", "sleigh", DATA / "everything.toml", DATA / "all_kinds.toml"]
 
 
-@pytest.mark.parametrize("linkage", TERMS, ids=str)
-def test_terms_in_long_double_are_those_in_double_and_more(linkage: Any, rng: np.random.Generator) -> None:
-    short = load(linkage)
-    document = decimals(linkage, short.scenario)
-    long = build_mechanism(document, short.scenario, "", "", LONG)
-    q, v = short.q0 + rng.normal(0.0, 0.1, short.n), rng.normal(size=short.n)
-    one, other = (
-        Evaluator(m).terms(t, *s) for m, t, s in ((short, 0.3, (q, v)), (long, LONG("0.3"), (q.astype(LONG), v.astype(LONG))))
-    )
-    finer = []
-    for level, value in vars(other).items():
-        expected = vars(one)[level]
-        assert value.dtype == LONG, level
-        scale = np.abs(value).max(initial=1.0)
-        assert np.abs(value - expected).max(initial=0.0) < 1e-14 * scale, level
-        finer.append(bool((value != value.astype(float)).any()))
-    energy = Evaluator(long).energy(q.astype(LONG), v.astype(LONG))
-    assert abs(energy - Evaluator(short).energy(q, v)) < 1e-14 * (1 + abs(energy))
-    assert any(finer)
-
-
 @pytest.mark.parametrize("linkage", [*TERMS, DATA / "pushed.toml"], ids=str)
 def test_terms_are_smooth_to_the_last_digit(linkage: Any) -> None:
     """Third differences at steps of 2^-24 are rounding alone: a detour through double anywhere would leave 1e-16 of them."""
@@ -173,18 +153,6 @@ def test_the_start_is_closed_and_held_to_the_last_digit(linkage: Any, scenario: 
     assert np.abs(J @ v - held.rate).max(initial=0.0) < 8 * EPS * (1 + float(np.abs(v).max()))
     double = load(linkage, scenario)
     assert np.abs(q - double.q0).max() < 1e-13
-
-
-@pytest.mark.parametrize(("linkage", "scenario"), [(DATA / "all_kinds.toml", "all"), ("excavator", "dig")], ids=str)
-def test_held_slides_points_and_lengths_keep_their_digits(linkage: Any, scenario: str) -> None:
-    document = decimals(linkage, scenario)
-    found, q, _ = start(document, scenario)
-    held = list_held(found.mechanism, document["scenarios"][scenario], LONG)
-    value, J = held.of(q)
-    assert J.dtype == value.dtype == LONG
-    moved = held.of(q + J[-1] * LONG(2) ** -20)[0] - held.of(q - J[-1] * LONG(2) ** -20)[0]
-    assert np.abs(moved * LONG(2) ** 19 - J @ J[-1]).max() < 1e-11  # the square of the step, and rounding divided by it
-    assert (J.astype(float) != J).any()
 
 
 def test_held_angles_are_the_decimals_of_the_file() -> None:
@@ -260,30 +228,11 @@ def test_a_singular_position_ends_the_motion_with_its_time() -> None:
     assert len(motion.q) == len(motion.a) == len(motion.times)
 
 
-def rocker() -> dict[str, Any]:
-    """A four-bar whose crank can be driven to about 68 degrees, where coupler and rocker stand in line."""
-    bars = {"a": ("A", "B", "0.3"), "b": ("B", "C", "0.2"), "c": ("D", "C", "0.25")}
-    return {
-        "format": "planar-linkage/1",
-        "name": "rocker",
-        "crank": "a",
-        "ground": {"points": {"A": [0, 0], "D": [Decimal("0.4"), 0]}},
-        "links": {
-            name: {"points": {p: [0, 0], r: [Decimal(x), 0]}, "bars": [[p, r]], "mass": 1} for name, (p, r, x) in bars.items()
-        },
-        "joints": {
-            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
-            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
-            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
-            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
-        },
-        "assembly": {"sketch": {"B": [0.15, 0.26], "C": [0.3, 0.2]}},
-        "scenarios": {"push": {"duration": 1.0, "driver": {"link": "a", "law": "constant", "start_deg": 60, "speed": 1}}},
-    }
-
-
 def test_a_driver_beyond_a_limit_of_motion_stops_there() -> None:
-    motion = extend_motion(rocker(), "push", samples("1"), STEP)
+    document = four_bar(*map(Decimal, ("0.3", "0.2", "0.25", "0.4")))  # coupler and rocker stand in line at about 68 degrees
+    driver = {"link": "a", "law": "constant", "start_deg": 60, "speed": 1}
+    document["scenarios"] = {"push": {"duration": 1.0, "driver": driver}}
+    motion = extend_motion(document, "push", samples("1"), STEP)
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4)) - np.pi / 3
     assert float(motion.times[-1]) == pytest.approx(limit, abs=2 * STEP)
     assert motion.stopped
@@ -324,18 +273,3 @@ def test_friction_and_short_long_doubles_are_refused(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(extended_linkage, "MANTISSA", 1000)
     with pytest.raises(ArithmeticError, match="mantissa"):
         run("four_bar", "torque", "0.02")
-
-
-def test_progress_is_told_at_every_sample() -> None:
-    told: list[float] = []
-    extend_motion(decimals("four_bar", "torque"), "torque", ["0", "0.02", "0.03"], STEP, told.append)
-    assert told == [0.0, 0.02, 0.03]
-
-
-def test_a_document_of_doubles_means_its_shortest_decimals() -> None:
-    document = rocker()
-    text = deepcopy(document)
-    text["ground"]["points"]["D"] = [0.4, 0]
-    one, other = (extend_motion(x, "push", samples("0.02"), STEP).q for x in (document, text))
-    np.testing.assert_array_equal(one, other)
-    assert load_document(text, "push").dof == 1

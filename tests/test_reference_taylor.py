@@ -20,7 +20,7 @@ from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
-from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import loop_rows
 from gauss_bench.reference.taylor.samples import LoopStates, sample
 from gauss_bench.reference.taylor.solve import columns, stack_arrays
@@ -76,9 +76,9 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     rows = loop_rows(LoopCoordinates(mechanism))
     document = document_of(linkage, scenario)
     x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
-    chart, _ = choose_chart(rows, Instant(columns(x), NUMBERS))
+    chart, _ = choose_chart(rows, at_states(x))
     laws = [driver.law(np.zeros(1)) for driver in mechanism.drivers]
-    found = rates(rows, chart, Instant(columns(x), NUMBERS), columns(v[:, list(chart.free)]), laws)
+    found = rates(rows, chart, at_states(x), columns(v[:, list(chart.free)]), laws)
     a = stack_arrays([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
     here = sample(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
@@ -142,48 +142,6 @@ def plain(item: Any) -> Any:
     if isinstance(item, list):
         return [plain(v) for v in item]
     return float(item) if isinstance(item, Decimal) else item
-
-
-def one_angle_crank_slider(times: Sequence[str]) -> Any:
-    """Crank angle and speed (k, 2) of the paper's crank-slider from its one closed-form equation, in 128 bit."""
-    hy = needs("heyoka")
-
-    def number(text: str) -> Any:
-        return hy.real128(text)
-
-    m1, m2, m3, l1, l2, g = (number(x) for x in ("0.37", "0.77", "0.1", "0.15", "0.56", "9.81"))
-    k, c, torque = number("5"), number("1"), number("-0.5")
-    theta, w = hy.make_vars("theta", "w")
-    s, co = hy.sin(theta), hy.cos(theta)
-    s2 = -(l1 / l2) * s
-    c2 = hy.sqrt(number("1") - s2 * s2)  # the rod is longer than the crank and never turns over
-    p = -(l1 / l2) * co / c2
-    pp = (l1 * s + l2 * s2 * p * p) / (l2 * c2)
-    h1, h2 = l1 / 2, l2 / 2
-    d = [-h1 * s, h1 * co, number("1"), -l1 * s - h2 * s2 * p, l1 * co + h2 * c2 * p, p, -l1 * s - l2 * s2 * p]
-    turn = c2 * p * p + s2 * pp, s2 * p * p - c2 * pp
-    e = [-h1 * co, -h1 * s, number("0"), -l1 * co - h2 * turn[0], -l1 * s - h2 * turn[1], pp, -l1 * co - l2 * turn[0]]
-    mass = [m1, m1, m1 * l1 * l1 / 12, m2, m2, m2 * l2 * l2 / 12, m3]
-    slider = l1 * co + l2 * c2
-    zero = number("0")
-    force = [zero, -m1 * g, torque, zero, -m2 * g, zero, k * (l1 + l2 - slider) - c * d[6] * w]
-    top = sum(di * (f - mi * ei * w * w) for di, f, mi, ei in zip(d, force, mass, e, strict=True))
-    bottom = sum(mi * di * di for mi, di in zip(mass, d, strict=True))
-    run = hy.taylor_adaptive([(theta, w), (w, top / bottom)], [zero, zero], fp_type=hy.real128, compact_mode=True)
-    found = []
-    for t in times:
-        run.propagate_until(hy.real128(t))
-        found.append(run.state.copy())
-    return np.array(found)
-
-
-@pytest.mark.long
-def test_the_papers_crank_slider_agrees_with_its_equation_in_one_angle_to_28_digits() -> None:
-    times = ["0", "0.5", "1", "2"]
-    found, wanted = motion("crank_slider", "paper", times), one_angle_crank_slider(times)
-    assert off(found.q[:, 2], wanted[:, 0]) < LAST_DIGITS
-    assert off(found.v[:, 2], wanted[:, 1]) < 100 * LAST_DIGITS  # speeds of some ten rad/s, accelerations of a thousand
-    assert max(found.drift) < LAST_DIGITS
 
 
 @pytest.mark.slow("n_four_bar_3-fall-0.6")

@@ -108,18 +108,6 @@ def planar(vectors: Sequence[complex]) -> Array:
     return np.array([z.real, z.imag])
 
 
-def effect_factors(columns: Sequence[object], unknown: Sequence[object], known: Sequence[object]) -> tuple[Array, Array]:
-    """U (C, TU) and K (C, TK) of eqs. (9)-(10): 1 where a column of a unit belongs to an unknown or known variable of the linkage.
-
-    Every row has exactly one 1 in U and K together.
-    """
-
-    def chosen(variables: Sequence[object]) -> Array:
-        return np.array([[float(c == x) for x in variables] for c in columns]).reshape(len(columns), len(variables))
-
-    return chosen(unknown), chosen(known)
-
-
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
     """The paper's name of a link: R for pins, P for slides, a count from four on, 1 or 2 for one slide's block or guide.
 

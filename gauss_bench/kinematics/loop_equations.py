@@ -23,7 +23,7 @@ from itertools import combinations
 import numpy as np
 
 from gauss_bench.kinematics.inputs import Input
-from gauss_bench.kinematics.link_units import MOVING, Way, effect_factors
+from gauss_bench.kinematics.link_units import MOVING, Way
 from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
@@ -69,7 +69,10 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class PlacedWay:
-    """A way of a loop, the columns of its slides in x (for their values), and U and K side by side (C, TU + TK)."""
+    """A way of a loop, the columns of its slides in x (for their values), and U and K of eqs. (9)-(10) side by side (C, TU + TK).
+
+    A row has one 1, in the column of the variable that its column of the unit belongs to.
+    """
 
     way: Way
     slides: list[int]
@@ -150,8 +153,8 @@ class LoopEquations:
     def _place(self, way: Way) -> PlacedWay:
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
         own += [Variable(name) for name in way.slides]
-        U, K = effect_factors(own, self.unknown, self.known)
-        return PlacedWay(way, [self.column[name] for name in way.slides], np.hstack([U, K]))
+        factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
+        return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
     def input_levels(self, times: Array) -> Levels:
         """Values, rates and second rates (k, TK) of the known variables.

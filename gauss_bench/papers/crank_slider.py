@@ -55,17 +55,10 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
     """The paper's start and seeded random states at crank speeds up to 30 rad/s, with their true accelerations."""
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
-    random = random_states(mechanism, count)
-    rows = [start_state(mechanism), *zip(random.q, random.v, random.a, strict=True)]
+    random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
+    start = crank.free(mechanism.q0[[crank.crank]], mechanism.v0[[crank.crank]])
+    rows = [*zip(*start, strict=True), *zip(random.q, random.v, random.a, strict=True)]
     return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
-
-
-def start_state(mechanism: Mechanism) -> tuple[Array, Array, Array]:
-    """q, v, a (9,) at the start."""
-    motion = MinimalCoordinate(mechanism)
-    theta, w = mechanism.q0[2:3], mechanism.v0[2:3]
-    q, v, a = motion.state(theta, w, motion.acceleration(theta, w))
-    return q[0], v[0], a[0]
 
 
 def derivative(function: Callable[[Any], Number], x: Array | float, direction: Array | float) -> Array:

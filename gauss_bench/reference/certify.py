@@ -122,10 +122,6 @@ def sample_times(duration: float) -> list[str]:
 
 def split(values: NDArray[Any]) -> Split:
     """Numbers of any type as high and low part."""
-    if values.dtype == object:
-        high = np.array([float(x) for x in values.ravel()]).reshape(values.shape)
-        low = np.array([float(x - h) for x, h in zip(values.ravel(), high.ravel().tolist(), strict=True)]).reshape(values.shape)
-        return Split(high, low)
     high = values.astype(float)
     return Split(high, (values - high.astype(values.dtype)).astype(float))
 
@@ -142,8 +138,7 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
     bars = {}
     for level in (*LEVELS, "multipliers"):
         one, two = getattr(truth, level), getattr(other, level)
-        known = one is not None and two is not None
-        bars[level] = np.maximum.accumulate(distance(one, two)) if known else np.zeros(len(other.times))
+        bars[level] = np.zeros(len(other.times)) if one is None or two is None else np.maximum.accumulate(distance(one, two))
     return bars
 
 
@@ -153,34 +148,34 @@ def relative(motion: Motion, level: str, bars: Array) -> Array:
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
 
+def off_states(truth: Motion, bars: dict[str, Array]) -> Array:
+    """(k,) larger of the relative error bars of positions and of velocities."""
+    return np.asarray(np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v"))))
+
+
 def _collocation(
     document: dict[str, Any], mechanism: Mechanism, first: Motion, truth: Motion, said: Report
 ) -> tuple[Motion, float]:
     """Pipeline B at the step from which halving no longer brings it nearer, and that step [s]."""
-    step = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS)
-    best: tuple[Motion, float] | None = None
-    before = np.inf
+    step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
+    best, best_step = None, step
     for _ in range(1 if mechanism.dof == len(mechanism.drivers) else 1 + HALVINGS):
-
-        def progress(t: float, h: float = step) -> None:
-            said(f"collocation at {h:.2g} s", t)
-
-        other = extend_motion(document, mechanism.scenario, truth.times, step, progress)
-        bars = disagreement(truth, other)
-        worst = max(float(relative(truth, level, bars[level]).max()) for level in ("q", "v"))
-        longer = best is None or len(other.times) > len(best[0].times)
+        stage = f"collocation at {step:.2g} s"
+        other = extend_motion(document, mechanism.scenario, truth.times, step, lambda t, stage=stage: said(stage, t))
+        worst = float(off_states(truth, disagreement(truth, other)).max())
+        longer = best is None or len(other.times) > len(best.times)
         if longer or worst < before:
-            best = other, step
+            best, best_step = other, step
         if worst <= ENOUGH or (worst > before / 4 and not longer):
             break
         before, step = worst, step / 2
     assert best is not None
-    return best
+    return best, best_step
 
 
 def _vouch(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
     """Count the samples that have the digits asked for; their largest relative error bar, and why there are no more."""
-    worst = np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v")))
+    worst = off_states(truth, bars)
     lost = np.flatnonzero(~(worst <= 10.0**-digits))
     kept = int(lost[0]) if len(lost) else len(worst)
     if kept == len(truth.times) and not truth.stopped:

@@ -1,7 +1,8 @@
 """A linkage with one degree of freedom in one coordinate, the crank angle.
 
-With the closed position q(theta), its derivatives d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and
-J e = gamma(q, d), e_crank = 0. Then v = d w, a = d w' + e w^2, and the virtual work of M a - Q along d vanishes:
+The crank's angle is one more row, of a driver whose time is the angle. With the closed position q(theta), its derivatives
+d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. Then v = d w,
+a = d w' + e w^2, and the virtual work of M a - Q along d vanishes:
 
     w' = d . (Q - M e w^2) / (d . M d)
 
@@ -22,7 +23,8 @@ import numpy as np
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
 LARGEST_TURN = 0.15  # [rad] between two closures: Newton with a velocity predictor keeps its branch well beyond that
@@ -52,13 +54,12 @@ class MinimalCoordinate:
             raise ValueError(f"{mechanism.name} has neither crank nor driven link")
         self.mechanism = mechanism
         self.crank = 3 * link + 2
-        self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
+        turned = AngleDriver("crank", constant(0.0, 1.0), link)  # at the angle that counts as time
+        self.constraints = Constraints(replace(mechanism, drivers=(turned,), knife_edges=()))
         self.applied = AppliedForces(mechanism)
         self.friction = JointFriction(mechanism)
         self.mass = mechanism.mass
         self.redundant = mechanism.redundant > 0
-        self.unit = np.zeros((1, mechanism.n))
-        self.unit[0, self.crank] = 1.0
         self.rest()
 
     def rest(self) -> None:
@@ -67,17 +68,11 @@ class MinimalCoordinate:
         self.last = (self.mechanism.q0, still, still)
 
     def _solve(self, J: Array, rhs: Array) -> Array:
-        """x (k, n) of J x = rhs[:, :-1], x_crank = rhs[:, -1]."""
-        A = np.concatenate([J, np.broadcast_to(self.unit, (len(J), *self.unit.shape))], axis=1)
+        """x (k, n) of J x = rhs; where rows are redundant, all of them are consistent."""
         if self.redundant:
-            Q, R = np.linalg.qr(A)  # more rows than unknowns, and all of them consistent
-            return np.asarray(np.linalg.solve(R, np.swapaxes(Q, -1, -2) @ rhs[..., None])[..., 0])
-        return np.asarray(np.linalg.solve(A, rhs[..., None])[..., 0])
-
-    def _slope(self, J: Array) -> Array:
-        rhs = np.zeros((len(J), J.shape[1] + 1))
-        rhs[:, -1] = 1.0
-        return self._solve(J, rhs)
+            Q, J = np.linalg.qr(J)
+            rhs = (np.swapaxes(Q, -1, -2) @ rhs[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(J, rhs[..., None])[..., 0])
 
     def geometry(self, theta: Array) -> Closed:
         """q, dq/dtheta and d2q/dtheta2 (k, n) at crank angles (k,), reached from the last closed position.
@@ -100,19 +95,17 @@ class MinimalCoordinate:
 
     def _close(self, q: Array, theta: Array) -> Closed:
         still = np.zeros_like(q)
-        rows = self.constraints(0.0, q, still)
+        rows = self.constraints(theta, q, still)
         for _ in range(NEWTON_STEPS):
-            error = np.concatenate([rows.phi, (q[:, self.crank] - theta)[:, None]], axis=1)
-            step = self._solve(rows.J, -error)
+            step = self._solve(rows.J, -rows.phi)
             q = q + step
-            rows = self.constraints(0.0, q, still)
+            rows = self.constraints(theta, q, still)
             if np.abs(step).max() < 1e-9:  # quadratic convergence: the step after this one is below rounding
                 break
         if not np.abs(rows.phi).max(initial=0.0) < CLOSED:
             raise LostClosure(f"cannot be closed near crank angle {float(theta[0]):.6f} rad")
-        d = self._slope(rows.J)
-        gamma = self.constraints(0.0, q, d).gamma
-        return q, d, self._solve(rows.J, np.concatenate([gamma, np.zeros((len(q), 1))], axis=1))
+        d = self._solve(rows.J, -rows.phi_t)
+        return q, d, self._solve(rows.J, self.constraints(theta, q, d).gamma)
 
     def state(self, theta: Array, w: Array, w_dot: Array) -> tuple[Array, Array, Array]:
         """q, v, a (k, n) for crank angles, speeds and accelerations (k,)."""
@@ -141,9 +134,8 @@ class MinimalCoordinate:
         parts = np.concatenate([force[..., None], W], axis=-1)
         inertia = d * self.mass / (d * d * self.mass).sum(-1, keepdims=True)
         residual = parts - inertia[..., None] * (d[:, None, :] @ parts)
-        J = self.constraints(0.0, q, v).J
-        A = np.concatenate([J, np.broadcast_to(self.unit, (len(J), *self.unit.shape))], axis=1)
-        solution = np.linalg.solve(np.swapaxes(A, -1, -2), residual)[:, :-1]
+        J = self.constraints(q[:, self.crank], q, v).J
+        solution = np.linalg.solve(np.swapaxes(J, -1, -2), residual)[:, :-1]
         multipliers = self.friction.consistent(solution[..., 0], solution[..., 1:])
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 

@@ -1,6 +1,6 @@
 """Kinematics three independent ways: link units, point coordinates, and the dynamics' own constraints differentiated.
 
-They share the linkage file and nothing else, so their agreement vouches for the velocities and accelerations that every engine
+They share the linkage file and no equation, so their agreement vouches for the velocities and accelerations that every engine
 starts from.
 """
 

@@ -14,16 +14,14 @@ import numpy as np
 
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Progress
-from gauss_bench.reference.refinement import chord
-from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.compiled import CompiledSeries, compile_series
 from gauss_bench.reference.taylor.elimination import Order, Pivots
 from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import Piece
-from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.samples import LoopStates, join
-from gauss_bench.reference.taylor.solve import Long, columns, dense, epsilon, pseudo_inverse, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, columns, epsilon, stack_arrays
 
 WORN = 0.1  # a pivot below, in units of its coordinate, calls for another order
 WEAKER = 0.5  # where no order does better: the next call comes when the smallest pivot has halved again
@@ -87,31 +85,16 @@ class March:
                     if len(pivots.order) != len(chart.order) or pivots.smallest < SINGULAR:
                         return join(parts), self._singular(float(t), pivots)
                     here = self._states(chart, [(t, state)])
-                    state = np.concatenate([self._close(here)[0], here.v[0, list(fresh.free)]])
+                    # a chart keeps only independent rows; what has gathered in the others would be multiplied at every change
+                    closed = self.rows.close(here.x, self.rows.laws(here.t), epsilon(self.number))
+                    state = np.concatenate([closed[0], here.v[0, list(fresh.free)]])
                     chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
         return join(parts), ""
-
-    def _close(self, here: LoopStates) -> Long:
-        """The position (1, n) with all rows closed to the last digit.
-
-        A chart keeps only as many rows as are independent. What has gathered in the others would be multiplied at every change.
-        """
-        n, edges = self.rows.coordinates.n, [0] * len(self.rows.edges)
-        laws = [driver.law(here.t) for driver in self.rows.coordinates.mechanism.drivers]
-
-        def instant(x: Long) -> Instant:
-            return Instant(columns(x), NUMBERS)
-
-        def residual(x: Long) -> Long:
-            return stack_arrays([*self.rows.residuals(instant(x), laws), *edges], here.t)
-
-        P = pseudo_inverse(dense(self.rows.entries(instant(here.x)), 1, n))
-        return chord(residual, P, here.x, epsilon(self.number))
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
         """A better chart at a state, one that is compiled already if it is good enough."""
         x = state[: self.rows.coordinates.n]
-        fresh, best = choose_chart(self.rows, Instant(columns(x[None]), NUMBERS), chart.scale)
+        fresh, best = choose_chart(self.rows, at_states(x[None]), chart.scale)
         for (order, piece), series in self.built.items():
             smallest = float(np.abs(series.pivots(state)).min())
             if piece == k and smallest > GOOD_ENOUGH * best.smallest:
@@ -164,9 +147,7 @@ class March:
         """Full coordinates and rates at times within one chart; where a law has a corner the law itself says which side counts."""
         n = self.rows.coordinates.n
         t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
-        at = Instant(columns(y[:, :n]), NUMBERS)
-        laws = [driver.law(t) for driver in self.rows.coordinates.mechanism.drivers]
-        motion = rates(self.rows, chart, at, columns(y[:, n:]), laws)
+        motion = rates(self.rows, chart, at_states(y[:, :n]), columns(y[:, n:]), self.rows.laws(t))
         v, a = (stack_arrays([x.get(j, 0) for j in range(n)], t - t) for x in (motion.velocity, motion.acceleration))
         return LoopStates(t, y[:, :n], v, a)
 

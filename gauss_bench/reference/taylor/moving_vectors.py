@@ -10,7 +10,20 @@ the rest is `bias`. Values are arrays over states or symbols.
 
 from collections.abc import Callable, Mapping, Sequence
 
-from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value, Vector, mul, neg, plus, product, quarter, scale_by, total
+from gauss_bench.reference.taylor.arithmetic import (
+    NUMBERS,
+    Arithmetic,
+    Value,
+    Vector,
+    mul,
+    neg,
+    plus,
+    product,
+    quarter,
+    scale_by,
+    total,
+)
+from gauss_bench.reference.taylor.solve import Long, columns
 from gauss_bench.reference.taylor.vector_sums import NONE, Key, Sum
 
 Vectors = Callable[[Key], Vector]
@@ -70,3 +83,8 @@ class Instant:
         """Derivative of a sum by every coordinate that moves it."""
         columns = {index for t in terms for index in t.key if index != NONE}
         return {j: self.combined(tuple(t for t in terms if j in t.key), self.variation({j: 1})) for j in sorted(columns)}
+
+
+def at_states(x: Long) -> Instant:
+    """The instant of states (k, n) in numbers."""
+    return Instant(columns(x), NUMBERS)

@@ -17,8 +17,10 @@ import numpy as np
 
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
 from gauss_bench.mechanism.numbers import direction
+from gauss_bench.reference.refinement import chord
 from gauss_bench.reference.taylor.arithmetic import Value, add, cross, dot, literal, mul, neg, sub
-from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.moving_vectors import Instant, at_states
+from gauss_bench.reference.taylor.solve import Long, dense, pseudo_inverse, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
 
 Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
@@ -50,6 +52,23 @@ class LoopRows:
     @property
     def m(self) -> int:
         return len(self.names)
+
+    def laws(self, t: Any) -> list[Law]:
+        """Value, rate and second rate of every driver at a time, or at times (k,)."""
+        return [driver.law(t) for driver in self.coordinates.mechanism.drivers]
+
+    def close(self, x: Long, laws: Sequence[Law], eps: float) -> Long:
+        """The positions (k, n) near x at which all rows are closed to the last digit.
+
+        Raises:
+            Unsolved: there are none near.
+        """
+        none = x[:, 0] - x[:, 0]
+
+        def residual(x: Long) -> Long:
+            return stack_arrays([*self.residuals(at_states(x), laws), *(0 for _ in self.edges)], none)
+
+        return chord(residual, pseudo_inverse(dense(self.entries(at_states(x)), *x.shape)), x, eps)
 
     def entries(self, at: Instant) -> list[dict[int, Value]]:
         """Rows of A: coordinate -> derivative, without entries that always vanish."""

@@ -7,10 +7,10 @@ import numpy as np
 
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion
-from gauss_bench.reference.taylor.arithmetic import NUMBERS, Value
+from gauss_bench.reference.taylor.arithmetic import Value
 from gauss_bench.reference.taylor.forces import Loads
 from gauss_bench.reference.taylor.joint_forces import joint_forces, reactions
-from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors
+from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors, at_states
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.solve import Long, apply, columns, epsilon, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates
@@ -55,7 +55,7 @@ def sample(
     """
     coordinates, eps = rows.coordinates, epsilon(number)
     mechanism = coordinates.mechanism
-    at = Instant(columns(states.x), NUMBERS)
+    at = at_states(states.x)
     v, a = (dict(enumerate(columns(x))) for x in (states.v, states.a))
     like = states.t - states.t
     q = _absolute(coordinates, at, at, dict(enumerate(at.x)), like)
@@ -79,7 +79,7 @@ def sample(
 
 def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
     """Largest residual of positions and of velocities over all states, redundant rows and circles of slides included."""
-    laws = [driver.law(states.t) for driver in rows.coordinates.mechanism.drivers]
+    laws = rows.laws(states.t)
     like = states.t - states.t
     position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], like)
     rate = apply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)

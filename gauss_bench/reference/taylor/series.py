@@ -15,14 +15,13 @@ import numpy as np
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion, Progress, assemble_doubles
-from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.equations import choose_chart
 from gauss_bench.reference.taylor.law_pieces import pieces
 from gauss_bench.reference.taylor.march import SINGULAR, March
-from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import loop_rows
 from gauss_bench.reference.taylor.samples import sample
-from gauss_bench.reference.taylor.solve import columns, epsilon
+from gauss_bench.reference.taylor.solve import epsilon
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 
@@ -51,7 +50,7 @@ def taylor_motion(
     rows = loop_rows(LoopCoordinates(mechanism))
     chosen = document["scenarios"][scenario]
     x, v = start_state(rows, chosen, rows.coordinates.start(assemble_doubles(document, scenario).q0), number)
-    chart, pivots = choose_chart(rows, Instant(columns(x), NUMBERS))
+    chart, pivots = choose_chart(rows, at_states(x))
     if pivots.smallest < SINGULAR:
         raise ArithmeticError(f"the start is a singular position: smallest pivot {pivots.smallest:.1e}")
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)

@@ -12,10 +12,9 @@ import numpy as np
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.reference.refinement import chord
-from gauss_bench.reference.taylor.arithmetic import NUMBERS
-from gauss_bench.reference.taylor.moving_vectors import Instant
+from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import Law, LoopRows, Prescribed
-from gauss_bench.reference.taylor.solve import Long, apply, columns, dense, epsilon, pseudo_inverse, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, apply, dense, epsilon, pseudo_inverse, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, VectorTerm, merge
 from gauss_bench.terms import Array
 
@@ -24,7 +23,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
     """The rows with those that the start of a scenario holds, the laws at t = 0 of all, and the right-hand side of A x' = rate."""
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
     mechanism = coordinates.mechanism
-    laws: list[Law] = [driver.law(zero) for driver in mechanism.drivers]
+    laws = rows.laws(zero)
     given, points, speeds = [], [], []
     for link, (target, rate) in _list_held_angles(mechanism, start, number).items():
         given.append(Prescribed("", coordinates.angle[link], coordinates.turn[link], ()))
@@ -70,13 +69,7 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
     n, eps = rows.coordinates.n, epsilon(number)
     held, laws, rates = hold_start(rows, scenario, number)
     x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
-    like = np.array([number("0")])
     for group in (held, rows):  # what is held may contradict the loops in its last digits; the loops must close to the last
-
-        def residual(x: Long, group: LoopRows = group) -> Long:
-            positions = group.residuals(Instant(columns(x), NUMBERS), laws[: len(group.prescribed)])
-            return stack_arrays([*positions, *(0 for _ in rows.edges)], like)
-
-        x = chord(residual, pseudo_inverse(dense(group.entries(Instant(columns(x), NUMBERS)), 1, n)), x, eps)
-    A = held.entries(Instant(columns(x), NUMBERS))
-    return x, chord(lambda v: apply(A, v) - stack_arrays(rates, like), pseudo_inverse(dense(A, 1, n)), np.zeros_like(x), eps)
+        x = group.close(x, laws[: len(group.prescribed)], eps)
+    A = held.entries(at_states(x))
+    return x, chord(lambda v: apply(A, v) - stack_arrays(rates, x[:, 0]), pseudo_inverse(dense(A, 1, n)), np.zeros_like(x), eps)
