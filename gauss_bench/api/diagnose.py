@@ -121,12 +121,8 @@ def diagnose(
         reference = truth(linkage, mechanism, end, deadline, told)
 
         def run(chosen: Choice, wanted: Sampling) -> Run:
-            return run_apart(
-                Request(linkage, mechanism.scenario, engine, chosen, wanted),
-                mechanism,
-                max(LEAST, deadline - time.monotonic()),
-                worker,
-            )
+            left = max(LEAST, deadline - time.monotonic())
+            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left, worker)
 
         offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
         projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
