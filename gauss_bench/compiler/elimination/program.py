@@ -155,7 +155,6 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
 __all__ = ["Costs", "Function", "KernelError", "Program", "costs", "drops", "generate", "known_program", "partitions"]
 
 
-
 @dataclass(frozen=True, eq=False)
 class Program:
     """Straight-line functions of one mechanism under one formulation and one partition.
