@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -64,7 +65,8 @@ FOREIGN = {
 OUTSIDE = {"formulations": {"numpy", "scipy"}, "integrate": {"numpy", "scipy"}, "terms": {"numpy"}, "trajectory": {"numpy"}}
 
 
-def imports(path: Path) -> set[str]:
+@cache
+def imports(path: Path) -> frozenset[str]:
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -72,7 +74,7 @@ def imports(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             names = {f"{node.module}.{alias.name}" for alias in node.names} if node.module == "gauss_bench" else {node.module}
             found |= names
-    return found
+    return frozenset(found)
 
 
 def room(name: str) -> str:

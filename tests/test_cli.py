@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import gauss_bench
 from gauss_bench.cli import main
 from gauss_bench.engines import OWN, all_names
 from gauss_bench.formulations import CONTROLS
@@ -141,14 +140,3 @@ def test_a_users_file_works_like_a_built_in_one(tmp_path: Path, capsys: pytest.C
     theirs = said(capsys, "simulate", "four_bar", "--at", "0.2", "--json")
     assert mine["mechanism"] == "mine"
     assert mine["links"] == theirs["links"]
-
-
-@pytest.mark.slow
-def test_the_python_interface_mirrors_the_command_line() -> None:
-    mechanism = gauss_bench.load("four_bar")
-    assert mechanism.dof == 1
-    result = gauss_bench.simulate("four_bar", "lagrange", at=[0.1])
-    assert result["status"] == "ok"
-    rows = gauss_bench.compare("four_bar", ["gauss", "yuan_ge_eq16"], steps=(1e-2,), t_end=0.1, jobs=1)
-    assert bool(rows[rows["engine"] == "gauss"]["valid"].any())
-    assert not rows[rows["engine"] == "yuan_ge_eq16"]["valid"].any()

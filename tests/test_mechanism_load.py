@@ -14,6 +14,7 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, built_in, load, load_document
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Constraints
+from tests.conftest import DATA
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
 
@@ -31,79 +32,14 @@ def faults(path: Path, scenario: str | None = None) -> list[str]:
     return [str(f) for f in caught.value.faults]
 
 
-# what is replaced in a sound file, by what, and the fault that must be named
-SINGLE = {
-    "toml syntax": ("[links.crank]", "[links.crank", "TOML syntax"),
-    "unknown key": ("[links.crank]", "[links.crank]\nmas = 1.0", "links.crank.mas: unknown key"),
-    "unknown table": ("[ground]", "[grund]\n[ground]", "grund: unknown key"),
-    "unknown link": ('at   = ["crank.B", "coupler.B"]', 'at   = ["krank.B", "coupler.B"]', "joints.B.at[0]: unknown link 'krank'"),
-    "unknown point": ('"coupler.B"]', '"coupler.Z"]', "joints.B.at[1]: unknown point 'Z' of 'coupler'"),
-    "unknown force": ('["motor", "brake"]', '["motor", "break"]', "scenarios.torque.forces[1]: unknown force 'break'"),
-    "unknown joint": ('joint = "A"', 'joint = "AA"', "forces.brake.joint: unknown joint 'AA'"),
-    "mass missing": ("kg_per_m = 0.8                     # steel flat 20 x 5 mm", "", "links.crank.mass: neither mass nor"),
-    "mass negative": ("kg_per_m = 0.8                     # steel", "mass = -0.1 # steel", "links.crank.mass: must be positive"),
-    "mass zero": ("kg_per_m = 0.8                     # steel", "mass = 0.0 # steel", "links.crank.mass: must be positive"),
-    "mass twice": ("kg_per_m = 0.8                     # steel", "kg_per_m = 0.8\nmass = 1.0 # steel", "given together with mass"),
-    "inertia zero": ("[links.crank]", "[links.crank]\ninertia = 0", "links.crank.inertia: must be positive"),
-    "inertia missing": (
-        'bars   = [["A", "B"]]\nkg_per_m = 0.8 ',
-        "mass = 1.0 ",
-        "links.crank.inertia: required where there are no bars",
-    ),
-    "not a number": ("value = 0.6", "value = nan", "forces.motor.value: must be a finite number"),
-    "infinite": ("c = 0.03", "c = inf", "forces.brake.c: must be a finite number"),
-    "infinite point": ("D = [0.4, 0.0]", "D = [inf, 0.0]", "ground.points.D[0]: must be a finite number"),
-    "text for a number": ("value = 0.6", 'value = "0.6"', "forces.motor.value: must be a number"),
-    "flag for a number": ("value = 0.6", "value = true", "forces.motor.value: must be a number"),
-    "negative damping": ("c = 0.03", "c = -0.03", "forces.brake.c: must not be negative"),
-    "wrong joint type": ('type = "revolute"\nat   = ["ground.A"', 'type = "hinge"\nat   = ["ground.A"', "joints.A: type 'hinge'"),
-    "wrong force type": ('type = "torque"', 'type = "push"', "forces.motor: type 'push'"),
-    "one end": ('["crank.B", "coupler.B"]', '["crank.B"]', "joints.B.at: must have at least 2"),
-    "same link twice": ('["crank.B", "coupler.B"]', '["crank.B", "crank.A"]', "joints.B.at: the link 'crank' appears twice"),
-    "unsupported version": ("planar-linkage/1", "planar-linkage/9", "format: unsupported format 'planar-linkage/9'"),
-    "duplicate name": ("[links.rocker]", "[links.crank]", "links.crank: duplicate name"),
-    "duplicate key": ("value = 0.6", "value = 0.6\nvalue = 0.7", "duplicate name"),
-    "reserved name": ("[links.rocker]", "[links.ground]", "links.ground: 'ground' is a reserved name"),
-    "file and name": ('name   = "four_bar"', 'name   = "fourbar"', "name: 'fourbar' differs"),
-    "degree of freedom": ("dof = 1", "dof = 2", "expect.dof: the file says 2, the assembled linkage has 1"),
-    "sketch missing": ("sketch = { B = [0.12, 0.0], C = [0.32, 0.28] }", "", "assembly.sketch: not placed: crank, coupler, rocker"),
-    "cannot assemble": ("C = [0.36, 0.0], P", "C = [3.6, 0.0], P", "assembly: cannot be assembled"),
-    "crank unknown": ('crank  = "crank"', 'crank  = "handle"', "crank: unknown link 'handle'"),
-    "crank not on ground": ('crank  = "crank"', 'crank  = "coupler"', "crank: link 'coupler' has no revolute joint on the ground"),
-    "circular point": ("P = [0.18, 0.12]", 'P = { from = "P", xy = [0, 0] }', "links.coupler.points.P.from: circular"),
-    "zero bar": ('bars   = [["D", "C"]]', 'bars   = [["D", "D"]]', "links.rocker.bars[0]: zero length"),
-    "speed alone": ("start    = { crank_deg = 0.0, speed = 0.0 }", "start = { speed = 1.0 }", "start.speed: a rate without"),
-    "too little held": ("start    = { crank_deg = 0.0, speed = 0.0 }", "start = {}", "do not determine the position: 1 too few"),
-    "driver and start": ("duration = 2.0", 'driver = { link = "crank", law = "constant", speed = 1.0 }', "driver: given together"),
-    "law keys": ('law = "sine", start_deg = 0.0, travel_deg = 360.0, time = 1.0', 'law = "sine"', "cycloid.driver.time: required"),
-    "override unknown": (
-        "[scenarios.torque]",
-        "[scenarios.torque]\noverride.forces.x.c = 1.0",
-        "torque.override.forces.x: no such table",
-    ),
-    "override fixed": (
-        "[scenarios.torque]",
-        '[scenarios.torque]\noverride.name = "x"',
-        "torque.override.name: cannot be overridden",
-    ),
-    "override illegal": (
-        "[scenarios.torque]",
-        "[scenarios.torque]\noverride.forces.brake.k = 1.0",
-        "override.forces.brake.k: unknown key",
-    ),
-    "degrees and radians": (
-        "crank_deg = 0.0, speed = 6.0",
-        "crank_deg = 0.0, crank = 0.0, speed = 6.0",
-        "given together with crank_deg",
-    ),
-}
+SINGLE = tomllib.loads((DATA / "faults" / "four_bar.toml").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("name", SINGLE)
 def test_a_fault_is_named_by_file_table_and_field_and_ends_with_2(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    old, new, expected = SINGLE[name]
+    old, new, expected = SINGLE[name].values()
     assert old in FOUR_BAR
     path = write(tmp_path, FOUR_BAR.replace(old, new, 1))
     assert main(["simulate", str(path), "--scenario", "torque", "--at", "0", "--json"]) == 2
@@ -117,10 +53,10 @@ def test_independent_faults_are_reported_together(tmp_path: Path) -> None:
     names = ("unknown key", "unknown link", "unknown force", "mass negative", "not a number", "wrong joint type", "crank unknown")
     text = FOUR_BAR
     for name in names:
-        text = text.replace(*SINGLE[name][:2], 1)
+        text = text.replace(SINGLE[name]["old"], SINGLE[name]["new"], 1)
     found = faults(write(tmp_path, text))
     for name in names:
-        assert any(SINGLE[name][2] in fault for fault in found), (name, found)
+        assert any(SINGLE[name]["said"] in fault for fault in found), (name, found)
 
 
 @pytest.mark.parametrize(

@@ -102,25 +102,27 @@ def diagnose(
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
+
+    def described(verdict: Verdict, reference: str) -> Diagnosis:
+        fields = ("cause", "parts", "numbers", "explanations", "candidates", "runs")
+        found = {x: getattr(verdict, x) for x in fields} | {"part": verdict.cause.part, "verdict": verdict.sentence}
+        return Diagnosis(**name_run(mechanism, engine, choice), **found, until=end, reference=reference)
+
     if not offered.usable:
-        return describe(mechanism, engine, choice, end, nothing_to_see(Ended(offered.status, offered.reason)), "")
+        return described(nothing_to_see(Ended(offered.status, offered.reason)), "")
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
         reference = truth(linkage, mechanism, end, deadline, told)
 
         def run(chosen: Choice, wanted: Sampling) -> Run:
-            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, list_left(deadline), worker)
+            left = max(LEAST, deadline - time.monotonic())
+            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left, worker)
 
         offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
         projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
         verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
-    return describe(mechanism, engine, choice, end, verdict, reference.method)
-
-
-def list_left(deadline: float) -> float:
-    """Seconds that are left of the budget."""
-    return max(LEAST, deadline - time.monotonic())
+    return described(verdict, reference.method)
 
 
 def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
@@ -138,19 +140,3 @@ def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, tol
         raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
     bar = np.full(len(found.reference.t), max(found.bars[kind] for kind in KNOWN))
     return replace(found.reference, error_q=bar, error_v=bar, error_a=bar)
-
-
-def describe(mechanism: Mechanism, engine: str, choice: Choice, until: float, verdict: Verdict, reference: str) -> Diagnosis:
-    return Diagnosis(
-        **name_run(mechanism, engine, choice),
-        until=until,
-        cause=verdict.cause,
-        part=verdict.cause.part,
-        verdict=verdict.sentence,
-        parts=verdict.parts,
-        numbers=verdict.numbers,
-        explanations=verdict.explanations,
-        candidates=verdict.candidates,
-        runs=verdict.runs,
-        reference=reference,
-    )

@@ -70,18 +70,15 @@ def numbers(text: str) -> list[float]:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a list of numbers with commas between them") from error
 
 
-def times(text: str) -> list[float]:
-    """Return times [s], none of them negative."""
-    if not all(math.isfinite(x) and x >= 0 for x in numbers(text)):
-        raise argparse.ArgumentTypeError("times must be numbers that are not negative")
-    return numbers(text)
+def numbers_that(hold: Callable[[float], bool], said: str) -> Callable[[str], list[float]]:
+    """Return a reader of numbers between commas that are finite, and of which `hold` is true."""
 
+    def read(text: str) -> list[float]:
+        if not all(math.isfinite(x) and hold(x) for x in numbers(text)):
+            raise argparse.ArgumentTypeError(said)
+        return numbers(text)
 
-def steps(text: str) -> list[float]:
-    """Return steps [s], each positive."""
-    if not all(math.isfinite(x) and x > 0 for x in numbers(text)):
-        raise argparse.ArgumentTypeError("steps must be positive numbers")
-    return numbers(text)
+    return read
 
 
 def names(text: str) -> list[str]:
@@ -94,7 +91,7 @@ TYPES: dict[str, Callable[[str], Any]] = {
     "int": int,
     "path": Path,
     "jobs": jobs,
-    "times": times,
-    "steps": steps,
+    "times": numbers_that(lambda x: x >= 0, "times must be numbers that are not negative"),
+    "steps": numbers_that(lambda x: x > 0, "steps must be positive numbers"),
     "names": names,
 }
