@@ -17,8 +17,8 @@ def compile_document(text: str) -> dict[str, Any]:
     """Fields of the compiled model, names by kind, and where everything is at qpos0.
 
     Beside the fields of `fields.toml`: `xpos`, `xmat`, `xipos`, `inertia` (3, 3 in world axes) of bodies, `xanchor`, `xaxis` of
-    joints, `site_xpos`, `site_xmat`; `names` by kind; `types`, the words for numbers of joints, equalities, tendon parts, transmissions, gains and
-    biases; `gravity`, `medium` (density, viscosity) and `disabled`.
+    joints, `site_xpos`, `site_xmat`; `names` by kind; `types`, the words for numbers of joints, equalities, tendon parts,
+    transmissions, gains and biases; `gravity`, `medium` (density, viscosity) and `disabled`.
 
     Raises:
         DoesNotCompile: MuJoCo refuses the document.
