@@ -1,5 +1,6 @@
 """Drawing in the tests of the studio: requests without a socket."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,21 @@ class Pen:
     def spot(self, at: tuple[float, float]) -> dict[str, Any]:
         near = [p for p in self.now["pins"] if abs(p["at"][0] - at[0]) < 1e-6 and abs(p["at"][1] - at[1]) < 1e-6]
         return {"pin": near[0]["id"]} if near else {"at": [*at]}
+
+
+class Watched:
+    """Events of one piece of work, until it is done."""
+
+    def __init__(self, pen: Pen):
+        self.events: list[dict[str, Any]] = []
+        pen.session.tell = self.events.append
+
+    def until(self, word: str) -> dict[str, Any]:
+        for _ in range(1200):
+            if found := [x for x in self.events if x["event"] == word]:
+                return found[0]
+            time.sleep(0.1)
+        raise AssertionError(f"no {word}: {self.events}")
 
 
 def four_bar(folder: Path) -> Pen:

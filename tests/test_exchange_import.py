@@ -4,7 +4,7 @@ import json
 import tomllib
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, fromstring
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
@@ -165,7 +165,7 @@ def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Ar
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
     mujoco.mj_rnePostConstraint(model, data)
-    places, rates, seconds = [], [], []
+    places, rates, seconds = list[list[float]](), list[list[float]](), list[list[float]]()
     for link in back.links:
         body, found = model.body(link.name).id, np.zeros((2, 6))
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found[0], 0)
@@ -197,80 +197,22 @@ def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
     assert "This file is yours" in found.text
 
 
-BODY = '<body name="b" pos="{pos}"><joint name="j" {joint}/><geom size="0.1" mass="1"/>{more}</body>'
+def model(joint: str = 'axis="0 0 1"', more: str = "", after: str = "", world: str = "") -> str:
+    """A small document: a body on a joint, more in that body, in the world, and behind the world."""
+    body = f'<body name="b" pos="0.3 0 0"><joint name="j" {joint}/><geom size="0.1" mass="1"/>{more}</body>'
+    return f"<mujoco><worldbody>{body}{world}</worldbody>{after}</mujoco>"
 
 
-def model(joint: str = 'axis="0 0 1"', more: str = "", after: str = "", world: str = "", pos: str = "0.3 0 0") -> str:
-    return f"<mujoco><worldbody>{BODY.format(joint=joint, more=more, pos=pos)}{world}</worldbody>{after}</mujoco>"
+REFUSED = tomllib.loads((DATA / "imports" / "refused.toml").read_text(encoding="utf-8"))
+LARGE = {"too deep": "<mujoco>" + "<a>" * 200 + "</a>" * 200 + "</mujoco>", "too large": "<mujoco>" + " " * 5_000_000 + "</mujoco>"}
 
 
-SECOND = '<body name="c" pos="0.5 0 0"><joint name="k" {joint}/><geom size="0.1" mass="1"/></body>'
-REFUSED = {
-    "ball": (model('type="ball"'), ["j", "ball"]),
-    "free": (model(more="", joint='type="free"'), ["j", "free"]),
-    "another axis": (model(more=SECOND.format(joint='axis="0 1 0"')), ["joint k", "not planar"]),
-    "a slide out of the plane": (model(more=SECOND.format(joint='type="slide" axis="0 0 1"')), ["joint k", "not planar"]),
-    "friction": (model('axis="0 0 1" frictionloss="1"'), ["j", "frictionloss"]),
-    "armature between": (model(more=SECOND.format(joint='axis="0 0 1" armature="1"')), ["joint k", "armature"]),
-    "pin in a slot": (
-        model(more='<body name="c"><joint type="slide" axis="1 0 0"/><joint axis="0 0 1"/><geom size="0.1"/></body>'),
-        ["body c", "slide and hinge"],
-    ),
-    "gear": (
-        model(more=SECOND.format(joint='axis="0 0 1"'), after='<equality><joint name="e" joint1="j" joint2="k"/></equality>'),
-        ["e", "connect and weld"],
-    ),
-    "another plane's point": (
-        model(
-            after='<equality><connect name="e" site1="s" site2="t"/></equality>',
-            more='<site name="s" pos="0 0 1"/>',
-            world='<site name="t"/>',
-        ),
-        ["closure e", "different planes"],
-    ),
-    "muscle": (model(after='<actuator><muscle name="m" joint="j" lengthrange="0 1"/></actuator>'), ["m", "motors"]),
-    "medium": (model(after='<option density="1000"/>'), ["option", "medium"]),
-    "gravity compensation": (model().replace('name="b"', 'name="b" gravcomp="1"'), ["b", "gravity compensation"]),
-    "no joint": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", ["no joints"]),
-    "springs off": (model(after='<option><flag spring="disable"/></option>'), ["flag", "spring"]),
-    "does not compile": (model('axis="0 0 0"'), ["MuJoCo does not compile it"]),
-    "include": (model(world='<include file="/etc/passwd"/>'), ["include", "not read"]),
-    "mesh": (model(after='<asset><mesh name="m" file="/etc/passwd"/></asset>'), ["/etc/passwd", "other files are not read"]),
-    "plug-in": (model(after='<extension><plugin plugin="x"/></extension>'), ["extension", "plug-ins"]),
-    "height field": (
-        model(after='<asset><hfield name="h" nrow="5000" ncol="5000" size="1 1 1 1"/></asset>'),
-        ['<hfield name="h">', 'nrow="5000" ncol="5000" makes more than 16777216 numbers'],
-    ),
-    "texture": (
-        model(after='<asset><texture name="t" type="2d" builtin="flat" width="5000" height="5000"/></asset>'),
-        ['<texture name="t">', 'width="5000" height="5000" makes more'],
-    ),
-    "mesh of a shape": (
-        model(after='<asset><mesh name="m" builtin="supersphere" params="5000 1 1"/></asset>'),
-        ['<mesh name="m">', 'params="5000 1 1" makes more'],
-    ),
-    "data of users": (model(after='<size nuser_geom="3000000"/>'), ["<size>", 'nuser_geom="3000000" makes more']),
-    "copies": (
-        model(world='<replicate count="300"><replicate count="300"><geom size="1"/></replicate></replicate>'),
-        ["<replicate>", "more than 50000 elements"],
-    ),
-    "entity": ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', ["line 1", "document type is not read"]),
-    "no XML": ("<mujoco>", ["no XML"]),
-    "neither": ("<html/>", ["<html>", "MJCF", "URDF"]),
-    "too deep": ("<mujoco>" + "<a>" * 200 + "</a>" * 200 + "</mujoco>", ["deep"]),
-    "too large": ("<mujoco>" + " " * 5_000_000 + "</mujoco>", ["larger"]),
-    "another encoding": (
-        '<?xml version="1.0" encoding="utf-16"?><mujoco/>',
-        ["no XML"],
-    ),
-}
-
-
-@pytest.mark.parametrize("what", REFUSED)
+@pytest.mark.parametrize("what", REFUSED["mjcf"])
 def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str, tmp_path: Path) -> None:
-    text, words = REFUSED[what]
+    given = dict(REFUSED["mjcf"][what])
+    words, text = given.pop("words"), given.pop("text", "")
     file = tmp_path / "model.xml"
-    file.write_text(text)
+    file.write_text(LARGE.get(what) or text or model(**given))
     with pytest.raises(ExchangeError) as caught:
         import_file(file, "back")
     said = str(caught.value)
@@ -283,7 +225,7 @@ def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str,
 @pytest.mark.long
 def test_the_verb_refuses_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = tmp_path / "model.xml", tmp_path / "my.toml"
-    file.write_text(REFUSED["ball"][0])
+    file.write_text(model('type="ball"'))
     assert main(["import", str(file), "--out", str(out)]) == 2
     assert "a ball joint does not move in a plane" in capsys.readouterr().err
     assert not out.exists()
@@ -363,43 +305,14 @@ def test_a_urdf_with_its_loop_closed(tmp_path: Path) -> None:
     assert any("was open by" in x for x in found.left_out)
 
 
-URDF_REFUSED = {
-    "mimic": ('<axis xyz="0 1 0"/></joint>', '<axis xyz="0 1 0"/><mimic joint="B"/></joint>', [], ["A", "mimic"]),
-    "floating": ('type="continuous"', 'type="floating"', [], ["A", "floating"]),
-    "not planar": (
-        '<child link="rocker"/><axis xyz="0 1 0"/>',
-        '<child link="rocker"/><axis xyz="0 0 1"/>',
-        [],
-        ["D", "not planar"],
-    ),
-    "friction": ('damping="0.01"', 'damping="0.01" friction="1"', [], ["B", "friction"]),
-    "numbers": ('xyz="0.12 0 0"', 'xyz="0.12 0 nan"', [], ["origin", "finite"]),
-    "words": ('xyz="0.12 0 0"', 'xyz="a b c"', [], ["origin", "no numbers"]),
-    "no link": ('<child link="crank"/>', '<child link="crunk"/>', [], ["A", "crunk"]),
-    "circle": (
-        '<parent link="base"/><child link="crank"/>',
-        '<parent link="coupler"/><child link="crank"/>',
-        [],
-        ["hangs on itself"],
-    ),
-    "no mass": ('<mass value="0.1"/>', '<mass value="0"/>', [], ["crank", "no mass"]),
-    "xacro": ('<link name="base"/>', '<link name="base"/><xacro:x xmlns:xacro="y"/>', [], ["xacro"]),
-    "closure of nothing": ("", "", ["coupler.none=rocker.rocker_end"], ["--close", "coupler.none"]),
-    "closure of one": ("", "", ["coupler.coupler_end"], ["--close", "wanted"]),
-    "closure too far": ("", "", ["coupler.coupler_end=base.A", "rocker.rocker_end=base.A"], ["assembled"]),
-}
-
-
-@pytest.mark.parametrize("what", URDF_REFUSED)
+@pytest.mark.parametrize("what", REFUSED["urdf"])
 def test_what_a_urdf_may_not_have_is_refused(what: str, tmp_path: Path) -> None:
-    old, new, close, words = URDF_REFUSED[what]
-    text = URDF.read_text()
-    assert old in text
-    file = tmp_path / "model.urdf"
-    file.write_text(text.replace(old, new, 1))
+    given, text, file = REFUSED["urdf"][what], URDF.read_text(), tmp_path / "model.urdf"
+    assert given.get("old", "") in text
+    file.write_text(text.replace(given.get("old", ""), given.get("new", ""), 1))
     with pytest.raises(ExchangeError) as caught:
-        import_file(file, "back", close or CLOSE)
-    for word in (str(file), *words):
+        import_file(file, "back", given.get("close", CLOSE))
+    for word in (str(file), *given["words"]):
         assert word in str(caught.value), str(caught.value)
 
 
@@ -408,47 +321,27 @@ def test_closures_are_for_urdf_alone() -> None:
         import_file(UPRIGHT, "back", CLOSE)
 
 
-def sizes(*assets: str) -> Element:
-    return fromstring(f"<mujoco><asset>{''.join(assets)}</asset><worldbody/></mujoco>")
+SIZE, ASSET, SENSOR = "<mujoco>{}</mujoco>", "<mujoco><asset>{}</asset></mujoco>", "<mujoco><sensor>{}</sensor></mujoco>"
+COPIES = "<mujoco><worldbody>{}</worldbody></mujoco>"
+COPY = '<replicate count="{}"><body><joint axis="0 0 1"/><geom size="1"/></body></replicate>'
+BULK = [  # where it stands, what is read, what is refused, and words of the refusal; a number is eight bytes: 2^24 are 128 MiB
+    (ASSET, '<hfield nrow="4096" ncol="4096"/>', '<hfield nrow="4096" ncol="4097"/>', "16777216"),
+    (ASSET, '<texture width="2048" height="4096"/>' * 2, '<texture width="2048" height="4096"/>' * 3, "16777216"),
+    *((SIZE, f'<size {key}="{most}"/>', f'<size {key}="{beyond}"/>', f"m.xml: <size>: {key}='{beyond}' asks for")
+      for key, most, beyond in (("memory", "128M", "129M"), ("memory", "131072k", "1G"), ("njmax", "1600", "1610"),
+                                ("nconmax", "209000", "210000"), ("nstack", "16777216", "16777217"))),
+    (SENSOR, '<contact num="16777216"/>', '<contact num="16777217"/>', "m.xml: <contact>: .* makes more than 16777216 numbers"),
+    (SENSOR, '<camera resolution="4096 2"/>', '<camera resolution="4097 2"/>', "m.xml: <camera>: .* makes more"),
+    (SENSOR, '<user dim="16777216"/>', '<user dim="16777217"/>', "m.xml: <user>: .* makes more than 16777216 numbers"),
+    (COPIES, COPY.format(16665), COPY.format(16666), "more than 50000 elements"),  # three, and three for each of the copies
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ['hfield nrow="{}" ncol="{}"', 'texture width="{}" height="{}"'])
-def test_numbers_that_a_model_makes_are_counted_together(kind: str) -> None:
-    whole, half, row = (f"<{kind.format(*n)}/>" for n in ((4096, 4096), (2048, 4096), (1, 4096)))
-    for small in ((whole,), (half, half)):
-        refuse_bulk(sizes(*small), Path("m.xml"))
-        with pytest.raises(ExchangeError, match="16777216"):
-            refuse_bulk(sizes(*small, row), Path("m.xml"))
-
-
-@pytest.mark.parametrize(
-    ("key", "most", "beyond"),
-    [("memory", "128M", "129M"), ("memory", "131072k", "1G"), ("njmax", "1600", "1610"), ("nconmax", "209000", "210000"),
-     ("nstack", "16777216", "16777217")],
-)  # fmt: skip
-def test_memory_that_mujoco_is_told_to_take_is_bounded(key: str, most: str, beyond: str) -> None:
-    """A number is eight bytes: 2^24 of them are 128 MiB."""
-    refuse_bulk(fromstring(f'<mujoco><size {key}="{most}"/></mujoco>'), Path("m.xml"))
-    with pytest.raises(ExchangeError, match=f"m.xml: <size>: {key}='{beyond}' asks for"):
-        refuse_bulk(fromstring(f'<mujoco><size {key}="{beyond}"/></mujoco>'), Path("m.xml"))
-
-
-@pytest.mark.parametrize("element", ['<contact num="16777217"/>', '<camera resolution="4097 2"/>', '<user dim="16777217"/>'])
-def test_numbers_of_sensors_are_bounded_by_the_name_of_their_element(element: str) -> None:
-    with pytest.raises(ExchangeError, match=f"m.xml: {element.split()[0]}>: .* makes more than 16777216 numbers"):
-        refuse_bulk(fromstring(f"<mujoco><sensor>{element}</sensor></mujoco>"), Path("m.xml"))
-
-
-def test_copies_are_elements(tmp_path: Path) -> None:
-    """Three elements, and three for each of the copies: the body, its joint and its geom."""
-    body = '<body><joint axis="0 0 1"/><geom size="1"/></body>'
-    for count, read in ((16665, True), (16666, False)):
-        root = fromstring(f'<mujoco><worldbody><replicate count="{count}">{body}</replicate></worldbody></mujoco>')
-        if read:
-            refuse_bulk(root, tmp_path)
-        else:
-            with pytest.raises(ExchangeError, match="more than 50000 elements"):
-                refuse_bulk(root, tmp_path)
+@pytest.mark.parametrize(("where", "most", "beyond", "words"), BULK)
+def test_what_a_document_makes_is_bounded(where: str, most: str, beyond: str, words: str) -> None:
+    refuse_bulk(fromstring(where.format(most)), Path("m.xml"))
+    with pytest.raises(ExchangeError, match=words):
+        refuse_bulk(fromstring(where.format(beyond)), Path("m.xml"))
 
 
 @pytest.mark.parametrize("fault", [RuntimeError("Caught an unknown exception!"), MemoryError()])

@@ -125,15 +125,6 @@ def test_no_file_but_the_pages_own_is_served(running: Running, path: str) -> Non
     assert "import" not in content
 
 
-def test_a_template_is_a_scene(running: Running) -> None:
-    with running.socket() as socket:
-        found = ask(socket, "template", name="eight_bar")["scene"]
-        assert found["status"]["loops"] == 3
-        assert found["status"]["dof"] == 1
-        assert len(found["links"]) == 7
-        assert ask(socket, "new")["scene"]["links"] == []
-
-
 def test_what_is_no_message_gets_a_sentence(running: Running) -> None:
     with running.socket() as socket:
         for sent in ("", "{", "[1]", '{"do": 3}', '{"do": "nothing"}', '{"do": "open", "text": NaN}', "[" * 100_000):

@@ -18,7 +18,7 @@ from gauss_bench.linkage.load import built_in
 from tests.bare import ROOT, Bare, bare
 
 EXTRA_OF = dict.fromkeys((*COMPILED, *DERIVED), "kernel") | {name: name for name in FOREIGN}
-URDF, MJCF = (ROOT / "tests" / "data" / name for name in ("four_bar.urdf", "four_bar_xz.xml"))
+DATA = ROOT / "tests" / "data"
 CERTIFICATE = ROOT / "mechanisms" / "certificates" / "pendulum.swing.npz"
 OF_ONE_VERB = ("cluster", "pinocchio-compiled")  # extras that one verb, or one engine's build, asks for itself
 
@@ -42,28 +42,19 @@ def test_the_environment_is_bare(environment: Bare) -> None:
     assert str(environment.python.parents[1]) in place
 
 
-WORKING = {
-    "list": ["list"],
-    "show": ["show", "four_bar", "--svg", "drawing.svg"],
-    "simulate": ["simulate", "four_bar", "--at", "0,0.01"],
-    "kinematics": ["kinematics", "four_bar", "--steps", "12", "--plot", "plot.svg", "--animate", "animation.svg"],
-    "export": ["export", "four_bar", "--engine", "c", "--out", "four_bar.c"],
-    "import": ["import", str(URDF), "--out", "brought_in.toml", "--close", "coupler.coupler_end=rocker.rocker_end"],
-    "recommend": ["recommend", "pendulum", "--engine", "gauss", "--position", "1e-3", "--until", "0.05", "--budget", "60"],
-    "diagnose": ["diagnose", "pendulum", "--engine", "gauss", "--until", "0.02"],
-    "atlas": ["atlas", "--engine", "gauss", "--axis", "redundancy", "--budget", "2"],
-    "selftest": ["selftest", "--only", "clocks"],
-    "doctor": ["doctor"],
-    "conformance": ["conformance", "gauss"],
-    "verify": ["verify", str(CERTIFICATE), "--linkage", "pendulum", "--jobs", "1"],
-}
+ASKED = tomllib.loads((DATA / "verbs" / "without_extras.toml").read_text(encoding="utf-8"))
+WORKING, NEEDING = ASKED["working"], ASKED["needing"]
+
+
+def words(command: str) -> list[str]:
+    return [x.format(data=DATA, certificate=CERTIFICATE) for x in command.split()]
 
 
 @pytest.mark.long("atlas", "conformance", "diagnose", "doctor", "export", "recommend", "selftest", "verify")
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", WORKING)
 def test_what_needs_no_extra_works(verb: str, environment: Bare) -> None:
-    done = environment.run(*WORKING[verb])
+    done = environment.run(*words(WORKING[verb]))
     assert done.returncode == 0, done.stderr
     assert done.stdout
     assert "Traceback" not in done.stderr
@@ -107,22 +98,11 @@ def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bar
     assert "Traceback" not in done.stderr
 
 
-NEEDING = {
-    "certify": (["certify", "pendulum", "--until", "0.01"], 1, "certify"),
-    "kernel suite": (["run", "--suite", "kernel", "four_bar", "--out", "kernel"], 2, "kernel"),
-    "MJCF": (["export", "four_bar", "--engine", "mujoco", "--out", "four_bar.xml"], 2, "mujoco"),
-    "import of MJCF": (["import", str(MJCF), "--out", "upright.toml"], 2, "mujoco"),
-    "sweep by native code": (["sweep", "four_bar", "--vary", "links.crank.length=0.1:0.12:2", "--out", "kernel"], 2, "kernel"),
-    "studio": (["studio", "--no-browser"], 2, "studio"),
-    "compiled kinematics": (["kinematics", "four_bar", "--method", "native"], 2, "kernel"),
-}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("what", NEEDING)
 def test_what_needs_an_extra_says_which(what: str, environment: Bare) -> None:
-    arguments, code, extra = NEEDING[what]
-    done = environment.run(*arguments, limit=60.0)
+    command, code, extra = NEEDING[what]
+    done = environment.run(*words(command), limit=60.0)
     said = done.stdout + done.stderr
     assert done.returncode == code, said
     assert f"pip install 'gauss-bench[{extra}]'" in said
@@ -152,8 +132,3 @@ def test_every_extra_brings_what_it_is_said_to_bring() -> None:
         except PackageNotFoundError:
             continue  # its name on the index says nothing here
         assert any(str(x).startswith(f"{library}/") or f"/{library}/" in str(x) for x in files), library
-
-
-def test_casadi_is_not_needed_by_the_kernel() -> None:
-    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    assert [Requirement(x).name for x in stated["kernel"]] == ["llvmlite"]

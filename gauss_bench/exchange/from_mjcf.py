@@ -1,5 +1,6 @@
 """MJCF: what MuJoCo's compiler has made of a document, as a mechanism in space; what has no place there is refused or listed."""
 
+import tomllib
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
@@ -15,22 +16,7 @@ from gauss_bench.terms import Array
 NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # flags without which a model is another
 START = "start"  # the keyframe that is taken before others
 TAGS = {"jnt": "joint"}  # of kinds that are called otherwise in a file
-NOT_LINEAR = "a spring or damper that is not linear"
-SERVOS = "only motors and linear servos without states of their own act in a linkage"
-ABSENT = (  # kind, fields that say nothing of a linkage, and what they would be; a hinge or slide is one coordinate
-    ("body", "body_gravcomp", "gravity compensation"),
-    ("jnt", "jnt_stiffnesspoly dof_dampingpoly jnt_springyield", NOT_LINEAR),
-    ("jnt", "dof_frictionloss", "frictionloss, which does not depend on the joint's load as friction of a linkage does"),
-    ("tendon", "tendon_stiffnesspoly tendon_dampingpoly tendon_springyield", NOT_LINEAR),
-    ("tendon", "tendon_frictionloss tendon_armature", "frictionloss or armature of a tendon"),
-    ("actuator", "actuator_armature actuator_damping actuator_dampingpoly actuator_actnum", SERVOS),
-)
-LIMITS = (  # kind, field, and what is left out where it is set
-    ("jnt", "jnt_limited", "the range of joint"),
-    ("tendon", "tendon_limited", "the range of tendon"),
-    ("actuator", "actuator_ctrllimited", "the control range of actuator"),
-    ("actuator", "actuator_forcelimited", "the force range of actuator"),
-)
+FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))
 
 
 def from_mjcf(root: Element, path: Path) -> Spatial:
@@ -78,12 +64,13 @@ class Reader:
         x = self.x
         self._whole()
         joints = tuple(self._joint(k) for k in range(x["njnt"]))
-        for kind, fields, reason in ABSENT:
-            for k in range(len(x["names"][kind])):
-                if any(np.any(x[field][k]) for field in fields.split()):
-                    raise self.refuse(self.called(kind, k), reason)
-        for kind, field, what in LIMITS:
-            self.dropped += [f"{what} {self.name(kind, int(k))}" for k in np.flatnonzero(x[field])]
+        for known in FIELDS["refused"]:
+            for k in range(len(x["names"][known["kind"]])):
+                if any(np.any(x[field][k]) for field in known["fields"]):
+                    raise self.refuse(self.called(known["kind"], k), known["reason"])
+        for known in FIELDS["left_out"]:
+            set_ones = np.flatnonzero(x[known["fields"][0]])
+            self.dropped += [f"{known['reason']} {self.name(known['kind'], int(k))}" for k in set_ones]
         closures, welds = self._equalities()
         acting = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in range(x["nu"]))]
         gravity = np.zeros(3) if "gravity" in x["disabled"] else x["gravity"]
@@ -181,7 +168,7 @@ class Reader:
             low, high = x["tendon_lengthspring"][k]
             law = Straight(float(x["tendon_stiffness"][k]), float(x["tendon_damping"][k]), float(low))
             if law.k and low != high:
-                raise self.refuse(self.called("tendon", k), NOT_LINEAR)
+                raise self.refuse(self.called("tendon", k), "a spring that is not linear")
             if law.k or law.c:
                 tendons.append(self._on_tendon(k, self.name("tendon", k), law))
         return tendons
@@ -195,7 +182,7 @@ class Reader:
         x, element, name = self.x, self.called("actuator", k), self.name("actuator", k)
         words = {sort: self.word(sort, x[f"actuator_{sort}type"][k]) for sort in ("gain", "bias", "dyn", "trn")}
         if words["gain"] != "fixed" or words["bias"] not in ("none", "affine") or words["dyn"] != "none":
-            raise self.refuse(element, SERVOS)
+            raise self.refuse(element, "only motors and linear servos act in a linkage")
         control = float(x["key_ctrl"][self.key][k]) if x["nkey"] else 0.0
         if x["actuator_ctrllimited"][k]:
             control = float(np.clip(control, *x["actuator_ctrlrange"][k]))

@@ -93,8 +93,7 @@ class Robot:
         except ValueError as error:
             raise self.refuse(call_name(node), f"{key}={text!r}: no numbers") from error
         if len(parsed) != len(usual) or not np.isfinite(parsed).all():
-            wanted = f"{len(usual)} finite number{'s' * (len(usual) > 1)} wanted"
-            raise self.refuse(call_name(node), f"{key}={text!r}: {wanted}")
+            raise self.refuse(call_name(node), f"{key}={text!r}: {len(usual)} finite number{'s' * (len(usual) > 1)} wanted")
         return parsed
 
     def number(self, node: Element | None, key: str) -> float:

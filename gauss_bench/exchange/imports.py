@@ -5,13 +5,13 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
 from gauss_bench import __version__
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.planar import planar_document
+from gauss_bench.exchange.from_mjcf import from_mjcf
+from gauss_bench.exchange.from_urdf import from_urdf
+from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml
-from gauss_bench.exchange.spatial import Spatial
 from gauss_bench.exchange.toml import toml
 from gauss_bench.linkage.errors import AssemblyError, LinkageError
 from gauss_bench.linkage.load import load_document
@@ -52,10 +52,12 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
     kind = FORMS.get(str(root.tag), "")
     if not kind:
         raise ExchangeError(f"{path}: <{root.tag}>: neither MJCF (<mujoco>) nor URDF (<robot>)")
-    spatial = _spatial(kind, root, path, close)
+    if close and kind == "MJCF":
+        raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
+    spatial = from_urdf(root, path, close) if kind == "URDF" else from_mjcf(root, path)
     title = root.get("model" if kind == "MJCF" else "name") or path.stem
     try:
-        document, left_out = planar_document(spatial, name, f"{title}, from {kind}")
+        document, left_out = Flattened(spatial).document(name, f"{title}, from {kind}")
         head = [
             f"From the {kind} file {path.name}, by gauss-bench {__version__}. This file is yours, without conditions.",
             "SI units. Links' frames are those of their first bodies; signs of angles are those of the plane's own axes.",
@@ -66,14 +68,3 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
     except (AssemblyError, LinkageError) as error:
         raise ExchangeError(f"{path}: no linkage that can be assembled: {' '.join(str(error).split())}") from error
     return Imported(text, kind, left_out, len(mechanism.links), mechanism.dof)
-
-
-def _spatial(kind: str, root: Element, path: Path, close: Sequence[str]) -> Spatial:
-    from gauss_bench.exchange.from_mjcf import from_mjcf
-    from gauss_bench.exchange.from_urdf import from_urdf
-
-    if kind == "URDF":
-        return from_urdf(root, path, close)
-    if close:
-        raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
-    return from_mjcf(root, path)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.exchange.spatial import WORLD, Acting, Between, Joint, OnJoints, Push, Spatial, Spot, Straight
+from gauss_bench.exchange.text import unique
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints, sketch
 from gauss_bench.linkage.schema import FORMAT
@@ -73,15 +74,6 @@ class Move:
 
 def pair(x: complex) -> list[float]:
     return [float(x.real), float(x.imag)]
-
-
-def planar_document(spatial: Spatial, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
-    """The document of a planar linkage, and what was left out or changed, in sentences.
-
-    Raises:
-        ExchangeError: an element that is not planar, or not expressible; with the reason.
-    """
-    return Flattened(spatial).document(name, title)
 
 
 class Flattened:
@@ -348,6 +340,11 @@ class Flattened:
     # the whole
 
     def document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
+        """The document of a planar linkage, and what was left out or changed, in sentences.
+
+        Raises:
+            ExchangeError: an element that is not planar, or not expressible; with the reason.
+        """
         for spot in self.spatial.spots:
             self.point(spot, anew=True)
         joints, forces = self._joints(), self._forces()
@@ -439,12 +436,7 @@ def plane_of(spatial: Spatial) -> Plane:
 
 def name_part(wanted: str, taken: Collection[str]) -> str:
     """A new name of letters, digits and underscores."""
-    base = re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x"
-    k, chosen = 1, base
-    while chosen in taken:
-        k += 1
-        chosen = f"{base}_{k}"
-    return chosen
+    return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 
 def turns_on_ground(mechanism: Mechanism, link: str) -> bool:

@@ -12,16 +12,7 @@ from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
 MADE = 1 << 24  # numbers that a document may have made without holding them: a picture of 4096 by 4096
-COUNTS = (
-    ("nrow", "ncol"),
-    ("width", "height"),
-    ("params", "params"),
-    ("actdim",),
-    ("dim",),
-    ("nsample",),
-    ("num",),
-    ("resolution", "resolution"),
-)  # they are its product
+COUNTS = ("nrow ncol", "width height", "params params", "actdim", "dim", "nsample", "num", "resolution resolution")  # the product
 ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}  # of <size>: numbers a unit, and the power of the units
 UNITS = "KMGTPE"  # of bytes of <size memory>, each 1024 times the one before
 OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
@@ -69,13 +60,11 @@ def _inspect(content: bytes, path: Path) -> None:
         if counts["depth"] > DEEPEST:
             refuse(f"<{name}>, elements more than {DEEPEST} deep,")()
 
-    def end(_: str) -> None:
-        counts["depth"] -= 1
-
     parser.StartDoctypeDeclHandler = refuse("a document type")
     parser.EntityDeclHandler = refuse("an entity")
     parser.ProcessingInstructionHandler = refuse("a processing instruction")
-    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: counts.update(depth=counts["depth"] - 1)
     parser.Parse(content, True)
 
 
@@ -121,8 +110,8 @@ def refuse_bulk(root: Element, path: Path) -> None:
                     f"{path}: <size>: {key}={node.get(key)!r} asks for {arena:.3g} numbers of memory, and {MADE} are given"
                 )
     for node in root.iter():
-        each = [(key,) for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]  # of every element
-        for keys in (*COUNTS, *each):
+        each = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]  # of every element
+        for keys in (*map(str.split, COUNTS), *each):
             if any(key in node.attrib for key in keys):
                 made += prod(_largest(node, key) for key in keys) * (elements if keys in each else 1.0)
             if made > MADE:

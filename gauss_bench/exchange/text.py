@@ -4,7 +4,7 @@ A text in a comment becomes one printable line first, so that no language's end 
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 from gauss_bench.trajectory import in_a_sentence
 
@@ -15,12 +15,8 @@ main accelerate rollout names start end step none rows every"""
 
 def xml_comment(lines: Iterable[str]) -> str:
     """The lines as what may stand between <!-- and -->, where two hyphens may not."""
-    told = "\n".join(_hyphens_apart(in_a_sentence(line)) for line in lines)
+    told = "\n".join(re.sub(r"-(?=-|$)", "- ", in_a_sentence(line)) for line in lines)
     return f"\n{told}\n"
-
-
-def _hyphens_apart(line: str) -> str:
-    return re.sub(r"-(?=-|$)", "- ", line)
 
 
 def c_comment(lines: Iterable[str]) -> str:
@@ -52,6 +48,15 @@ def heading(name: str) -> str:
     return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
 
 
+def unique(base: str, taken: Collection[str]) -> str:
+    """The name, with a number where it is taken."""
+    k, chosen = 1, base
+    while chosen in taken:
+        k += 1
+        chosen = f"{base}_{k}"
+    return chosen
+
+
 def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
     """Name -> an identifier of C and Python, each once, and none of the reserved words (blanks between them)."""
     by_name: dict[str, str] = {}
@@ -59,10 +64,6 @@ def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
     for name in names:
         base = re.sub(r"[^A-Za-z0-9_]", "_", name)
         base = base if re.match("[A-Za-z]", base) else f"n{base}"
-        k, chosen = 1, base
-        while chosen in taken:
-            k += 1
-            chosen = f"{base}_{k}"
-        taken.add(chosen)
-        by_name[name] = chosen
+        by_name[name] = unique(base, taken)
+        taken.add(by_name[name])
     return by_name

@@ -50,10 +50,6 @@ class Left:
     locks: tuple[str, ...]
     picture: Picture | None = None
 
-    def forget(self) -> None:
-        """Let it go."""
-        forget(self.file)
-
 
 def folder() -> Path:
     """The folder of drawings that are not saved yet."""

@@ -9,12 +9,13 @@ import numpy as np
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.dragging import Drag, Locks
 from gauss_bench.linkage.references import drivers_of
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Revolute
+from gauss_bench.mechanism.model import AngleDriver, Mechanism, Revolute
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.studio.edits.drawing import Drawing, owner
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, place
 from gauss_bench.studio.reading import Reading
+from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 
 STEPS = 40  # along the way to one pointer: those that come later go on from there
@@ -77,11 +78,7 @@ def inputs(reading: Reading) -> list[str]:
             return names
     if isinstance(document.get("crank"), str):
         return [document["crank"]]
-    mechanism = reading.mechanism
-    if mechanism is None:
-        return []
-    pins = [(x.a.link, x.b.link) for x in mechanism.joints if isinstance(x, Revolute)]
-    return [mechanism.links[b if a == GROUND else a].name for a, b in pins if GROUND in (a, b)][:1]
+    return [x["name"] for x in drivers_possible(reading) if x["kind"] == "angle"][:1]
 
 
 def find_branches(reading: Reading) -> list[Array]:

@@ -44,7 +44,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
             gif = film(".gif", told, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
             return {"name": f"{name}.gif", "base64": base64.b64encode(gif).decode("ascii")}
         case str() if kind in KINDS:
-            return _model(text, reading, kind, name, message.get("scenario"))
+            return _model(text, reading, kind, name)
     raise Refused(f"there is no export {str(kind)[:40]!r}; there are {', '.join(FORMS)}", field="kind")
 
 
@@ -54,11 +54,11 @@ def curves(mechanism: Mechanism, x: Trajectory) -> History:
     return History(x.t, (*turn(whole, links, range(len(whole.links))), *observe(whole, links)))
 
 
-def _model(text: str, reading: Reading, kind: str, name: str, scenario: Any) -> dict[str, Any]:
+def _model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
     """The model of an engine, built in a process of its own."""
     scenarios = reading.document.get("scenarios", {})
     free = next((k for k, x in scenarios.items() if not {"driver", "drivers"} & x.keys()), None)
-    chosen = scenario if isinstance(scenario, str) and scenario in scenarios else free or next(iter(scenarios), None)
+    chosen = free or next(iter(scenarios), None)
     if chosen is None:
         raise Refused("there is no scenario that could be exported: let it go or drive it first")
     with workplace(text, name) as path:

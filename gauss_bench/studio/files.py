@@ -1,21 +1,72 @@
-"""Files of the studio: only inside the folder it was started in, and a linkage as a link that carries itself."""
+"""Texts to begin with, files inside the folder that the studio was started in, and a linkage as a link that carries itself."""
 
 import base64
+import tomllib
 import zlib
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from gauss_bench.api.exchange import READING, answer_in_worker, read_there
 from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, built_in
 from gauss_bench.linkage.load import read as read_file
+from gauss_bench.report.drawings.drawing import draw
+from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.runs.worker import Worker
-from gauss_bench.studio import templates
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.errors import Refused
 from gauss_bench.tables import write_text
 
 SHOWN = 200  # files of the folder that are listed
+
+
+FOLDER = Path(__file__).parent / "templates"
+
+
+def texts() -> dict[str, Path]:
+    """Name -> file; the built-in linkages first."""
+    return built_in() | {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
+
+
+def path_of(name: str) -> Path:
+    """The file of a template.
+
+    Raises:
+        Refused: there is none of that name.
+    """
+    if name not in texts():
+        raise Refused(f"there is no template {name[:60]!r}")
+    return texts()[name]
+
+
+def text_of(name: str) -> str:
+    """The text of a template; Refused as by `path_of`."""
+    return path_of(name).read_text(encoding="utf-8")
+
+
+@cache
+def list_templates() -> tuple[dict[str, Any], ...]:
+    """Every template with its title and whether it is built in; drawings are asked for one by one."""
+    titles = {name: tomllib.loads(text_of(name)).get("title", name) for name in texts()}
+    kinds = {name: "classic" if path.parent == FOLDER else "built-in" for name, path in texts().items()}
+    return tuple({"name": name, "title": title, "kind": kinds[name]} for name, title in titles.items())
+
+
+@cache
+def drawing(name: str) -> str:
+    """A template as SVG; empty where it cannot be drawn.
+
+    Raises:
+        Refused: as `path_of`.
+    """
+    path = path_of(name)
+    try:
+        return draw(*pose_links(path))
+    except (LinkageError, ArithmeticError, ValueError):
+        return ""
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -53,8 +104,8 @@ def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
         Refused: there is none, or it lies outside the folder.
         LinkageError: it cannot be read.
     """
-    if not Path(name).suffix and name in templates.files():
-        return templates.text_of(name), None
+    if not Path(name).suffix and name in texts():
+        return text_of(name), None
     path = inside(folder, name)
     read_file(path)
     return path.read_text(encoding="utf-8"), path

@@ -19,7 +19,6 @@ Say = Callable[[dict[str, Any]], None]
 
 FRAMES = 60  # poses in a second of a motion that is shown
 MOST = 3000  # poses of it in all
-APART = 1e-3  # of a linkage's size: from there two engines are said to part
 
 
 def release(request: Mapping[str, Any], say: Say) -> None:
@@ -31,31 +30,22 @@ def release(request: Mapping[str, Any], say: Say) -> None:
     first = None
     for engine in request["engines"]:
         say({"event": "progress", "text": f"{engine} runs"})
-        settings = request.get("settings") if engine == request["engines"][0] else None
-        until, step = float(request["until"]), float(request["step"])
+        told: dict[str, Any] = {"event": "release", "engine": engine, "times": [], "poses": {}}
+        at, step = [0.0, float(request["until"])], float(request["step"])
         try:
-            result = simulate(
-                request["path"], engine, request["scenario"], settings, step=step, at=[0.0, until], limit=request["limit"]
-            )
+            result = simulate(request["path"], engine, request["scenario"], step=step, at=at, limit=request["limit"])
         except Exception as error:
-            say({"event": "release", "engine": engine, "verdict": "error", "reason": str(error), "times": [], "poses": {}})
+            say(told | {"verdict": "error", "reason": str(error)})
             continue
+        told |= {"verdict": str(result.status), "reason": result.message, "advice": result.advice, "step": result.step}
+        told |= {"trusted_until": result.trusted_until}
         x = result.trajectory
-        told = {
-            "event": "release",
-            "engine": engine,
-            "verdict": str(result.status),
-            "reason": result.message,
-            "advice": result.advice,
-        }
-        told |= {"trusted_until": result.trusted_until, "step": result.step, "integrator": result.integrator}
         if x is None or not len(x.t):
-            say(told | {"times": [], "poses": {}})
+            say(told)
             continue
         every = max(1, round(1 / FRAMES / max(float(np.median(np.diff(x.t))) if len(x.t) > 1 else 1.0, 1e-9)), len(x.t) // MOST + 1)
         chosen = np.unique(np.append(np.arange(0, len(x.t), every), len(x.t) - 1))
-        energy = {k: result.metrics.get(k) for k in ("energy_error", "energy_scale", "position_drift")}
-        say(told | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen]), "energy": energy})
+        say(told | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
         links = spread(result.model, x).q
         if first is None:
             first = x.t, links, result.model.whole
@@ -70,15 +60,12 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
     gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]
     lengths = np.hypot(gaps[..., 0], gaps[..., 1])
     apart = lengths.max(axis=1)
-    k = int(apart.argmax())
-    over = np.flatnonzero(apart > APART * whole.size)
-    every = max(1, len(times) // 500)
+    k, every = int(apart.argmax()), max(1, len(times) // 500)
     return {
         "engine": engine,
         "worst_apart": float(apart[k]),
         "at": float(times[k]),
         "point": f"centre of {whole.links[int(lengths[k].argmax())].name}",
-        "parts_at": float(times[over[0]]) if len(over) else None,
         "curve": {"times": times[::every], "apart": apart[::every]},
     }
 
@@ -95,33 +82,23 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
     def told(sentence: str) -> None:
         say({"event": "progress", "text": sentence})
 
+    def tell_better(x: Answer) -> None:
+        say({"event": "recommend", "answer": as_shown(x)})
+
     def as_shown(x: Answer) -> dict[str, Any]:
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
     try:
+        position, angle, force, until = (request.get(key) for key in ("position", "angle", "force", "until"))
+        engines, asked = request.get("engines") or None, {"scenario": request["scenario"], "budget": request["budget"]}
         recommendation = recommended(
-            request["path"],
-            request.get("position"),
-            request.get("angle"),
-            request.get("force"),
-            request.get("until"),
-            request.get("engines") or None,
-            scenario=request["scenario"],
-            budget=request["budget"],
-            told=told,
-            better=lambda x: say({"event": "recommend", "answer": as_shown(x)}),
+            request["path"], position, angle, force, until, engines, told=told, better=tell_better, **asked
         )
     except NoTruth as error:
         say({"event": "failed", "text": f"nothing can be recommended: {error}"})
         return
-    more = {
-        "advice": recommendation.advice,
-        "truth": recommendation.truth,
-        "remarks": recommendation.remarks,
-        "complete": recommendation.complete,
-    }
-    say({"event": "recommend", "answers": [as_shown(x) for x in recommendation.answers]} | more)
+    say({"event": "recommend", "answers": [as_shown(x) for x in recommendation.answers], "advice": recommendation.advice})
 
 
 WORK: dict[str, Callable[[Mapping[str, Any], Say], None]] = {"release": release, "recommend": recommend}
@@ -147,12 +124,9 @@ def main() -> None:
         out.write(json.dumps(plain(event), allow_nan=False) + "\n")
         out.flush()
 
-    line = b""
-    while not line.endswith(b"\n"):
-        part = os.read(0, 1)
-        if not part:
-            return
-        line += part
+    line = open(0, "rb", buffering=0, closefd=False).readline()  # and nothing beyond it: its end is waited for below
+    if not line.endswith(b"\n"):
+        return
     threading.Thread(target=_end_with_the_studio, daemon=True).start()
     request = json.loads(line)
     try:

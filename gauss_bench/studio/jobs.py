@@ -9,7 +9,6 @@ import sys
 import threading
 import tomllib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from gauss_bench.studio.autosave import workplace
@@ -39,15 +38,10 @@ class Jobs:
             if len(self.running) >= MOST:
                 raise Refused(f"{MOST} things are going on already: stop one, or wait")
             self.count += 1
-            job = self.count
-            environment = os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+            job, environment = self.count, os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+            command, pipe = [sys.executable, "-m", "gauss_bench.studio.job"], subprocess.PIPE
             self.running[job] = subprocess.Popen(
-                [sys.executable, "-m", "gauss_bench.studio.job"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env=environment,
-                start_new_session=True,
+                command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment, start_new_session=True
             )
             follower = threading.Thread(target=self._follow, args=(job, text, request, done), daemon=True)
             self.followers[job] = follower
@@ -55,60 +49,43 @@ class Jobs:
         return job
 
     def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
+        """Tell what a process finds as it comes, and at the end what it was compared to, or why it failed."""
         process = self.running[job]
-        last: dict[str, Any] = {"event": done, "job": job}
-        try:
-            with workplace(text, tomllib.loads(text).get("name")) as path:
-                last |= self._tell(process, path, request | {"path": str(path)}, job)
-        except (OSError, ValueError) as error:
-            last |= {"error": f"it could not be run: {in_a_sentence(error)}"}
-        self._end(process)
-        with self.lock:
-            self.running.pop(job, None)
-            self.followers.pop(job, None)
-        self.tell(last)
-
-    def _tell(self, process: "subprocess.Popen[bytes]", path: Path, request: dict[str, Any], job: int) -> dict[str, Any]:
-        """Tell what the process finds as it comes; what its last event has besides."""
-        last: dict[str, Any] = {}
-        ended = False
+        last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}
         assert process.stdin is not None
         assert process.stdout is not None
-        with contextlib.suppress(BrokenPipeError):  # it was stopped before it began
-            process.stdin.write(json.dumps(request).encode() + b"\n")
-            process.stdin.flush()
-        for line in process.stdout:
-            event = json.loads(line) | {"job": job}
-            match event["event"]:
-                case "failed":
-                    last |= {"error": event["text"].replace(f"{path}: ", "")}
-                    ended = True
-                case "compared":
-                    last.setdefault("compare", event["compare"])
-                    last.setdefault("compared", []).append(event["compare"])
-                case "done":
-                    ended = True
-                case _:
-                    self.tell(event)
-        return last if ended else last | {"error": "it was stopped"}
-
-    @staticmethod
-    def _end(process: "subprocess.Popen[bytes]") -> None:
-        """End a process and what it has started."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
+        try:
+            with workplace(text, tomllib.loads(text).get("name")) as path:
+                with contextlib.suppress(BrokenPipeError):  # it was stopped before it began
+                    process.stdin.write(json.dumps(request | {"path": str(path)}).encode() + b"\n")
+                    process.stdin.flush()
+                for line in process.stdout:
+                    event = json.loads(line) | {"job": job}
+                    match event["event"]:
+                        case "failed":
+                            last["error"] = event["text"].replace(f"{path}: ", "")
+                        case "compared":
+                            last.setdefault("compare", event["compare"])
+                            last.setdefault("compared", []).append(event["compare"])
+                        case "done":
+                            del last["error"]
+                        case _:
+                            self.tell(event)
+        except (OSError, ValueError) as error:
+            last["error"] = f"it could not be run: {in_a_sentence(error)}"
+        self.stop(job)
         for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
+            with contextlib.suppress(OSError):
+                pipe.close()
         process.wait()
+        with self.lock:
+            del self.running[job], self.followers[job]
+        self.tell(last)
 
     def stop(self, job: int) -> None:
-        """End a piece of work; nothing where it is over."""
-        process = self.running.get(job)
-        if process is not None:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
+        """End a piece of work and what it has started; nothing where it is over."""
+        with contextlib.suppress(KeyError, ProcessLookupError, PermissionError):
+            os.killpg(self.running[job].pid, signal.SIGKILL)
 
     def stop_all(self) -> None:
         """End everything that goes on, and wait until nothing of it is left."""

@@ -21,8 +21,6 @@ def tell_kind(message: Message, key: str, kind: type, otherwise: Any = None) -> 
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
         raise Refused(f"{key} is missing", field=key)
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         raise Refused(f"{key} is not what it should be", field=key)
     return value

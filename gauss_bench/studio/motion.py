@@ -1,7 +1,6 @@
 """A drawing moved by its law: positions, what points do, what drives, and where it stops; by the functions of `kinematics`."""
 
 from cmath import rect
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,22 +8,23 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.api.driven import driven, free_at_start
 from gauss_bench.api.history import transmission
-from gauss_bench.api.kinematics import METHODS, observe
 from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.centres import centres
 from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.inputs import inputs_of
+from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
+from gauss_bench.linkage.references import items
 from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.studio.autosave import workplace
-from gauss_bench.studio.document import Document, write_document
+from gauss_bench.studio.document import write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.scenarios import DRIVEN, drive
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
-from gauss_bench.studio.reading import Reading, of_links, poses
+from gauss_bench.studio.reading import Reading, poses
 from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
@@ -32,39 +32,28 @@ from gauss_bench.trajectory import Trajectory
 SAMPLES, MOST = 120, 2000  # positions of a motion
 
 
-def moving(text: str, reading: Reading, message: Message) -> Mechanism:
-    """The linkage in the scenario that is asked for, or driven by the law of the message, or by the first thing that can be.
+def moving(text: str, reading: Reading, scenario: Any) -> Mechanism:
+    """The linkage in the scenario that is asked for, else in its first driven one, else driven by the first thing that can be.
 
     Raises:
         Refused: nothing drives it, or the drivers leave something free.
         LinkageError, ChoiceError: the file or the driver cannot be used.
     """
-    document, given, scenario = reading.document, message.get("driver"), message.get("scenario")
-    if not isinstance(given, (dict, str, type(None))) or not isinstance(scenario, (str, type(None))):
-        raise Refused("a driver is a law, or its coordinate and law in words; a scenario is named", field="driver")
-    is_driven = [k for k, x in document.get("scenarios", {}).items() if {"driver", "drivers"} & x.keys()]
-    if isinstance(given, dict) or (given is None and scenario is None and not is_driven):
-        text = write_document(text, _driven_so(document, reading, given))
-        given, scenario = None, DRIVEN
-    with workplace(text, document.get("name")) as path:
-        mechanism = driven(str(path), scenario, given)
-    if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
-        raise Refused(f"the drivers leave {len(left)} free ({', '.join(left)}): drive them too, or hold them")
-    return mechanism
-
-
-def _driven_so(document: Document, reading: Reading, given: Mapping[str, Any] | None) -> Document:
-    """The document driven by a law, or at constant speed by the first thing that can be."""
-    d = Drawing(document | {"scenarios": {}}, reading)
-    if given is None:
+    document = reading.document
+    if not isinstance(scenario, (str, type(None))):
+        raise Refused("a scenario is named", field="scenario")
+    if scenario is None and not any({"driver", "drivers"} & x.keys() for _, x in items(document, "scenarios")):
         possible = drivers_possible(reading)
         if not possible:
             raise Refused("nothing can be driven here yet: a link that is pinned to the ground, or a slide")
-        given = {"coordinate": possible[0]["name"]}
-    name = given.get("coordinate", given.get("link", given.get("joint", given)))
-    law = {k: x for k, x in given.items() if k not in ("coordinate", "link", "joint")}
-    drive(d, law | {"coordinate": name})
-    return d.document
+        d = Drawing(document | {"scenarios": {}}, reading)
+        drive(d, {"coordinate": possible[0]["name"]})
+        text, scenario = write_document(text, d.document), DRIVEN
+    with workplace(text, document.get("name")) as path:
+        mechanism = driven(str(path), scenario, None)
+    if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
+        raise Refused(f"the drivers leave {len(left)} free ({', '.join(left)}): drive them too, or hold them")
+    return mechanism
 
 
 def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
@@ -76,11 +65,11 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
     count = message.get("samples", SAMPLES)
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
         raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
-    mechanism = moving(text, reading, message)
+    mechanism = moving(text, reading, message.get("scenario"))
     inputs, times, stopped = inputs_of(mechanism), np.linspace(0.0, mechanism.duration, count + 1), None
     with np.errstate(all="ignore"):
         try:
-            states = METHODS["loop"](mechanism, inputs, times)
+            states = loop_motion(mechanism, inputs, times)
         except MotionError as error:
             states, stopped = error.reached, str(error)
         except ValueError as error:
@@ -96,10 +85,8 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
         Refused, LinkageError, ChoiceError: it cannot be moved, in a sentence.
     """
     mechanism, x, stopped = move(text, reading, message)
-    named = message.get("points")
-    points = observe(mechanism, named if isinstance(named, list) and all(isinstance(y, str) for y in named) else None)
     links, first = spread(mechanism, x), mechanism.drivers[0]
-    q, v, a = links.q, links.v, links.a
+    q, v, a, points = links.q, links.v, links.a, mechanism.whole.observed_points
     reply = {
         "scenario": mechanism.scenario,
         "times": x.t,
@@ -119,7 +106,7 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
 
 def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
     """Link -> [[x, y, theta], ...] of its own frame at states (k, n)."""
-    told = [poses(mechanism.whole, state) for state in of_links(mechanism, q)]
+    told = [poses(mechanism, state) for state in q]
     return {link.name: [x[link.name] for x in told] for link in mechanism.whole.links}
 
 
@@ -146,8 +133,8 @@ def gain(mechanism: Mechanism, q: Array) -> dict[str, Any]:
             pairs = advantages(mechanism, q)
     except ValueError:
         pairs = ()
-    keys = {"input": "input", "output": "output", "units": "units", "values": "mechanical", "velocity": "velocity"}
-    return {"advantage": [{key: getattr(x, name) for key, name in keys.items()} for x in pairs]}
+    told = [{"input": x.input, "output": x.output, "values": x.mechanical, "velocity": x.velocity} for x in pairs]
+    return {"advantage": told}
 
 
 def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
@@ -158,7 +145,7 @@ def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
     except (ValueError, ChangePoint) as error:
         return [], str(error)
     keys = ("kind", "coordinate", "value", "input")
-    shown = [(poses(mechanism.whole, of_links(mechanism, x.q)), {key: getattr(x, key) for key in keys}) for x in positions]
+    shown = [(poses(mechanism, x.q), {key: getattr(x, key) for key in keys}) for x in positions]
     return [told | {"poses": at} for at, told in shown], ""
 
 

@@ -82,15 +82,9 @@ class Reading:
             return rank_about(self.mechanism, self.q)
         return 0
 
-    def whole(self, q: Array) -> Array:
-        """State(s) (..., n) of the bodies as those of the links of the file."""
-        return np.zeros(0) if self.mechanism is None else of_links(self.mechanism, q)
-
     def poses(self, q: Array) -> dict[str, list[float]]:
         """Link -> [x, y, theta] of its own frame at a state q (n,)."""
-        if self.mechanism is None:
-            return {}
-        return poses(self.mechanism.whole, self.whole(q))
+        return {} if self.mechanism is None else poses(self.mechanism, q)
 
 
 def of_links(mechanism: Mechanism, q: Array) -> Array:
@@ -100,11 +94,10 @@ def of_links(mechanism: Mechanism, q: Array) -> Array:
     return spread(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
 
 
-def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
-    """Link -> [x, y, theta] of its own frame in the world, at a state q (n,) of the links of the file."""
+def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
+    """Link of the file -> [x, y, theta] of its own frame in the world, at a state q (n,)."""
     by_link = {}
-    for i, link in enumerate(whole.links):
-        x, y, theta = map(float, q[3 * i : 3 * i + 3])
+    for link, (x, y, theta) in zip(mechanism.whole.links, of_links(mechanism, q).reshape(-1, 3).tolist(), strict=True):
         origin = complex(x, y) - rect(1.0, theta) * complex(*link.com)
         by_link[link.name] = [origin.real, origin.imag, theta]
     return by_link
@@ -112,33 +105,37 @@ def poses(whole: Mechanism, q: Array) -> dict[str, list[float]]:
 
 def read(document: Document, starts: bool = True) -> Reading:
     """Read a document, whatever is wrong with it; whether its scenarios start is most of the work."""
-    faults = [f for f in document_faults(document) if not _is_told_otherwise(document, f)]
-    problems = [Problem("error", str(f), place(document, f.path)) for f in faults]
-    rest = _still(copy.deepcopy(document))
+    problems: list[Problem] = []
+
+    def tell(level: str, text: str, *where: str) -> None:
+        problems.append(Problem(level, text, where))
+
+    faults, rest = [f for f in document_faults(document) if not _is_told_otherwise(document, f)], _still(copy.deepcopy(document))
     mechanism, more = _build(rest)
-    problems += [Problem("error", str(f), place(document, f.path)) for f in more if f not in faults]
+    for fault in (*faults, *(f for f in more if f not in faults)):
+        tell("error", str(fault), *place(document, fault.path))
+    if mechanism is None and not problems:
+        tell("hint", "nothing is drawn yet: a bar between two places is a beginning")
+    for name in lone_pins(document):
+        tell("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", f"pins.{name}")
     if mechanism is None:
-        problems += [Problem("hint", "nothing is drawn yet: a bar between two places is a beginning")] if not problems else []
-        return Reading(document, rest, None, np.zeros(0), False, (), (*problems, *_lone(document)))
+        return Reading(document, rest, None, np.zeros(0), False, (), tuple(problems))
     q, unplaced = _place(mechanism, rest)
-    problems += [
-        Problem("warning", f"{name} is not placed: the drawing says too little of where it lies", (f"links.{name}",))
-        for name in unplaced
-    ]
-    closed = True
+    for name in unplaced:
+        tell("warning", f"{name} is not placed: the drawing says too little of where it lies", f"links.{name}")
+    closed = False
     try:
         with np.errstate(all="ignore"):
-            q = close_joints(mechanism, Constraints(mechanism), q)
+            q, closed = close_joints(mechanism, Constraints(mechanism), q), True
     except AssemblyError:
-        closed = False
-        problems += _open(mechanism, q)
+        problems.append(_open(mechanism, q))
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        closed = False
-        problems.append(Problem("error", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
+        tell("error", f"its numbers cannot be computed with: {in_a_sentence(error)}")
     reading = Reading(document, rest, mechanism, q, closed, unplaced)
-    problems += [*_lone(document), *_loose(mechanism)]
+    for name in map(mechanism.link_name, loose_links(mechanism)):
+        tell("warning", f"{name} hangs on nothing: no joints lead from it to the ground", f"links.{name}")
     if closed and reading.rank == mechanism.n:
-        problems.append(Problem("hint", "nothing can move: the links hold each other fast, with no degree of freedom"))
+        tell("hint", "nothing can move: the links hold each other fast, with no degree of freedom")
     if starts and not any(x.level == "error" for x in problems):
         problems += _scenarios(document)
     order = ("error", "warning", "hint")
@@ -181,13 +178,6 @@ def _is_told_otherwise(document: Document, fault: Fault) -> bool:
     return fault.path in lone or (fault.path in ("links", "scenarios") and not table(document, fault.path))
 
 
-def _lone(document: Document) -> list[Problem]:
-    return [
-        Problem("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", (f"pins.{name}",))
-        for name in lone_pins(document)
-    ]
-
-
 def new_faults(before: Document, after: Document) -> list[Fault]:
     """The faults of a document that it did not have before."""
     known = {(x.path, x.text) for x in document_faults(before)}
@@ -197,15 +187,10 @@ def new_faults(before: Document, after: Document) -> list[Fault]:
 
 def _still(document: Document) -> Document:
     """The document without what moves it: one scenario in which nothing acts; and without pins that hold nothing."""
-    lone = lone_pins(document)
-    for key in ("expect", "measure", "observe", "crank"):
-        document.pop(key, None)
-    document |= {"scenarios": copy.deepcopy(STILL)}
-    if lone:
-        for name in lone:
-            del document["assembly"]["sketch"][name]
-    document.setdefault("name", "drawing")
-    return document
+    for name in lone_pins(document):
+        del document["assembly"]["sketch"][name]
+    still = {key: x for key, x in document.items() if key not in ("expect", "measure", "observe", "crank")}
+    return {"name": "drawing"} | still | {"scenarios": copy.deepcopy(STILL)}
 
 
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
@@ -279,28 +264,20 @@ def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, 
     return np.zeros(mechanism.n), tuple(unplaced)
 
 
-def _open(mechanism: Mechanism, q: Array) -> list[Problem]:
-    """The pairs that do not assemble, with how far their ends are apart in the drawing."""
+def _open(mechanism: Mechanism, q: Array) -> Problem:
+    """The pair that does not assemble, with how far its ends are apart in the drawing."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         with np.errstate(all="ignore"):
             loop = put_together(replace(mechanism, q0=q, v0=0 * q)).open
         if loop is not None:
             links = tuple(x for x in loop.links if x != "ground")
             where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))
-            return [Problem("error", f"this does not assemble: {loop}", where, links, loop.apart)]
+            return Problem("error", f"this does not assemble: {loop}", where, links, loop.apart)
     pins = [x for x in mechanism.joints if isinstance(x, Revolute)]
     apart, pin = max(((float(np.hypot(*(position(q, x.b) - position(q, x.a)))), x.joint) for x in pins), default=(0.0, ""))
     if apart <= 1e-9:
-        return [Problem("error", "this does not assemble: the slides do not close")]
-    return [Problem("error", f"this does not assemble: pin {pin} stays open by {apart:.4g} m", (f"pins.{pin}",), None, apart)]
-
-
-def _loose(mechanism: Mechanism) -> list[Problem]:
-    """Links that hang on nothing."""
-    names = [mechanism.link_name(i) for i in loose_links(mechanism)]
-    return [
-        Problem("warning", f"{name} hangs on nothing: no joints lead from it to the ground", (f"links.{name}",)) for name in names
-    ]
+        return Problem("error", "this does not assemble: the slides do not close")
+    return Problem("error", f"this does not assemble: pin {pin} stays open by {apart:.4g} m", (f"pins.{pin}",), None, apart)
 
 
 def _scenarios(document: Document) -> Iterator[Problem]:

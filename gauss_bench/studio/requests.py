@@ -10,8 +10,8 @@ from gauss_bench.engines import MissingExtra
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError
-from gauss_bench.studio import dragging, dynamics, exports, files, motion, templates
-from gauss_bench.studio.autosave import keep_text
+from gauss_bench.studio import dragging, dynamics, exports, files, motion
+from gauss_bench.studio.autosave import forget, keep_text
 from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
@@ -36,7 +36,7 @@ APART = (
 def hello(session: Session, message: Message) -> Reply:
     return {
         "version": __version__,
-        "templates": templates.list_templates(),
+        "templates": files.list_templates(),
         "linkages": [*built_in()],
         "folder": session.folder.name,
         "engines": dynamics.engines_here(),
@@ -93,7 +93,7 @@ def recover(session: Session, message: Message) -> None:
         if message.get("take", True):
             session.put(left.text, frozenset(left.locks))
             session.lay(left.picture)
-        left.forget()
+        forget(left.file)
 
 
 def make_edit(session: Session, message: Message) -> Reply:
@@ -180,12 +180,17 @@ def centres(session: Session, message: Message) -> Reply:
     return {"centres": motion.instant_centres(reading, message.get("at"))}
 
 
+def stop(session: Session, message: Message) -> Reply:
+    session.jobs.stop(tell_kind(message, "job", int))
+    return {}
+
+
 VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # what replies nothing is told with the scene
     "hello": hello,
     "files": in_folder,
     "new": lambda session, _: session.open(EMPTY),
-    "template": lambda session, message: session.open(templates.text_of(tell_kind(message, "name", str))),
-    "drawing": lambda _, message: {"svg": templates.drawing(tell_kind(message, "name", str))},
+    "template": lambda session, message: session.open(files.text_of(tell_kind(message, "name", str))),
+    "drawing": lambda _, message: {"svg": files.drawing(tell_kind(message, "name", str))},
     "open": open_file,
     "undo": lambda session, _: session.undo(),
     "redo": lambda session, _: session.redo(),
@@ -207,7 +212,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # what replies
     "centres": centres,
     "release": dynamics.release,
     "recommend": dynamics.recommend,
-    "stop": lambda session, message: session.jobs.stop(tell_kind(message, "job", int)) or {},
+    "stop": stop,
     **dict.fromkeys(steps.EDITS, make_edit),
 }
 

@@ -1,8 +1,10 @@
 """The scene that the page draws: a reading in plain data. The page computes nothing but where a rigid link's points are."""
 
+import tomllib
 from cmath import rect
 from collections.abc import Iterable
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,15 +16,7 @@ from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.reading import Reading, is_place, lone_pins, loops_of, pins_of
 
-UNITS = {
-    "torque": ("value", "N m"),
-    "force": ("value", "N"),
-    "spring_damper": ("k", "N/m"),
-    "axis_spring_damper": ("k", "N/m"),
-    "rotational_spring_damper": ("k", "N m/rad"),
-    "joint_damping": ("c", "N m s"),
-    "coulomb_friction": ("mu", ""),
-}  # type of a force -> the number that it is called by, and its unit
+FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encoding="utf-8"))  # labels, and usual numbers
 
 
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
@@ -108,7 +102,7 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
         of |= dict.fromkeys(known, id)
     grouped |= {x: [x] for x in places if x not in of}
     joints, lone = table(reading.document, "joints"), lone_pins(reading.document)
-    shown = [
+    return [
         {
             "id": id,
             "at": np.mean([places[x] for x in members], axis=0).tolist()
@@ -122,7 +116,6 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
         }
         for id, members in [*((id, x) for id, x in grouped.items() if x), *((id, []) for id in lone)]
     ]
-    return shown
 
 
 def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
@@ -173,7 +166,7 @@ def label(name: str, kind: str, entry: dict[str, Any]) -> str:
     """A force in a few words."""
     if kind == "cylinder":
         return f"cylinder {name}"
-    key, unit = UNITS.get(kind, ("value", ""))
+    key, unit = FORCES["labels"].get(kind, ("value", ""))
     return f"{name}: {entry.get(key, 0)} {unit}".strip()
 
 

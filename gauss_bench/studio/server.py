@@ -23,8 +23,7 @@ from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -33,7 +32,7 @@ from gauss_bench.api.telling import plain
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.load import find
 from gauss_bench.linkage.load import read as read_file
-from gauss_bench.studio import files, templates
+from gauss_bench.studio import files
 from gauss_bench.studio.autosave import collect
 from gauss_bench.studio.dynamics import engines_here
 from gauss_bench.studio.errors import Refused
@@ -44,6 +43,7 @@ from gauss_bench.studio.session import Session
 PAUSE = 0.02  # [s]
 SWITCH = 5e-4  # [s] a thread computes on while another waits: a frame of a drag goes through three, beside a search of seconds
 PAGE = Path(__file__).parent / "page"
+Unread = asyncio.Queue[str]  # messages for a page that wait until it reads them
 
 
 class Guarded:
@@ -96,10 +96,10 @@ class Studio:
 
     def __init__(self, session: Session, guard: Guard):
         self.session, self.guard = session, guard
-        self.pages: set[Page] = set()
+        self.pages: dict[Unread, asyncio.Task[Any] | None] = {}  # what a page has not read yet, and the task that listens to it
         self.revision = session.revision  # that all pages were told of
         self.loop: asyncio.AbstractEventLoop | None = None
-        routes = [Route("/", self.index), Mount("/page", StaticFiles(directory=PAGE)), WebSocketRoute("/socket", self.socket)]
+        routes = [Route("/", self.index), Route("/page/{name}", self.file), WebSocketRoute("/socket", self.socket)]
         self.app = Guarded(Starlette(routes=routes, lifespan=self._lifespan), guard)
 
     @contextlib.asynccontextmanager
@@ -107,24 +107,27 @@ class Studio:
         self.loop = asyncio.get_running_loop()
         self.loop.set_default_executor(ThreadPoolExecutor(SOCKETS * (BESIDE + 1)))  # no page waits for another's long request
         yield
-        self.session.stop()
+        self.session.jobs.stop_all()
 
     async def index(self, request: Request) -> Response:
         if not self.guard.knows(request.query_params.get("token")):
             return PlainTextResponse("the studio opens with the address that it printed", 403)
         return FileResponse(PAGE / "index.html")
 
+    async def file(self, request: Request) -> Response:
+        path = PAGE / Path(request.path_params["name"]).name
+        return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
+
     async def socket(self, socket: WebSocket) -> None:
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
             await socket.close(1008)
             return
-        page = Page(asyncio.current_task())
-        self.pages.add(page)
-        beside: set[asyncio.Task[None]] = set()
-        sending, rate = None, Rate()
+        page, rate = Unread(UNREAD), Rate()
+        self.pages[page] = asyncio.current_task()
+        tasks: set[asyncio.Task[None]] = set()  # what sends, and long requests beside it
         try:
             await socket.accept()
-            sending = asyncio.create_task(self._send(socket, page))
+            tasks.add(asyncio.create_task(self._send(socket, page)))
             while True:
                 message = heard(await socket.receive_text())
                 while not rate.allows():  # who sends faster waits, and so does what it sends
@@ -133,34 +136,32 @@ class Studio:
                 if message.get("do") not in APART:
                     await answering
                     continue
-                while len(beside) >= BESIDE:
-                    await asyncio.wait(beside, return_when=asyncio.FIRST_COMPLETED)
+                while len(tasks) > BESIDE:
+                    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
                 task = asyncio.create_task(answering)
-                beside.add(task)
-                task.add_done_callback(beside.discard)
+                tasks.add(task)
+                task.add_done_callback(tasks.discard)
         except (WebSocketDisconnect, KeyError, RuntimeError, asyncio.CancelledError):
             pass  # gone, it sent bytes, it read nothing, or the studio ends
         finally:
-            self.pages.discard(page)
-            for going in (*beside, *([sending] if sending else [])):
-                going.cancel()
+            del self.pages[page]
+            for task in tasks:
+                task.cancel()
             with contextlib.suppress(RuntimeError, WebSocketDisconnect, asyncio.TimeoutError):
                 await asyncio.wait_for(socket.close(1003), 1.0)
 
-    async def _send(self, socket: WebSocket, page: "Page") -> None:
+    async def _send(self, socket: WebSocket, page: Unread) -> None:
         with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
             while True:
-                await socket.send_text(await page.unread.get())
+                await socket.send_text(await page.get())
 
-    async def _answer(self, message: dict[str, Any], page: "Page") -> None:
+    async def _answer(self, message: dict[str, Any], page: Unread) -> None:
         """Answer the page, and tell the others what it has changed."""
-        reply = UNHEARD
-        if message is not UNHEARD:
-            try:
-                reply = await asyncio.to_thread(answer, self.session, message)
-            except RuntimeError:  # the studio ends
-                return
-        await page.unread.put(as_json(reply))
+        try:
+            reply = UNHEARD if message is UNHEARD else await asyncio.to_thread(answer, self.session, message)
+        except RuntimeError:  # the studio ends
+            return
+        await page.put(as_json(reply))
         scene = reply.get("scene")
         if scene is not None and scene["revision"] > self.revision:
             self.revision = scene["revision"]
@@ -173,24 +174,13 @@ class Studio:
             with contextlib.suppress(RuntimeError):  # it has ended meanwhile
                 self.loop.call_soon_threadsafe(self._tell_all, text)
 
-    def _tell_all(self, text: str, but: "Page | None" = None) -> None:
-        for page in self.pages - {but}:
-            page.tell(text)
-
-
-class Page:
-    """One socket: what it has not read yet, and the task that listens to it."""
-
-    def __init__(self, task: "asyncio.Task[Any] | None"):
-        self.task, self.unread = task, asyncio.Queue[str](UNREAD)
-
-    def tell(self, text: str) -> None:
-        """Put on its way what it has not asked for; a page that reads nothing is let go."""
-        try:
-            self.unread.put_nowait(text)
-        except asyncio.QueueFull:
-            if self.task is not None:
-                self.task.cancel()
+    def _tell_all(self, text: str, but: Unread | None = None) -> None:
+        """Put on its way what pages have not asked for; one that reads nothing is let go."""
+        for page, task in self.pages.items():
+            if page is not but and not page.full():
+                page.put_nowait(text)
+            elif page is not but and task is not None:
+                task.cancel()
 
 
 UNHEARD: dict[str, Any] = {"id": None, "ok": False, "error": {"text": "a message is an object of JSON", "where": (), "field": ""}}
@@ -222,13 +212,11 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     if linkage is None:
         return Session(folder)
     path = find(linkage)
-    if linkage not in templates.files():
+    if linkage not in files.texts():
         read_file(path)
     if path.suffix == ".toml" and path == Path(linkage):
-        session = Session(path.resolve().parent)
-        linkage = path.name
-    else:
-        session = Session(folder)
+        folder, linkage = path.resolve().parent, path.name
+    session = Session(folder)
     session.open(*files.open_document(session.folder, linkage))
     return session
 
@@ -280,7 +268,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     with contextlib.suppress(KeyboardInterrupt), listening:
         signal.signal(signal.SIGHUP, signal.default_int_handler)  # a terminal that is closed ends it in order
         uvicorn.Server(config).run(sockets=[listening])
-    session.stop()
+    session.jobs.stop_all()
     if session.close():
         tell("what was drawn and not saved is kept, and will be offered when the studio opens it again")
     return 0

@@ -138,17 +138,13 @@ class Session:
         drawn = scene(self.reading, self.locks)
         state = {
             "revision": self.revision,
-            "path": None if self.path is None else self.path.name,
+            "path": self.path and self.path.name,
             "unsaved": self.unsaved,
             "can_undo": bool(self.done),
             "can_redo": bool(self.undone),
-            "picture": None if self.picture is None else self.picture.as_named(),
+            "picture": self.picture and self.picture.as_named(),
         }
         return state | drawn
-
-    def stop(self) -> None:
-        """End what still runs."""
-        self.jobs.stop_all()
 
     def close(self) -> bool:
         """End; True where something is not saved, which is kept and will be offered again."""

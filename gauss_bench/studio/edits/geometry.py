@@ -245,16 +245,5 @@ def set_angle(d: Drawing, message: Message) -> None:
     d.lay(reading.poses(q))
 
 
-GEOMETRY = {
-    "add_pin": add_pin,
-    "add_bar": add_bar,
-    "add_link": add_link,
-    "add_point": add_point,
-    "add_slide": add_slide,
-    "join": join,
-    "ground": ground,
-    "move": move,
-    "set_length": set_length,
-    "set_angle": set_angle,
-    "observe": observe,
-}
+VERBS = (add_pin, add_bar, add_link, add_point, add_slide, join, ground, move, set_length, set_angle, observe)
+GEOMETRY = {verb.__name__: verb for verb in VERBS}

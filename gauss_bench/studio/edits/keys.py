@@ -7,6 +7,7 @@ from typing import Any
 from gauss_bench.exchange.toml import GROUPS
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
+from gauss_bench.studio import scene
 from gauss_bench.studio.document import Document, split_path
 from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits, tail
 from gauss_bench.studio.edits.scenarios import RELEASED
@@ -15,16 +16,7 @@ from gauss_bench.studio.messages import Message
 from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
 
 EITHER = (("mass", "kg_per_m"), ("angle", "angle_deg"), ("rest", "rest_deg"), ("start", "start_deg"), ("travel", "travel_deg"))
-USUAL: dict[str, dict[str, Any]] = {  # word of a force -> its type and the numbers of one that is drawn without any
-    "torque": {"type": "torque", "value": 1.0},
-    "force": {"type": "force", "value": [0.0, -10.0]},
-    "spring": {"type": "spring_damper", "k": 100.0, "c": 0.0},
-    "damper": {"type": "spring_damper", "k": 0.0, "c": 10.0},
-    "axis_spring_damper": {"type": "axis_spring_damper", "k": 100.0},
-    "rotational_spring_damper": {"type": "rotational_spring_damper", "k": 1.0},
-    "joint_damping": {"type": "joint_damping", "c": 0.05},
-    "coulomb_friction": {"type": "coulomb_friction", "mu": 0.1, "speed": 0.01},
-}
+USUAL: dict[str, dict[str, Any]] = scene.FORCES["usual"]  # word of a force -> its type and the numbers of one drawn without any
 WORDS = {  # group -> keys whose texts name an entry of it, wherever they stand
     "links": ("crank", "link", "reaction", "frame", "to", "links", "hold", "angles", "angles_deg", "speeds"),
     "joints": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
@@ -218,9 +210,7 @@ def add_force(d: Drawing, message: Message) -> None:
         usual["rest"] = _apart(d, given)
     if word == "coulomb_friction" and table(table(d.document, "joints"), str(given.get("joint"))).get("type") == "revolute":
         usual["radius"] = 0.01
-    name = message.get("name")
-    if not (isinstance(name, str) and NAME.fullmatch(name) and name not in d.group("forces")):
-        name = d.fresh(word.partition("_")[0], "forces")
+    name = d.fresh(word.partition("_")[0], "forces")
     d.group("forces")[name] = usual | given
     d.check()
     d.made.append(f"forces.{name}")
@@ -264,19 +254,13 @@ def lock_of(d: Drawing, message: Message) -> str:
         return f"joints.{joint}"
     if "slide" in message:
         return f"slides.{message['slide']}"
-    length = message.get("length", message if "a" in message else None)
-    if isinstance(length, Mapping):
-        a, b = str(length.get("a")), str(length.get("b"))
-        if {a, b} <= d.points(str(length.get("link"))).keys():
-            return f"links.{length['link']}:{a}-{b}"
-        raise Refused("there is no such length", field="length")
+    if "a" in message:
+        a, b = str(message["a"]), str(message.get("b"))
+        if {a, b} <= d.points(str(message.get("link"))).keys():
+            return f"links.{message['link']}:{a}-{b}"
+        raise Refused("there is no such length", field="a")
     d.link(message.get("link"))
     return f"links.{message['link']}"
 
 
-KEYS: dict[str, Callable[[Drawing, Message], None]] = {
-    "set": set_key,
-    "rename": rename,
-    "delete": delete,
-    "add_force": add_force,
-}
+KEYS = {"set": set_key, "rename": rename, "delete": delete, "add_force": add_force}
