@@ -23,11 +23,12 @@ Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 201
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from heapq import nsmallest
 from itertools import combinations_with_replacement
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import VANISHES, ExpressionGraph, Node, sum_of
@@ -176,8 +177,6 @@ def _put(where: Right, key: int, x: Node | None, factor: Node | None) -> None:
         where[key] = x if factor is None else x * factor
 
 
-__all__ = ["GUARD", "RELATIVE", "SMALLEST", "Matrix", "Right", "Search", "lu"]
-
 RELATIVE = 0.05  # of the largest entry in the row, columns scaled: smaller pivots are not taken
 SMALLEST = 1e-9
 SHARE = 0.25  # of the samples, at least: there a pivot must be usable
@@ -290,11 +289,6 @@ class _Markowitz:
                 self.columns[c].add(r)
         self.scale = {c: self._largest_in(c) for c in self.columns}
         self.sizes: dict[int, _Sizes] = {}  # of rows that have been looked at and not changed since
-        self.by_row, self.by_column = _Counts(), _Counts()
-        for r in self.rows:
-            self.by_row.set(r, len(self.rows[r]))
-        for c in self.columns:
-            self.by_column.set(c, len(self.columns[c]))
         self.pivots: list[Pivot] = []
         self.steps: dict[int, list[RowOperation]] = {r: [] for r in self.rows}
         self.upper: dict[int, list[tuple[int, Node]]] = {}
@@ -334,17 +328,24 @@ class _Markowitz:
 
     def _trust_fewer(self) -> None:
         """Leave those samples to other programs at which no pivot serves that serves at most of them."""
-        rows = ((np.abs([e.at[: self.graph.samples] for e in row.values()]), row) for row in self.rows.values() if row)
-        self.trusted = fewer(((sizes, np.array([self.scale[c] for c in row])) for sizes, row in rows), self.trusted)
-        self.sizes = {}
+        best = np.zeros_like(self.trusted)
+        for row in filter(None, self.rows.values()):
+            sizes = np.array([self._values(e) for e in row.values()])
+            scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
+            usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
+            best = max([best, *usable], key=lambda x: int(x.sum()))
+        if best.sum() < SHARE * len(best):
+            raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+        self.trusted, self.sizes = best, {}
 
     def _usable(self, steadily: bool = False) -> tuple[int, int, Array] | None:
         """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign if it may."""
-        everywhere = len(self.by_row)
+        everywhere = len(self.rows)
         places = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
         for reach, steady in places[: 2 if steadily else None]:
-            near = [(r, c) for r in self.by_row.fewest(reach) for c in self.rows[r]]
-            near += [(r, c) for c in self.by_column.fewest(reach) for r in sorted(self.columns[c])]
+            near = [(r, c) for r in nsmallest(reach, self.rows, lambda r: len(self.rows[r])) for c in self.rows[r]]
+            emptiest = nsmallest(reach, self.columns, lambda c: len(self.columns[c]))
+            near += [(r, c) for c in emptiest for r in sorted(self.columns[c])]
             best: tuple[float, float, int, int] | None = None
             for r, c in dict.fromkeys(near):
                 count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)
@@ -393,8 +394,6 @@ class _Markowitz:
         row_divided = pivot.number is None and not crossed and len(row) < len(others)
         if row_divided:
             row = {k: u * inverse for k, u in row.items()}
-        self.by_row.drop(r)
-        self.by_column.drop(c)
         for k in row:
             self.columns[k].discard(r)
         for other in others:
@@ -405,10 +404,10 @@ class _Markowitz:
             f = entry if row_divided or crossed else entry * inverse
             self.steps[other].append(RowOperation(r, f, pivot if crossed else None))
             self._subtract(other, f, row)
-            self.by_row.set(other, len(self.rows[other]))
+            self.rows[other] = self.rows.pop(other)  # what was changed last is looked at last: along a chain, ends meet late
         for k in row:
-            self.by_column.set(k, len(self.columns[k]))
-        threshold = GUARD * self.scale[c] * median(largest)
+            self.columns[k] = self.columns.pop(k)
+        threshold = GUARD * self.scale[c] * median(largest.tolist())
         self.pivots.append(Pivot(r, c, pivot, inverse, row_divided, threshold))
         self.upper[r] = list(row.items())
 
@@ -431,61 +430,6 @@ class _Markowitz:
             else:
                 target[k] = _Entry(product)
                 self.columns[k].add(other)
-
-
-def fewer(rows: Iterable[tuple[Array, Array]], trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(samples,) the samples at which one pivot serves that serves at most of those trusted so far.
-
-    Args:
-        rows: sizes of the entries (entries, samples) of each row, and scales of their columns (entries,).
-
-    Raises:
-        KernelError: these are too few.
-    """
-    best = np.zeros_like(trusted)
-    for sizes, scale in rows:
-        scaled = sizes / scale[:, None]
-        usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & trusted
-        best = max([best, *usable], key=lambda x: int(x.sum()))
-    if best.sum() < SHARE * len(trusted):
-        raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
-    return best
-
-
-def median(x: Array) -> float:
-    """Of a few numbers."""
-    ordered, half = sorted(x.tolist()), len(x) // 2
-    return float(ordered[half] if len(x) % 2 else (ordered[half - 1] + ordered[half]) / 2)
-
-
-class _Counts:
-    """Keys by how many entries they have, so that the emptiest are found without looking at all."""
-
-    def __init__(self) -> None:
-        self.count: dict[int, int] = {}
-        self.buckets: dict[int, dict[int, None]] = {}
-
-    def __len__(self) -> int:
-        return len(self.count)
-
-    def set(self, key: int, count: int) -> None:
-        self.drop(key)
-        self.count[key] = count
-        self.buckets.setdefault(count, {})[key] = None
-
-    def drop(self, key: int) -> None:
-        if key in self.count:
-            bucket = self.buckets[self.count.pop(key)]
-            del bucket[key]
-
-    def fewest(self, number: int) -> list[int]:
-        keys: list[int] = []
-        for count in sorted(self.buckets):
-            for key in self.buckets[count]:
-                keys.append(key)
-                if len(keys) >= number:
-                    return keys
-        return keys
 
 
 def lu(
