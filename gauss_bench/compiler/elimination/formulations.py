@@ -165,7 +165,8 @@ class Gauss:
             if c in a:
                 parts.append(-(terms.mass[c] * a[c]))
             forces[c] = terms.graph.total(parts)
-        return self.factors.solve_transposed(forces)
+        transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
+        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), terms.mixed).solve(forces)
 
     @property
     def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:

@@ -1,4 +1,4 @@
-"""Sparse LU of a matrix of expressions, with pivots fixed at generation, and solutions of it and of its transpose.
+"""Sparse LU of a matrix of expressions, with pivots fixed at generation, and solutions.
 
 Pivots are chosen by Markowitz's count, the fill an entry can cause at most, among entries that are not small in their row at any
 sample and, where there are such, have one sign at all of them, because a pivot that changes sign is zero on the way. The code has
@@ -9,10 +9,7 @@ row may instead be multiplied by p before p's row is taken off it, as in a deter
 division. Entries are sums whose summands are kept until the entry is needed, so that they can be added in the order in which they
 become ready.
 
-Row operations E make A upper triangular, E A = U. With them
-
-    A x = b:               y = E b,          U x = y
-    A^T lambda = b:        U^T z = b,        lambda = E^T z
+Row operations E make A upper triangular, E A = U, so that A x = b is y = E b, U x = y.
 
 Where no entry that is left keeps its sign, as where every one is a sine or a cosine of one angle that turns, the rest S may be
 squared: S x = y becomes S^T S x = S^T y, whose diagonal is positive wherever S is regular. Its condition is squared too.
@@ -102,40 +99,6 @@ class Factors:
             products.append((step.factor, y.get(step.pivot_row)))
         return _less(b, products)
 
-    def solve_transposed(self, b: Right) -> Right:
-        """lambda by row, of A^T lambda = b by column: U^T z = b, then the row operations transposed, the last one first."""
-        squared, last = (self.rest.rows, self.rest.columns) if self.rest is not None else ((), ())
-        above: dict[int, list[tuple[int, Node]]] = {c: [] for c in (*(p.column for p in self.pivots), *last)}
-        for p in self.pivots:
-            for c, u in self.upper[p.row]:
-                above[c].append((p.row, u))
-        z: Right = {}
-        for p in self.pivots:
-            known = _less(b.get(p.column), ((u, z.get(r)) for r, u in above[p.column]))
-            _put(z, p.row, known, None if p.row_divided else p.inverse)
-        pending: dict[int, list[tuple[Node, Node | None]]] = {p.row: [] for p in self.pivots}
-        multipliers: Right = {}
-
-        def undo(row: int) -> None:
-            """The row operations on a row, transposed."""
-            load = multipliers.get(row)
-            for step in reversed(self.steps[row]):
-                pending[step.pivot_row].append((step.factor, load))
-                load = load if load is None or step.scale is None else load * step.scale
-            _put(multipliers, row, load, None)
-
-        if self.rest is not None:
-            left: Right = {}
-            for c in last:
-                _put(left, c, _less(b.get(c), ((u, z.get(r)) for r, u in above[c])), None)
-            multipliers = self.rest.solve_transposed(left)
-        for r in squared:
-            undo(r)
-        for p in reversed(self.pivots):
-            _put(multipliers, p.row, _less(z.get(p.row), pending[p.row]), p.inverse if p.row_divided else None)
-            undo(p.row)
-        return multipliers
-
 
 @dataclass(frozen=True, eq=False)
 class Squared:
@@ -146,22 +109,14 @@ class Squared:
     S: "Matrix"
     factors: Factors
 
-    def _times(self, x: Right, to: int) -> Right:
-        """S x, or S^T x, where x is by column, or by row, and the product by row (to 0), or by column (to 1)."""
-        parts: dict[int, list[Node]] = {}
-        for place, e in self.S.items():
-            if place[1 - to] in x:
-                parts.setdefault(place[to], []).append(e * x[place[1 - to]])
-        sums = {k: self.factors.graph.total(terms) for k, terms in parts.items()}
-        return {k: node for k, node in sums.items() if not node.zero}
-
     def solve(self, y: Right) -> Right:
         """x by column, of S x = y."""
-        return self.factors.solve(self._times({r: y[r] for r in self.rows if r in y}, 1))
-
-    def solve_transposed(self, b: Right) -> Right:
-        """lambda by row, of S^T lambda = b."""
-        return self._times(self.factors.solve(b), 0)
+        parts: dict[int, list[Node]] = {}
+        for (r, c), e in self.S.items():
+            if r in y:
+                parts.setdefault(c, []).append(e * y[r])
+        sums = {c: self.factors.graph.total(terms) for c, terms in parts.items()}
+        return self.factors.solve({c: node for c, node in sums.items() if not node.zero})
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
