@@ -13,7 +13,6 @@ from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import growth
 from gauss_bench.bench.measurements.claim import verdict
 from gauss_bench.bench.measurements.growth import exponents, over_races
-from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import CHAINS, chain_text
 from gauss_bench.bench.measurements.rivals import step_rows
 from gauss_bench.bench.runner import run
@@ -106,9 +105,9 @@ def test_a_finished_run_repeats_nothing(folder: Path) -> None:
 
 
 def test_targets_are_held_the_right_way_round() -> None:
-    assert at_least({"x": 2.0}, "x", 1.0)["met"]
+    assert at_least({"x": 1.0}, "x", 1.0)["met"]
     assert not at_least({"x": 0.5}, "x", 1.0)["met"]
-    assert at_most({"x": 0.5}, "x", 1.0)["met"]
+    assert at_most({"x": 1.0}, "x", 1.0)["met"]
     assert not at_most({"x": 2.0}, "x", 1.0)["met"]
     for held in (at_least, at_most):
         assert not held({"status": "error"}, "x", 1.0)["met"], "what was not measured has met nothing"
@@ -145,14 +144,6 @@ def test_what_cannot_be_timed_leaves_rows_with_the_reason() -> None:
 
 def test_the_verdict_on_the_claim_follows_from_the_spread() -> None:
     assert [verdict(*x) for x in ((1.01, 1.2), (0.9, 1.1), (0.5, 0.99))] == ["holds", "open", "reversed"]
-
-
-@pytest.mark.parametrize(
-    ("energy", "drift", "met"), [(1e-6 / 32, 1e-16, True), (1e-6 / 4, 1e-16, False), (1e-6 / 32, 1e-12, False)]
-)
-def test_a_long_run_must_keep_its_order_and_its_constraints(energy: float, drift: float, met: bool) -> None:
-    coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
-    assert judge_row(coarse | {"energy_max": energy, "position_drift": drift}, coarse, SUITE.long_runs[0])["met"] is met
 
 
 def of_process(number: int, size: int, seconds: float, engine: str = "a") -> dict[str, Any]:

@@ -10,7 +10,7 @@ import pytest
 
 from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.function import Function, Instruction
-from gauss_bench.compiler.elimination.lu import Search, lu
+from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
 from gauss_bench.compiler.elimination.partition import study
 from gauss_bench.compiler.elimination.program import Program, costs, drops, generate, partitions
 from gauss_bench.compiler.elimination.rank import acceleration_error
@@ -418,9 +418,22 @@ def test_equal_expressions_are_one_node_whatever_their_form() -> None:
     assert -(x - y) is y - x
 
 
+def assert_solves(factors: Factors, A: Matrix, b: Right, n: int) -> None:
+    """At every sample; what is missing is zero."""
+    solution = factors.solve(b)
+    for k in range(factors.graph.samples):
+        matrix, right, x = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        for place, node in A.items():
+            matrix[place] = node.at[k]
+        for vector, nodes in ((right, b), (x, solution)):
+            for j, node in nodes.items():
+                vector[j] = node.at[k]
+        np.testing.assert_allclose(x, np.linalg.solve(matrix, right), atol=1e-11)
+
+
 @pytest.mark.parametrize("crossing", [0.0, 1.0])
 @pytest.mark.parametrize("seed", range(6))
-def test_factors_solve_a_system_and_its_transpose(seed: int, crossing: float) -> None:
+def test_factors_solve_a_system(seed: int, crossing: float) -> None:
     rng, n, samples = np.random.default_rng(seed), 7, 5
     graph = ExpressionGraph(samples)
     full = [(r, c) for r in range(n) for c in range(n) if r == c or rng.random() < 0.35]
@@ -429,16 +442,7 @@ def test_factors_solve_a_system_and_its_transpose(seed: int, crossing: float) ->
     b = {k: graph.input("b", k, rng.normal(size=samples), 1.0) for k in (0, 2, 5)}
     factors = lu(graph, A, range(n), range(n), Search(seed, noise=1.0 * (seed > 0), crossing=crossing))
     assert any(step.scale for steps in factors.steps.values() for step in steps) == (crossing > 0.0)
-    found, transposed = factors.solve(b), factors.solve_transposed(b)
-    for k in range(samples):
-        matrix, right = np.zeros((n, n)), np.zeros(n)
-        for place, node in A.items():
-            matrix[place] = node.at[k]
-        for place, node in b.items():
-            right[place] = node.at[k]
-        for solution, system in ((found, matrix), (transposed, matrix.T)):  # what is missing is zero
-            x = [float(solution[j].at[k]) if j in solution else 0.0 for j in range(n)]
-            np.testing.assert_allclose(x, np.linalg.solve(system, right), atol=1e-12)
+    assert_solves(factors, A, b, n)
 
 
 def test_a_pivot_that_changes_sign_on_the_way_is_not_taken_where_another_serves() -> None:
@@ -463,15 +467,7 @@ def test_where_every_entry_changes_sign_the_rest_is_squared() -> None:
     factors = lu(graph, A, range(4), range(4), Search(), squares=True)
     assert factors.rest is not None
     assert all((p.node.at[:41] > p.threshold).all() for p in factors.rest.factors.pivots)
-    found, transposed = factors.solve(b), factors.solve_transposed(b)
-    for k in range(41):
-        matrix, right = np.zeros((4, 4)), np.zeros(4)
-        for place, node in A.items():
-            matrix[place] = node.at[k]
-        for j, node in b.items():
-            right[j] = node.at[k]
-        for solution, system in ((found, matrix), (transposed, matrix.T)):
-            np.testing.assert_allclose([solution[j].at[k] for j in range(4)], np.linalg.solve(system, right), atol=1e-11)
+    assert_solves(factors, A, b, 4)
     assert lu(graph, steady, range(2), range(2), Search(), squares=True).rest is None
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.closing import closing_program
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.native_code import Target
+from gauss_bench.compiler.machine.native_code import Target, choose_target
 from gauss_bench.compiler.turns.tracker import Linkages, Loss, Status, Tracker
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_equations import LoopEquations
@@ -28,7 +27,6 @@ __all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
 
 Statuses = NDArray[np.int8]
 
-BACKENDS = ("llvm", "numpy")
 PARTS = 32  # lanes of arrays: they share what a call of numpy costs
 
 
@@ -80,18 +78,13 @@ def compile_closure(
         KernelError: an unknown name, no usable pivots, a start at a singular position, or a backend that is not there.
         ValueError: knife edges, or inputs that do not fit the linkage.
     """
-    if backend not in (None, *BACKENDS):
-        raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
-    if backend == "llvm" and not native_code.available():
-        raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
-    chosen = backend or ("llvm" if native_code.available() else "numpy")
-    width = (native_code.best_lanes() if chosen == "llvm" else PARTS) if lanes is None else lanes
-    if width < 1 or (chosen == "llvm" and width & (width - 1)):
-        raise KernelError(f"{width} lanes are no power of 2")
+    target = choose_target(backend, lanes, cache)
+    if target.backend == "numpy" and lanes is None:
+        target = replace(target, lanes=PARTS)
     if inputs is None:
         free = not mechanism.drivers and mechanism.crank is not None
         inputs = (Input(constant(0.0, 1.0), link=mechanism.crank),) if free else inputs_of(mechanism)
-    return Closure(mechanism, tuple(inputs), tuple(open_parameters), tuple(points), Target(chosen, width, cache))
+    return Closure(mechanism, tuple(inputs), tuple(open_parameters), tuple(points), target)
 
 
 class Closure:

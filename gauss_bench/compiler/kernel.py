@@ -18,8 +18,7 @@ import numpy as np
 
 from gauss_bench.compiler.elimination.program import KernelError, Program, drops, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
-from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.native_code import Target
+from gauss_bench.compiler.machine.native_code import Flags, Target, choose_target
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
 from gauss_bench.integrate.fixed_step import EVALUATIONS
@@ -31,7 +30,6 @@ from gauss_bench.terms import Array
 __all__ = ["Kernel", "KernelError", "compile_kernel"]
 
 STABILIZATIONS = ("none", "baumgarte", "projection")
-BACKENDS = ("llvm", "numpy")
 BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
 
 
@@ -78,16 +76,11 @@ def compile_kernel(
     start = time.perf_counter()
     if stabilization not in STABILIZATIONS:
         raise KernelError(f"no stabilization {stabilization}; there are {', '.join(STABILIZATIONS)}")
-    if backend not in (None, *BACKENDS):
-        raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
     if form is not None:
         warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
-    if backend == "llvm" and not native_code.available():
-        raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
-    chosen = backend or ("llvm" if native_code.available() else "numpy")
-    target = Target(chosen, native_code.best_lanes() if lanes is None else lanes, cache)
+    target = choose_target(backend, lanes, cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
-    return Kernel(mechanism, options, "straight line", start)
+    return Kernel(mechanism, options, start)
 
 
 def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
@@ -116,9 +109,6 @@ class Integrated:
     evaluations: int
 
 
-Evaluate = Callable[..., tuple[Array, native_code.Flags]]
-
-
 class Kernel:
     """Compiled code of one mechanism. Times in s, states in the absolute coordinates of the mechanism (SI units).
 
@@ -133,8 +123,10 @@ class Kernel:
         generate_seconds: to generate and check the first program.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
-        self.mechanism, self.options, self.form = mechanism, options, form
+    form = "straight line"
+
+    def __init__(self, mechanism: Mechanism, options: Options, start: float):
+        self.mechanism, self.options = mechanism, options
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_straight_line(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
@@ -327,7 +319,13 @@ class Kernel:
         return (at, q, v, self._numbers(parameters, len(q), at)), single
 
     def _at_states(
-        self, evaluate: Evaluate, by_rank: Callable[..., Array], q: Array, v: Array, t: float | Array, parameters: Array | None
+        self,
+        evaluate: Callable[..., tuple[Array, Flags]],
+        by_rank: Callable[..., Array],
+        q: Array,
+        v: Array,
+        t: float | Array,
+        parameters: Array | None,
     ) -> Array:
         """Evaluate by the first program, and where its pivots fail by another, or by rank decision."""
         at, single = self._rows(q, v, t, parameters)

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from gauss_bench.compiler.elimination.formulations import guarded, keep_rows, vector
-from gauss_bench.compiler.elimination.function import Function, Inputs, costs_of, function
+from gauss_bench.compiler.elimination.function import Function, Inputs, function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
 from gauss_bench.compiler.equations.constraints import Row, rows_of
@@ -33,7 +33,6 @@ from gauss_bench.mechanism.model import GROUND, Along, AngleDriver, Driver, Mech
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
-SEARCHES = [Search(), *(Search(seed, 1.5, 0.0, crossing) for seed in range(6) for crossing in (0.0, 1.0))]
 WORLD = Point(GROUND, np.zeros(2), "ground.")
 
 
@@ -111,10 +110,7 @@ def closing_program(mechanism: Mechanism, inputs: Sequence[Input], open_names: t
     driven = drive(mechanism, inputs)
     known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)  # positions all over the motion
     equations = _Equations(driven, open_parameters(mechanism, open_names), known)
-    tried = [(cost, k) for k, search in enumerate(SEARCHES) if (cost := equations.cost(search)) is not None]
-    if not tried:
-        raise KernelError(f"{mechanism.name}: no pivots are usable with these inputs")
-    correction, motion = equations.solve(SEARCHES[min(tried)[1]])
+    correction, motion = equations.solve()
     n, K, size = mechanism.n, len(inputs), len(open_names)
     place: Inputs = (("q", n), ("u", K), ("p", size))
     return ClosingProgram(
@@ -144,7 +140,6 @@ class _Equations:
         zero = graph.constant(0.0)
         self.zeros = (zero,) * len(u)
         self.rows = self._rows(self.zeros, self.zeros)
-        self.mark = len(graph.trail)
 
     def _same_assembly(self, q: Array) -> Array:
         """The positions (k, n) whose determinant has the sign that it has at the start."""
@@ -167,20 +162,11 @@ class _Equations:
     def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
         return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
 
-    def cost(self, search: Search) -> float | None:
-        """Operations with these pivots; None where there are none."""
-        try:
-            correction, (guards, *rest) = self.solve(search)
-        except KernelError:
-            return None
-        return costs_of([x for part in (*correction, guards, *rest) for x in part]).batch
-
-    def solve(self, search: Search) -> tuple[list[list[Node]], list[list[Node]]]:
+    def solve(self) -> tuple[list[list[Node]], list[list[Node]]]:
         """Results of `ClosingProgram.correction` and `.motion`."""
         graph, n = self.graph, self.driven.n
-        graph.forget(self.mark)
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
-        factors = lu(graph, jacobian, range(n), range(n), search, squares=True)
+        factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)
 
         def solved(right: Sequence[Node]) -> list[Node]:
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)

@@ -30,7 +30,6 @@ Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dyn
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
 from gauss_bench.compiler.elimination.partition import ENOUGH, USABLE, Drop, Study, conditions
@@ -38,9 +37,11 @@ from gauss_bench.compiler.equations.constraints import Row, combine, rate_of, ro
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out, product_of, sum_of
+from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out
 from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
+
+REACH = 12  # neighbours in a long sum among which pairs are sought that are something known
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,41 +70,6 @@ class Terms:
     def driven(self) -> Right:
         """J v of velocities that the rows allow."""
         return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
-
-
-class Algebra(Protocol):
-    """One factorised formulation; vectors are dicts without zeros, by row or by coordinate."""
-
-    def acceleration(self, gamma: Right) -> Right:
-        """a for a bias by row."""
-        ...
-
-    def correction(self, residual: Right) -> Right:
-        """The shortest change of the coordinates that takes a residual by row away."""
-        ...
-
-    def velocity(self, v: Sequence[Node]) -> Right:
-        """The nearest velocities that the rows allow."""
-        ...
-
-    @property
-    def correcting(self) -> list[tuple[Node, float]]:
-        """Guards of corrections and velocities beside the others."""
-        ...
-
-    def multipliers(self, gamma: Right) -> Right:
-        """lambda by row."""
-        ...
-
-    @property
-    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
-        """Free motions by coordinate: of each independent coordinate the one in which the others rest; and guards of their own."""
-        ...
-
-    @property
-    def guards(self) -> list[tuple[Node, float]]:
-        """Expressions that are divided by, and how large they must be."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +137,7 @@ class Gauss:
     def acceleration(self, gamma: Right) -> Right:
         graph = self.terms.graph
         a0 = self.factors.solve(gamma)
-        b = {k: graph.total(_work(self.terms, N, a0), pairs=12) for k, N in enumerate(self.N)}
+        b = {k: graph.total(_work(self.terms, N, a0), pairs=REACH) for k, N in enumerate(self.N)}
         h = self.reduced.solve({k: x for k, x in b.items() if not x.zero})
         a: Right = {}
         for j in range(len(self.terms.mass)):
@@ -199,7 +165,8 @@ class Gauss:
             if c in a:
                 parts.append(-(terms.mass[c] * a[c]))
             forces[c] = terms.graph.total(parts)
-        return self.factors.solve_transposed(forces)
+        transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
+        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), terms.mixed).solve(forces)
 
     @property
     def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
@@ -221,58 +188,33 @@ def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[
     A: Matrix = {}
     for k in unknowns:
         for l in range(k + 1):
-            A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, motions[k], motions[l]), pairs=12)
+            products = {j: x * motions[l][j] for j, x in motions[k].items() if j in motions[l]}
+            A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), pairs=REACH)
     return lu(graph, A, unknowns, unknowns, Search(search.seed))
 
 
-def _weigh(graph: ExpressionGraph, weights: Sequence[Node], left: Right, right: Right) -> list[Node]:
-    """Summands of left^T W right; where a link's x and y together are something known, as on a ground pin, that serves."""
-    products = []
-    for x in range(0, len(weights), 3):
-        y = x + 1
-        known = _find_product(graph, left, right, x)
-        if known is not None:
-            products.append(weights[x] * known)
-        for j in (x + 2,) if known is not None else (x, y, x + 2):
-            if j in left and j in right:
-                products.append(weights[j] * left[j] * right[j])
-    return products
-
-
-def _find_product(graph: ExpressionGraph, left: Right, right: Right, x: int) -> Node | None:
-    """left_x right_x + left_y right_y where that is a constant or a multiple of a known expression."""
-    y = x + 1
-    if not (x in left and x in right and y in left and y in right):
-        return None
-    first = product_of(left[x].generic, right[x].generic)
-    return graph.recognise(sum_of(first, product_of(left[y].generic, right[y].generic)), first)
+def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Right) -> list[Node]:
+    """Summands of a weighted sum, what has the same weight together: of a ground pin's link x and y add up to what is known."""
+    together: dict[int, list[Node]] = {}
+    for j, x in sorted(products.items()):
+        together.setdefault(weights[j].index, []).append(x)
+    by_index = {w.index: w for w in weights}
+    return [by_index[w] * graph.total(x, pairs=REACH) for w, x in together.items()]
 
 
 def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
-    """Summands of N^T (Q - M a0)."""
-    products = []
-    for x in range(0, len(terms.mass), 3):
-        known = _find_product(terms.graph, N, a0, x)
-        if known is not None:
-            products.append(-(terms.mass[x] * known))
-        for j in (x, x + 1, x + 2):
-            taken = known is not None and j < x + 2
-            products += _work_along(terms, N, {} if taken else a0, j)
-    return products
-
-
-def _work_along(terms: Terms, N: Right, a0: Right, j: int) -> list[Node]:
-    """Summands of N_j (Q_j - M_j a0_j); a constant force, as gravity, goes along with a0."""
-    mass, Q = terms.mass[j], terms.Q.get(j)
-    if j not in N:
-        return []
-    if j not in a0:
-        return [] if Q is None else [N[j] * Q]
-    weighted = mass * N[j]
-    if Q is not None and Q.number is not None and mass.number is not None:
-        return [weighted * (Q / mass - a0[j])]
-    inertia = -(weighted * a0[j])
-    return [inertia] if Q is None else [inertia, N[j] * Q]
+    """Summands of N^T (Q - M a0); a constant force, as gravity, goes along with a0."""
+    inertial, others = {}, []
+    for j, x in N.items():
+        mass, Q = terms.mass[j], terms.Q.get(j)
+        constant = Q is not None and Q.number is not None and mass.number is not None
+        if Q is not None and constant and j in a0:
+            inertial[j] = x * (Q / mass - a0[j])
+        elif j in a0:
+            inertial[j] = -(x * a0[j])
+        if Q is not None and not (constant and j in a0):
+            others.append(x * Q)
+    return [*_weigh(terms.graph, terms.mass, inertial), *others]
 
 
 class Lagrange:
@@ -421,7 +363,7 @@ class Workspace:
     drop: Drop
     mark: int
 
-    def algebra(self, search: Search) -> Algebra:
+    def algebra(self, search: Search) -> "Gauss | Lagrange":
         """An elimination from a clean slate; what an earlier one made is forgotten."""
         self.terms.graph.forget(self.mark)
         if self.plan.formulation == "gauss":

@@ -38,11 +38,6 @@ class Costs:
         """Cycles of one evaluation for one trajectory, about: its longest chain, and a quarter of a cycle for every operation."""
         return self.critical + 0.25 * self.operations + 3.0 * self.divisions
 
-    @property
-    def batch(self) -> float:
-        """Cycles of one evaluation for one vector of trajectories, where no chain is waited for: two operations a cycle."""
-        return 0.5 * self.operations + 9.0 * self.divisions
-
 
 class Instruction(NamedTuple):
     """One value of a function.

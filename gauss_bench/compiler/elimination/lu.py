@@ -1,4 +1,4 @@
-"""Sparse LU of a matrix of expressions, with pivots fixed at generation, and solutions of it and of its transpose.
+"""Sparse LU of a matrix of expressions, with pivots fixed at generation, and solutions.
 
 Pivots are chosen by Markowitz's count, the fill an entry can cause at most, among entries that are not small in their row at any
 sample and, where there are such, have one sign at all of them, because a pivot that changes sign is zero on the way. The code has
@@ -9,10 +9,7 @@ row may instead be multiplied by p before p's row is taken off it, as in a deter
 division. Entries are sums whose summands are kept until the entry is needed, so that they can be added in the order in which they
 become ready.
 
-Row operations E make A upper triangular, E A = U. With them
-
-    A x = b:               y = E b,          U x = y
-    A^T lambda = b:        U^T z = b,        lambda = E^T z
+Row operations E make A upper triangular, E A = U, so that A x = b is y = E b, U x = y.
 
 Where no entry that is left keeps its sign, as where every one is a sine or a cosine of one angle that turns, the rest S may be
 squared: S x = y becomes S^T S x = S^T y, whose diagonal is positive wherever S is regular. Its condition is squared too.
@@ -23,11 +20,12 @@ Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 201
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from heapq import nsmallest
 from itertools import combinations_with_replacement
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import VANISHES, ExpressionGraph, Node, sum_of
@@ -101,40 +99,6 @@ class Factors:
             products.append((step.factor, y.get(step.pivot_row)))
         return _less(b, products)
 
-    def solve_transposed(self, b: Right) -> Right:
-        """lambda by row, of A^T lambda = b by column: U^T z = b, then the row operations transposed, the last one first."""
-        squared, last = (self.rest.rows, self.rest.columns) if self.rest is not None else ((), ())
-        above: dict[int, list[tuple[int, Node]]] = {c: [] for c in (*(p.column for p in self.pivots), *last)}
-        for p in self.pivots:
-            for c, u in self.upper[p.row]:
-                above[c].append((p.row, u))
-        z: Right = {}
-        for p in self.pivots:
-            known = _less(b.get(p.column), ((u, z.get(r)) for r, u in above[p.column]))
-            _put(z, p.row, known, None if p.row_divided else p.inverse)
-        pending: dict[int, list[tuple[Node, Node | None]]] = {p.row: [] for p in self.pivots}
-        multipliers: Right = {}
-
-        def undo(row: int) -> None:
-            """The row operations on a row, transposed."""
-            load = multipliers.get(row)
-            for step in reversed(self.steps[row]):
-                pending[step.pivot_row].append((step.factor, load))
-                load = load if load is None or step.scale is None else load * step.scale
-            _put(multipliers, row, load, None)
-
-        if self.rest is not None:
-            left: Right = {}
-            for c in last:
-                _put(left, c, _less(b.get(c), ((u, z.get(r)) for r, u in above[c])), None)
-            multipliers = self.rest.solve_transposed(left)
-        for r in squared:
-            undo(r)
-        for p in reversed(self.pivots):
-            _put(multipliers, p.row, _less(z.get(p.row), pending[p.row]), p.inverse if p.row_divided else None)
-            undo(p.row)
-        return multipliers
-
 
 @dataclass(frozen=True, eq=False)
 class Squared:
@@ -145,22 +109,14 @@ class Squared:
     S: "Matrix"
     factors: Factors
 
-    def _times(self, x: Right, to: int) -> Right:
-        """S x, or S^T x, where x is by column, or by row, and the product by row (to 0), or by column (to 1)."""
-        parts: dict[int, list[Node]] = {}
-        for place, e in self.S.items():
-            if place[1 - to] in x:
-                parts.setdefault(place[to], []).append(e * x[place[1 - to]])
-        sums = {k: self.factors.graph.total(terms) for k, terms in parts.items()}
-        return {k: node for k, node in sums.items() if not node.zero}
-
     def solve(self, y: Right) -> Right:
         """x by column, of S x = y."""
-        return self.factors.solve(self._times({r: y[r] for r in self.rows if r in y}, 1))
-
-    def solve_transposed(self, b: Right) -> Right:
-        """lambda by row, of S^T lambda = b."""
-        return self._times(self.factors.solve(b), 0)
+        parts: dict[int, list[Node]] = {}
+        for (r, c), e in self.S.items():
+            if r in y:
+                parts.setdefault(c, []).append(e * y[r])
+        sums = {c: self.factors.graph.total(terms) for c, terms in parts.items()}
+        return self.factors.solve({c: node for c, node in sums.items() if not node.zero})
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
@@ -175,8 +131,6 @@ def _put(where: Right, key: int, x: Node | None, factor: Node | None) -> None:
     if x is not None and not x.zero:
         where[key] = x if factor is None else x * factor
 
-
-__all__ = ["GUARD", "RELATIVE", "SMALLEST", "Matrix", "Right", "Search", "lu"]
 
 RELATIVE = 0.05  # of the largest entry in the row, columns scaled: smaller pivots are not taken
 SMALLEST = 1e-9
@@ -290,11 +244,6 @@ class _Markowitz:
                 self.columns[c].add(r)
         self.scale = {c: self._largest_in(c) for c in self.columns}
         self.sizes: dict[int, _Sizes] = {}  # of rows that have been looked at and not changed since
-        self.by_row, self.by_column = _Counts(), _Counts()
-        for r in self.rows:
-            self.by_row.set(r, len(self.rows[r]))
-        for c in self.columns:
-            self.by_column.set(c, len(self.columns[c]))
         self.pivots: list[Pivot] = []
         self.steps: dict[int, list[RowOperation]] = {r: [] for r in self.rows}
         self.upper: dict[int, list[tuple[int, Node]]] = {}
@@ -334,17 +283,24 @@ class _Markowitz:
 
     def _trust_fewer(self) -> None:
         """Leave those samples to other programs at which no pivot serves that serves at most of them."""
-        rows = ((np.abs([e.at[: self.graph.samples] for e in row.values()]), row) for row in self.rows.values() if row)
-        self.trusted = fewer(((sizes, np.array([self.scale[c] for c in row])) for sizes, row in rows), self.trusted)
-        self.sizes = {}
+        best = np.zeros_like(self.trusted)
+        for row in filter(None, self.rows.values()):
+            sizes = np.array([self._values(e) for e in row.values()])
+            scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
+            usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
+            best = max([best, *usable], key=lambda x: int(x.sum()))
+        if best.sum() < SHARE * len(best):
+            raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
+        self.trusted, self.sizes = best, {}
 
     def _usable(self, steadily: bool = False) -> tuple[int, int, Array] | None:
         """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign if it may."""
-        everywhere = len(self.by_row)
+        everywhere = len(self.rows)
         places = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
         for reach, steady in places[: 2 if steadily else None]:
-            near = [(r, c) for r in self.by_row.fewest(reach) for c in self.rows[r]]
-            near += [(r, c) for c in self.by_column.fewest(reach) for r in sorted(self.columns[c])]
+            near = [(r, c) for r in nsmallest(reach, self.rows, lambda r: len(self.rows[r])) for c in self.rows[r]]
+            emptiest = nsmallest(reach, self.columns, lambda c: len(self.columns[c]))
+            near += [(r, c) for c in emptiest for r in sorted(self.columns[c])]
             best: tuple[float, float, int, int] | None = None
             for r, c in dict.fromkeys(near):
                 count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)
@@ -393,8 +349,6 @@ class _Markowitz:
         row_divided = pivot.number is None and not crossed and len(row) < len(others)
         if row_divided:
             row = {k: u * inverse for k, u in row.items()}
-        self.by_row.drop(r)
-        self.by_column.drop(c)
         for k in row:
             self.columns[k].discard(r)
         for other in others:
@@ -405,10 +359,10 @@ class _Markowitz:
             f = entry if row_divided or crossed else entry * inverse
             self.steps[other].append(RowOperation(r, f, pivot if crossed else None))
             self._subtract(other, f, row)
-            self.by_row.set(other, len(self.rows[other]))
+            self.rows[other] = self.rows.pop(other)  # what was changed last is looked at last: along a chain, ends meet late
         for k in row:
-            self.by_column.set(k, len(self.columns[k]))
-        threshold = GUARD * self.scale[c] * median(largest)
+            self.columns[k] = self.columns.pop(k)
+        threshold = GUARD * self.scale[c] * median(largest.tolist())
         self.pivots.append(Pivot(r, c, pivot, inverse, row_divided, threshold))
         self.upper[r] = list(row.items())
 
@@ -431,61 +385,6 @@ class _Markowitz:
             else:
                 target[k] = _Entry(product)
                 self.columns[k].add(other)
-
-
-def fewer(rows: Iterable[tuple[Array, Array]], trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(samples,) the samples at which one pivot serves that serves at most of those trusted so far.
-
-    Args:
-        rows: sizes of the entries (entries, samples) of each row, and scales of their columns (entries,).
-
-    Raises:
-        KernelError: these are too few.
-    """
-    best = np.zeros_like(trusted)
-    for sizes, scale in rows:
-        scaled = sizes / scale[:, None]
-        usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & trusted
-        best = max([best, *usable], key=lambda x: int(x.sum()))
-    if best.sum() < SHARE * len(trusted):
-        raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
-    return best
-
-
-def median(x: Array) -> float:
-    """Of a few numbers."""
-    ordered, half = sorted(x.tolist()), len(x) // 2
-    return float(ordered[half] if len(x) % 2 else (ordered[half - 1] + ordered[half]) / 2)
-
-
-class _Counts:
-    """Keys by how many entries they have, so that the emptiest are found without looking at all."""
-
-    def __init__(self) -> None:
-        self.count: dict[int, int] = {}
-        self.buckets: dict[int, dict[int, None]] = {}
-
-    def __len__(self) -> int:
-        return len(self.count)
-
-    def set(self, key: int, count: int) -> None:
-        self.drop(key)
-        self.count[key] = count
-        self.buckets.setdefault(count, {})[key] = None
-
-    def drop(self, key: int) -> None:
-        if key in self.count:
-            bucket = self.buckets[self.count.pop(key)]
-            del bucket[key]
-
-    def fewest(self, number: int) -> list[int]:
-        keys: list[int] = []
-        for count in sorted(self.buckets):
-            for key in self.buckets[count]:
-                keys.append(key)
-                if len(keys) >= number:
-                    return keys
-        return keys
 
 
 def lu(

@@ -140,12 +140,12 @@ def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
         free = mechanism.n - constraints.m
         bases = [_sparse_null_space(J, free) for J in jacobians]
         return Study(mechanism, states, (Drop(()),), free, np.zeros((len(states), constraints.m, 0)), np.array(bases))
-    parts = [_subspaces(J) for J in jacobians]
-    rank = max(part.rank for part in parts)
-    usual = float(np.median([part.smallest for part in parts if part.rank == rank]))
-    regular = np.array([part.rank == rank and part.smallest > SINGULAR * usual for part in parts])
-    chosen = [part for part, good in zip(parts, regular, strict=True) if good]
-    left, null = np.array([part.left for part in chosen]), np.array([part.right for part in chosen])
+    U, s, Vt = np.linalg.svd(np.array(jacobians))
+    ranks = (s > RANK_TOLERANCE * s.max(axis=1, initial=0.0, keepdims=True)).sum(axis=1)
+    rank = int(ranks.max())
+    smallest_values = s[:, rank - 1] / s[:, 0] if rank else np.ones(len(s))
+    regular = (ranks == rank) & (smallest_values > SINGULAR * np.median(smallest_values[ranks == rank]))
+    left, null = U[regular][:, :, rank:], Vt[regular][:, rank:].transpose(0, 2, 1)
     allowed = range(constraints.joint_rows)
     first = spread(left, left.shape[2], allowed)
     if first is None:
@@ -195,24 +195,6 @@ def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int
         choices.append(best)
         open_samples &= smallest(bases, best) < ENOUGH
     return choices
-
-
-@dataclass(frozen=True, eq=False)
-class _Subspaces:
-    """Rank of J, its left and right null space, and its smallest singular value that is not zero, relative to the largest."""
-
-    rank: int
-    left: Array
-    right: Array
-    smallest: float
-
-
-def _subspaces(J: Array) -> _Subspaces:
-    if not len(J):
-        return _Subspaces(0, np.zeros((0, 0)), np.eye(J.shape[1]), 1.0)
-    U, s, Vt = np.linalg.svd(J)
-    rank = int((s > RANK_TOLERANCE * s[0]).sum())
-    return _Subspaces(rank, U[:, rank:], Vt[rank:].T, float(s[rank - 1] / s[0]))
 
 
 def _sparse_null_space(J: Array, free: int) -> Array:

@@ -1,9 +1,10 @@
-"""Laws of time as expressions: the formulas of `mechanism/motion_laws.py`, with switches that are numbers 0 and 1."""
+"""Laws of time as expressions: the formulas of `mechanism/motion_laws.py`, with switches that are numbers 0 and 1.
 
-import numpy as np
+Numpy's sine and cosine of a node are the node's own.
+"""
 
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
-from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.motion_laws import RISE_LAWS, MotionLaw
 from gauss_bench.terms import Array
 
 Law = tuple[Node, Node, Node]  # value, rate, second rate
@@ -23,7 +24,7 @@ def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
         case "table":
             knots = (numbers[key].astype(float) for key in ("times", "angles", "curvatures"))
             return _table(graph, t, float(numbers["start"]), *knots)
-        case "sine" | "cosine" | "poly345":
+        case name if name in RISE_LAWS:
             return _rise(graph, t, law.name, *(float(numbers[key]) for key in ("start", "travel", "time")))
     raise ValueError(f"no kernel for the motion law {law.name}")
 
@@ -32,34 +33,8 @@ def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: floa
     zero, one = graph.constant(0.0), graph.constant(1.0)
     s = minimum(maximum(t * (1.0 / time), zero), one)
     moving = at_most(zero, t) * at_most(t, graph.constant(time))
-    x, rate, second = RISES[name](graph, s)
+    x, rate, second = RISE_LAWS[name](s)
     return x * travel + start, rate * moving * (travel / time), second * moving * (travel / time**2)
-
-
-def _sine(graph: ExpressionGraph, s: Node) -> Law:
-    w = 2 * np.pi
-    angle = s * w
-    wave, slope = graph.sin(angle), graph.cos(angle)
-    return s - wave * (1 / w), 1.0 - slope, wave * w
-
-
-def _cosine(graph: ExpressionGraph, s: Node) -> Law:
-    angle = s * np.pi
-    wave, slope = graph.sin(angle), graph.cos(angle)
-    return (1.0 - slope) * 0.5, wave * (np.pi / 2), slope * (np.pi**2 / 2)
-
-
-def _poly345(graph: ExpressionGraph, s: Node) -> Law:
-    rest = 1.0 - s
-    square = s * s
-    return (
-        square * s * (square * 6.0 - s * 15.0 + 10.0),
-        square * (rest * rest) * 30.0,
-        s * rest * (1.0 - s * 2.0) * 60.0,
-    )
-
-
-RISES = {"sine": _sine, "cosine": _cosine, "poly345": _poly345}
 
 
 def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:

@@ -104,6 +104,12 @@ class Node:
     def __neg__(self) -> "Node":
         return self.graph.neg(self)
 
+    def sin(self) -> "Node":
+        return self.graph.sin(self)
+
+    def cos(self) -> "Node":
+        return self.graph.cos(self)
+
     __radd__ = __add__
     __rmul__ = __mul__
 
@@ -403,17 +409,6 @@ class Vector:
 
     x: Node
     y: Node
-
-    @property
-    def real(self) -> Node:
-        return self.x
-
-    @property
-    def imag(self) -> Node:
-        return self.y
-
-    def conj(self) -> "Vector":
-        return Vector(self.x, -self.y)
 
     def __add__(self, other: "Vector") -> "Vector":
         return Vector(self.x + other.x, self.y + other.y)

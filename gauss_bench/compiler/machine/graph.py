@@ -37,6 +37,7 @@ trajectories has its own part of it. The emitters are `llvm.py` and `source.py`.
 """
 
 import heapq
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -68,6 +69,7 @@ class Graph:
         self.operation: list[str] = []
         self.operands: list[tuple[int, ...]] = []
         self.payload: list[Payload] = []
+        self.ready: list[int] = []  # cycles after which each value is there
         self._known: dict[tuple[str, tuple[int, ...], Payload], int] = {}
 
     def make(self, operation: str, *operands: int, payload: Payload = None) -> int:
@@ -79,6 +81,7 @@ class Graph:
             self.operation.append(operation)
             self.operands.append(operands)
             self.payload.append(payload)
+            self.ready.append(max((self.ready[k] for k in operands), default=0) + LATENCY.get(operation, 0))
         return value
 
     def leaf(self, name: str) -> int:
@@ -216,37 +219,27 @@ def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sin
                 values.append(arguments[operands[0]][operands[1]])
             case "CONST":
                 values.append(g.const(number))
+            case "SIN" | "COS":
+                values.append(sincos(values[operands[0]])[operation == "COS"])
+            case _ if operation in ARITHMETIC:
+                values.append(ARITHMETIC[operation](g, *(values[k] for k in operands)))
             case _:
-                values.append(apply(g, operation, [values[k] for k in operands], sincos))
+                raise ValueError(f"no machine arithmetic for the operation {operation}")
     return [[values[k] for k in output] for output in function.outputs]
 
 
-def apply(g: Graph, operation: str, x: Sequence[int], sincos: Callable[[int], Pair]) -> int:
-    """An operation of a function in machine arithmetic."""
-    match operation:
-        case "ADD":
-            return g.add(*x)
-        case "SUB":
-            return g.sub(*x)
-        case "MUL":
-            return g.mul(*x)
-        case "DIV":
-            return g.div(*x)
-        case "INV":
-            return g.div(g.const(1.0), x[0])
-        case "NEG":
-            return g.neg(x[0])
-        case "SQRT":
-            return g.make("sqrt", x[0])
-        case "SIN" | "COS":
-            return sincos(x[0])[operation == "COS"]
-        case "FMIN":
-            return g.make("select", g.make("lt", x[0], x[1]), x[0], x[1])
-        case "FMAX":
-            return g.make("select", g.make("lt", x[1], x[0]), x[0], x[1])
-        case "LE":
-            return g.make("select", g.make("le", x[0], x[1]), g.const(1.0), g.const(0.0))
-    raise ValueError(f"no machine arithmetic for the operation {operation}")
+ARITHMETIC: dict[str, Callable[..., int]] = {
+    "ADD": Graph.add,
+    "SUB": Graph.sub,
+    "MUL": Graph.mul,
+    "DIV": Graph.div,
+    "NEG": Graph.neg,
+    "INV": lambda g, a: g.div(g.const(1.0), a),
+    "SQRT": lambda g, a: g.make("sqrt", a),
+    "FMIN": lambda g, a, b: g.make("select", g.make("lt", a, b), a, b),
+    "FMAX": lambda g, a, b: g.make("select", g.make("lt", b, a), a, b),
+    "LE": lambda g, a, b: g.flag(g.make("le", a, b)),
+}
 
 
 LATENCY = {
@@ -321,125 +314,95 @@ class Summand(NamedTuple):
     factor: int | None
 
 
-class Timed(Graph):
-    """A graph that knows when each of its values is ready."""
+class _Rewriter:
+    """Writes the values that the roots need from one graph into another.
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.ready: list[int] = []
+    A change of sign is seen through. A sum is inside another where nothing else uses it; a product is inside where sums alone
+    use it, or one product.
+    """
 
-    def make(self, operation: str, *operands: int, payload: float | int | str | None = None) -> int:
-        value = super().make(operation, *operands, payload=payload)
-        if value == len(self.ready):
-            self.ready.append(max((self.ready[k] for k in operands), default=0) + LATENCY[operation])
-        return value
-
-
-class Rewriter:
-    """Writes the values that the roots need from one graph into another."""
-
-    def __init__(self, old: Graph, roots: list[int], new: Timed):
+    def __init__(self, old: Graph, roots: list[int], new: Graph):
         self.old, self.new = old, new
         self.known: dict[int, int] = {}
-        needed = live(old, roots)
-        self.users: dict[int, list[int]] = {x: [] for x in needed}
+        needed = [x for x in live(old, roots) if old.operation[x] != "neg"]
+        users: dict[int, list[int]] = {x: [] for x in needed}
         for x in needed:
             for k in old.operands[x]:
-                self.users[k].append(x)
-        for x in roots:
-            self.users[x].append(-1)  # a use of its own, that nothing can absorb
-        self.inner = {x for x in needed if self._inside(x)}
+                users[self._strip(k)[0]].append(x)
+        self.inner = {x for x in needed if self._inside(x, [old.operation[k] for k in users[x]])}
+        self.inner -= {self._strip(x)[0] for x in roots}
+        divisors = Counter(old.operands[x][1] for x in needed if old.operation[x] == "div")
+        self.shared = {x for x, count in divisors.items() if count > 1}
         for x in needed:
             if x not in self.inner:
-                self.known[x] = self._write(x)
+                self.get(x)
 
-    def _ends(self, x: int) -> list[int]:
-        """Users of a value, seen through changes of sign."""
-        ends = []
-        for user in self.users[x]:
-            ends += self._ends(user) if user >= 0 and self.old.operation[user] == "neg" else [user]
-        return ends
+    def _strip(self, x: int) -> tuple[int, bool]:
+        """A value without a change of sign, and whether there was one."""
+        return (self.old.operands[x][0], True) if self.old.operation[x] == "neg" else (x, False)
 
-    def _inside(self, x: int) -> bool:
-        """Tell whether a value disappears in the sum or product that uses it."""
-        operation = self.old.operation[x]
-        if operation in SUMS or operation == "mul":
-            ends = self._ends(x)
-            if all(e >= 0 and self.old.operation[e] in SUMS for e in ends):
-                return operation == "mul" or len(ends) == 1
-            if operation == "mul" and len(ends) == 1:
-                return ends[0] >= 0 and self.old.operation[ends[0]] == "mul" and self.users[x] == ends
-        return operation == "neg" and self.old.operation[self.old.operands[x][0]] in (*SUMS, "mul") and self._passes(x)
+    def _inside(self, x: int, users: list[str]) -> bool:
+        operation, summed = self.old.operation[x], all(user in SUMS for user in users)
+        if operation in SUMS:
+            return len(users) == 1 and summed
+        return operation == "mul" and bool(users) and (summed or users == ["mul"])
 
-    def _passes(self, x: int) -> bool:
-        """Tell whether a change of sign is only met on the way into sums."""
-        return all(e >= 0 and self.old.operation[e] in SUMS for e in self._ends(x))
+    def get(self, x: int) -> int:
+        """A value in the new graph."""
+        base, negative = self._strip(x)
+        if base not in self.known:
+            self.known[base] = self._write(base)
+        return self.new.neg(self.known[base]) if negative else self.known[base]
 
     def _write(self, x: int) -> int:
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
             return self._sum(self._terms(x))
         if operation == "mul":
-            return self._product(self._factors(x))
-        if operation == "neg":
-            return self.new.neg(self._get(operands[0]))
+            return self.new.mul(*self._last_two(x))
         if operation == "div":
             return self._ratio(*operands)
-        return self.new.make(operation, *(self.known[k] for k in operands), payload=self.old.payload[x])
-
-    def _get(self, x: int) -> int:
-        if x not in self.known:
-            self.known[x] = self._write(x)
-        return self.known[x]
+        return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
     def _terms(self, x: int) -> list[Summand]:
-        terms = []
-        waiting = [(x, False)]
+        terms, waiting = [], [(x, False)]
         while waiting:
             y, negative = waiting.pop()
-            operation, operands = self.old.operation[y], self.old.operands[y]
-            if operation in SUMS and (y == x or y in self.inner):
+            base, minus = self._strip(y)
+            negative ^= minus
+            operation, operands = self.old.operation[base], self.old.operands[base]
+            if operation in SUMS and (base == x or base in self.inner):
                 waiting += [(operands[0], negative), (operands[1], negative != (operation == "sub"))]
-            elif operation == "neg":
-                waiting.append((operands[0], not negative))
-            elif operation == "mul" and y in self.inner:
-                (a, minus_a), (b, minus_b) = map(self.new.unsigned, self._last_two(self._factors(y)))
+            elif base in self.inner:
+                (a, minus_a), (b, minus_b) = map(self.new.unsigned, self._last_two(base))
                 terms.append(Summand(negative ^ minus_a ^ minus_b, a, b))
             else:
-                value, minus = self.new.unsigned(self._get(y))
+                value, minus = self.new.unsigned(self.get(base))
                 terms.append(Summand(negative ^ minus, value, None))
         return terms
 
-    def _factors(self, x: int) -> list[int]:
-        factors, waiting = [], [x]
+    def _last_two(self, x: int) -> Pair:
+        """A product up to its last multiplication, the factors that are ready first multiplied first."""
+        factors, waiting, ready = [], [x], self.new.ready
         while waiting:
             y = waiting.pop()
-            if self.old.operation[y] == "mul" and (y == x or (y in self.inner and len(self.users[y]) == 1)):
+            if self.old.operation[y] == "mul" and (y == x or y in self.inner):
                 waiting += self.old.operands[y]
             else:
-                factors.append(self._get(y))
-        return factors
-
-    def _last_two(self, factors: list[int]) -> Pair:
-        """A product up to its last multiplication."""
-        heap = [(self.new.ready[f], f) for f in factors]
+                factors.append(self.get(y))
+        heap = [(ready[f], f) for f in factors]
         heapq.heapify(heap)
         while len(heap) > 2:
             product = self.new.mul(heapq.heappop(heap)[1], heapq.heappop(heap)[1])
-            heapq.heappush(heap, (self.new.ready[product], product))
+            heapq.heappush(heap, (ready[product], product))
         return heap[0][1], heap[1][1]
 
-    def _product(self, factors: list[int]) -> int:
-        return self.new.mul(*self._last_two(factors))
-
-    def _sum(self, terms: Iterable[Summand]) -> int:
+    def _sum(self, terms: list[Summand]) -> int:
         heap = [(self._ready(term), n, term) for n, term in enumerate(terms)]
         heapq.heapify(heap)
-        n = len(heap)
-        while len(heap) > 1:
+        for n in range(len(heap), 2 * len(heap) - 1):
             term = self._join(heapq.heappop(heap)[2], heapq.heappop(heap)[2])
             heapq.heappush(heap, (self._ready(term), n, term))
-            n += 1
         negative, value, factor = heap[0][2]
         total = value if factor is None else self.new.mul(value, factor)
         return self.new.neg(total) if negative else total
@@ -452,30 +415,26 @@ class Rewriter:
         g = self.new
         if early.factor is not None and late.factor is None:
             early, late = late, early
-        elif early.factor is not None:
-            early = Summand(early.negative, g.mul(early.value, early.factor), None)
+        value = early.value if early.factor is None else g.mul(early.value, early.factor)
         opposite = early.negative != late.negative
         if late.factor is not None:
-            total = g.fma(g.neg(late.value) if opposite else late.value, late.factor, early.value)
+            total = g.fma(g.neg(late.value) if opposite else late.value, late.factor, value)
         else:
-            total = g.sub(early.value, late.value) if opposite else g.add(early.value, late.value)
-        if g.operation[total] == "neg":
-            return Summand(not early.negative, g.operands[total][0], None)
-        return Summand(early.negative, total, None)
+            total = g.sub(value, late.value) if opposite else g.add(value, late.value)
+        total, minus = (g.operands[total][0], True) if g.operation[total] == "neg" else (total, False)
+        return Summand(early.negative ^ minus, total, None)
 
     def _ratio(self, a: int, b: int) -> int:
-        g = self.new
-        above, below = self._get(a), self._get(b)
-        shared = sum(self.old.operation[u] == "div" and self.old.operands[u][1] == b for u in self.users[b] if u >= 0) > 1
-        if g.number(above) != 1 and (shared or g.ready[above] > g.ready[below] + EARLIER):
+        g, above, below = self.new, self.get(a), self.get(b)
+        if g.number(above) != 1 and (b in self.shared or g.ready[above] > g.ready[below] + EARLIER):
             return g.mul(above, g.div(g.const(1.0), below))
         return g.div(above, below)
 
 
-def rewrite(g: Graph, roots: list[int], into: Timed | None = None) -> tuple[Timed, list[int]]:
+def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, list[int]]:
     """The roots in a new graph, or in one that others were written into before; leaves count as ready at the beginning."""
-    rewriter = Rewriter(g, roots, Timed() if into is None else into)
-    return rewriter.new, [rewriter.known[x] for x in roots]
+    rewriter = _Rewriter(g, roots, Graph() if into is None else into)
+    return rewriter.new, [rewriter.get(x) for x in roots]
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler import user_cache
+from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.graph import Routine
 from gauss_bench.compiler.machine.llvm import Listing, listing
 from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
@@ -29,6 +30,7 @@ from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
 
+BACKENDS = ("llvm", "numpy")
 VERSION = "1"  # of what is kept in the cache
 LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes a tenth of the time
 QUICK = "GAUSS_BENCH_QUICK_CODE"  # in the environment: code that is soon there and computes the same bits more slowly
@@ -215,6 +217,22 @@ class Target:
     backend: str
     lanes: int
     cache: bool
+
+
+def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target:
+    """The target of code: where None, the first backend that is installed, and as many lanes as vectors of the host hold.
+
+    Raises:
+        KernelError: a backend that is not there, or lanes that are no power of 2.
+    """
+    if backend not in (None, *BACKENDS):
+        raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
+    if backend == "llvm" and not available():
+        raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
+    chosen, width = backend or ("llvm" if available() else "numpy"), best_lanes() if lanes is None else lanes
+    if width < 1 or (chosen == "llvm" and width & (width - 1)):
+        raise KernelError(f"{width} lanes are no power of 2")
+    return Target(chosen, width, cache)
 
 
 def in_plain_c(*routines: Routine) -> str:

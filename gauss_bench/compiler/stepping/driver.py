@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
 from gauss_bench.integrate.legs import legs
 from gauss_bench.terms import Array
@@ -15,6 +15,13 @@ Numbers = Callable[[float], Array]  # time [s] -> all open numbers (k, n_p) ther
 
 STRIDE = 1e-4  # of all times: a step past a singular position
 INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
+
+
+class ByRank(Protocol):
+    """Single steps of a mechanism with the numbers of its file, whatever the rank of its rows."""
+
+    def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]: ...
+    def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]: ...
 
 
 @dataclass
@@ -33,7 +40,7 @@ class Driver:
     others go with time, and the rank decision knows them.
     """
 
-    def __init__(self, programs: Programs, by_rank: RankDecision, projected: bool, given: int):
+    def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
         self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
         self.tally = Tally()
 

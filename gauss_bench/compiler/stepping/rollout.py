@@ -39,7 +39,6 @@ from gauss_bench.compiler.machine.graph import (
     Routine,
     Statement,
     Store,
-    Timed,
     count_operations,
     live,
     order,
@@ -67,7 +66,7 @@ class Body:
         values: of one step, in order; operations: among them.
     """
 
-    def __init__(self, code: Code, step: Step, plain: bool = False, into: Timed | None = None):
+    def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
         self.step = step = step if plain else step.rewritten(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
         g, n, needed = self.graph, code.program.n, live(step.graph, step.roots())
@@ -161,7 +160,7 @@ def _either(g: Graph, a: int, b: int) -> int:
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
     """The step within each of some reaches, in one graph."""
-    graph = Timed()
+    graph = Graph()
     return [Body(code, STEPS[integrator](code, reach), into=graph) for reach in reaches]
 
 

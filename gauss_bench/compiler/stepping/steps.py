@@ -35,7 +35,7 @@ import numpy as np
 
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.code import Code
-from gauss_bench.compiler.machine.graph import Graph, Pair, Timed, inline, rewrite
+from gauss_bench.compiler.machine.graph import Graph, Pair, inline, rewrite
 from gauss_bench.integrate.fixed_step import DIFFERENCE, NATIVE_PASSES, dop853_estimates, dop853_tableau, gauss_tableau
 from gauss_bench.terms import Array
 
@@ -146,7 +146,7 @@ class Step:
         error = [] if self.error is None else [self.error]
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error]
 
-    def rewritten(self, into: Timed | None = None) -> "Step":
+    def rewritten(self, into: Graph | None = None) -> "Step":
         """The step with its arithmetic regrouped, in a graph that may have other steps already."""
         every = [*self.roots(), *self.settled.values()]
         graph, roots = rewrite(self.graph, every, into)
