@@ -17,9 +17,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gauss_bench.integrate.fixed_step import tableau
+from gauss_bench.engines.base import Choice
+from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts, tableau
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
+from gauss_bench.trajectory import RunFailure, Status, Trajectory, finite, in_a_sentence
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
 LONGEST = 300.0  # [s] to compile
@@ -98,3 +99,43 @@ def _library(source: str) -> ctypes.CDLL:
             if done.returncode:
                 raise RunFailure(Status.ERROR, f"{program} refuses the source: {in_a_sentence(done.stderr)}")
         return ctypes.CDLL(str(linked))
+
+
+class CompiledSteps:
+    """A model that is stepped from sample to sample by compiled code, in place.
+
+    Attributes:
+        start: coordinates and rates (n,) at the beginning.
+        note: a remark on every run.
+    """
+
+    choice: Choice
+    start: tuple[Array, Array]
+    note: str
+
+    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
+        """Take `count` steps of h [s] from t, in place."""
+        raise NotImplementedError
+
+    def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
+        """q, v, a (k, n) of the linkage at states (k, n)."""
+        raise NotImplementedError
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        """There is only the compiled loop, whatever `native` says."""
+        self.times, self.plan = times, step_counts(times, self.choice.step)
+        self.x, self.dx = np.full((2, len(times), len(self.start[0])), np.nan)
+        self.x[0], self.dx[0] = self.start
+
+    def run(self) -> None:
+        for k, (count, h) in enumerate(self.plan):
+            self.x[k + 1], self.dx[k + 1] = self.x[k], self.dx[k]
+            self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)
+
+    def read(self) -> Trajectory:
+        reached = finite(self.x, self.dx)
+        known = self.motion(self.times[:reached], self.x[:reached], self.dx[:reached])
+        q, v, a = np.full((3, len(self.times), known[0].shape[1]), np.nan)
+        q[:reached], v[:reached], a[:reached] = known
+        steps = sum(count for count, _ in self.plan)
+        return Trajectory(self.times, q, v, a, steps, EVALUATIONS[self.choice.integrator] * steps, self.note)

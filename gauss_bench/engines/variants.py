@@ -136,7 +136,7 @@ def _read(told: _File) -> Variants:
         _require(label in settings, f"variants.{name}", f"there are no settings {label!r}")
         _known(line, (*told.knobs, "settings"), f"variants.{name}")
         _require("integrator" in line, f"variants.{name}", "integrator is missing")
-        for variant in _points(name, {"stabilization": "none", **line}, settings[label]):
+        for variant in _points(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label]):
             _require(variant.name not in {**space, **settings}, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
             soft |= {variant.name: soft[label]} if label in soft else {}

@@ -14,9 +14,8 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.by_hand.loops import Loop, Underived, loop_of
-from gauss_bench.engines.c_code import FLAGS, NO_COMPILER, Code, compiler
+from gauss_bench.engines.c_code import FLAGS, NO_COMPILER, Code, CompiledSteps, compiler
 from gauss_bench.engines.following import follow, wind
-from gauss_bench.engines.own_steps import CompiledSteps
 from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.mechanism.coordinates import position, rotate

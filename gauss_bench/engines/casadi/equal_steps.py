@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.c_code import NO_COMPILER, Code, compiler
-from gauss_bench.engines.own_steps import CompiledSteps
+from gauss_bench.engines.c_code import NO_COMPILER, Code, CompiledSteps, compiler
 from gauss_bench.engines.shared import finite_acceleration
 from gauss_bench.integrate.fixed_step import tableau
 from gauss_bench.mechanism.model import Mechanism

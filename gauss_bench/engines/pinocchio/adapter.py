@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.own_steps import OwnSteps
+from gauss_bench.engines.interpreted import OwnSteps
 from gauss_bench.engines.pinocchio import build as building
 from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, beyond_the_loop
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
