@@ -1,7 +1,6 @@
 """Kinematics from the command line: three ways that agree, errors that name what is wrong, pictures and tables."""
 
 import csv
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -94,29 +93,26 @@ def test_a_limit_of_motion_is_told_with_what_was_reached(capsys: pytest.CaptureF
     assert 0 < len(found["t"]) < 41
 
 
-def test_tables_and_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    plot, film = tmp_path / "plot.svg", tmp_path / "film.svg"
-    command = ["kinematics", "four_bar", "--steps", "24", "--plot", str(plot), "--animate", str(film), "--out", "csv"]
-    assert main(command) == 0
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert len(rows) == 25
-    assert float(rows[6]["crank.theta"]) == pytest.approx(np.pi / 2, abs=1e-12)
-    assert "<svg" in plot.read_text(encoding="utf-8")
-    assert "animate" in film.read_text(encoding="utf-8")
-
-
-def test_files_of_a_user_are_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_and_pictures_are_written_and_a_users_files_are_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Nothing is written where one of the files is there already; with --replace all of them are."""
-    plot, table = tmp_path / "plot.svg", tmp_path / "table.csv"
-    command = ["kinematics", "four_bar", "--intervals", "4", "--plot", str(plot), "--out", str(table)]
+    plot, film, table = (tmp_path / name for name in ("plot.svg", "film.svg", "table.csv"))
+    command = ["kinematics", "four_bar", "--steps", "24", "--plot", str(plot), "--animate", str(film), "--out", str(table)]
     table.write_text("mine", encoding="utf-8")
     assert main(command) == 2
     assert "is there already" in capsys.readouterr().err
     assert table.read_text(encoding="utf-8") == "mine"
     assert not plot.exists()
     assert main([*command, "--replace"]) == 0
-    assert len(table.read_text(encoding="utf-8").splitlines()) == 6
-    assert plot.exists()
+    rows = list(csv.DictReader(table.open(encoding="utf-8")))
+    assert len(rows) == 25
+    assert float(rows[6]["crank.theta"]) == pytest.approx(np.pi / 2, abs=1e-12)
+    assert "<svg" in plot.read_text(encoding="utf-8")
+    assert "animate" in film.read_text(encoding="utf-8")
+    capsys.readouterr()
+    assert main([*command[:4], "--out", "csv"]) == 0
+    assert capsys.readouterr().out == table.read_text(encoding="utf-8")
 
 
 def test_a_knife_edge_without_a_driver_is_told_what_to_run_instead(capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,10 +32,9 @@ MISSED = [ladder("exudyn", "loose", n, 1.0 / n**2) for n in (100.0, 200.0, 400.0
 RUN = Run({}, {"search_ladder": (*(x for x, _ in WAYS.values()), *MISSED), "search_times": tuple(timed(*x) for x in WAYS.values())})
 
 
-def test_multiples_are_over_the_fastest_of_all_or_of_those_that_are_named() -> None:
+def test_multiples_are_over_the_fastest_of_all() -> None:
     seconds = {"minimal": 1.0, "gauss-native": 2.0, "lagrange-native": 1.5, "mujoco": 30.0, "exudyn": math.nan}
     assert multiples(seconds) == {"minimal": 1.0, "gauss-native": 2.0, "lagrange-native": 1.5, "mujoco": 30.0}
-    assert multiples(seconds, ("gauss-native", "lagrange-native"))["mujoco"] == 20.0
 
 
 def test_the_first_table_has_error_time_and_multiple_of_each_way() -> None:

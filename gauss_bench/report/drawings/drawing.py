@@ -55,10 +55,8 @@ def shapes_of(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: 
 
 def names_of(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], length: float, bar: Array) -> list[str]:
     """The names of all parts at state q (n,), clear of the scale bar of a length [m] between two pixels (2, 2)."""
-    acting = [(part.name, part.lines()) for part in parts if part.name and len(part.reach)]
-    lines = np.vstack([*(part.lines() for part in parts), bar[None]])
-    taken = [box_of(f"{length:g} m", bar.mean(axis=0) - np.array([0.0, 10.0]), 11.0)]
-    return lettering(mechanism, q, canvas.at, (canvas.width, canvas.height), lines, acting, taken)
+    taken = box_of(f"{length:g} m", bar.mean(axis=0) - np.array([0.0, 10.0]), 11.0)
+    return lettering(mechanism, q, canvas, parts, taken, bar)
 
 
 def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:

@@ -1,13 +1,13 @@
 """Puts the names of links, points and forces into a drawing, each where it is farthest from lines, and never over another name."""
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from xml.sax.saxutils import escape
 
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Mechanism, Revolute
+from gauss_bench.report.drawings.canvas import Canvas, Part
 from gauss_bench.report.palette import CRANK_EDGE, INK, MUTED
 from gauss_bench.terms import Array
 
@@ -18,8 +18,6 @@ FAR = 22.0  # [px] clearance of a link's name beyond which a place is as good as
 NEAR = 8.0  # [px] the same of names that belong to one spot, which they should not leave
 EDGE = 3.0  # [px] between a name and the picture's edge, or another name
 WAYS = np.stack([np.cos(turns := np.linspace(0, 2 * np.pi, 24, endpoint=False)), -np.sin(turns)], axis=-1)  # all round
-
-Pixels = Callable[[Array], Array]
 
 
 def width_of(name: str, size: float = 13.0) -> float:
@@ -33,48 +31,36 @@ def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
     return np.concatenate([middle - half, middle + half])
 
 
-def lettering(
-    mechanism: Mechanism,
-    q: Array,
-    at: Pixels,
-    size: tuple[float, float],
-    segments: Array,
-    forces: Sequence[tuple[str, Array]] = (),
-    taken: Sequence[Array] = (),
-) -> list[str]:
-    """SVG texts of all names.
+def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], taken: Array, bar: Array) -> list[str]:
+    """SVG texts of all names at state q (n,).
 
     Args:
-        at: turns world positions into pixels.
-        segments: (k, 2, 2) the lines to keep away from.
-        forces: names and lines (l, 2, 2) of what acts; a name that finds no room beside its lines is left out.
-        taken: boxes (4,) of what is written already.
+        parts: everything drawn; a force that finds no room beside its lines goes without its name.
+        taken: the box (4,) of what is written already; bar: a line (2, 2) that is drawn besides.
     """
-    boxes = list(taken)
+    boxes, size = [taken], (canvas.width, canvas.height)
+    segments = np.vstack([*(part.lines() for part in parts), bar[None]])
     texts = []
-    for name, where in _points(mechanism, q, at):
+    for name, where in _points(mechanism, q, canvas):
         wide = np.array([width_of(name) / 2 - 4.0, 0.0])
         places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in WAYS]
         texts.append(_text(name, _best(places, name, segments, boxes, size, NEAR)[0], INK, 'font-style="italic"'))
-    for name, middles in _links(mechanism, q, at):
-        texts.append(_text(name, _best(middles, name, segments, boxes, size)[0], MUTED, ""))
-    for name, lines in forces:
-        place, room = _best(_beside_lines(name, lines), name, segments, [*boxes], size, NEAR)
+    for part in (x for x in parts if x.title):
+        lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
+        texts.append(_text(part.title, _best(_beside_lines(part.title, lines), part.title, segments, boxes, size)[0], MUTED, ""))
+    for part in (x for x in parts if x.name and len(x.reach)):
+        place, room = _best(_beside_lines(part.name, part.lines()), part.name, segments, [*boxes], size, NEAR)
         if room > 0:
-            boxes.append(box_of(name, place))
-            texts.append(_text(name, place, CRANK_EDGE, ""))
+            boxes.append(box_of(part.name, place))
+            texts.append(_text(part.name, place, CRANK_EDGE, ""))
     return texts
 
 
 def _beside_lines(name: str, lines: Array) -> list[Array]:
-    """Places beside the middle of each line, and around all of them."""
-    middles = lines.mean(axis=1)
-    centre = middles.mean(axis=0)
-    around = float(np.hypot(*(middles - centre).T).max(initial=0.0))
+    """Places beside parts of each line (l, 2, 2), all round."""
     wide = np.array([width_of(name) / 2, 0.0])
-    spots = [centre] if around > 0 else [a + part * (b - a) for a, b in lines for part in (0.5, 0.35, 0.65)]
-    reach = around + 11.0
-    return [spot + (reach + more) * way + wide * way for more in (0.0, 6.0) for spot in spots for way in WAYS]
+    spots = [a + part * (b - a) for part in (0.5, 0.35, 0.65, 0.2, 0.8) for a, b in lines]
+    return [spot + reach * way + wide * way for reach in (13.0, 19.0, 27.0) for spot in spots for way in WAYS[::2]]
 
 
 def _text(name: str, place: Array, colour: str, style: str) -> str:
@@ -82,38 +68,15 @@ def _text(name: str, place: Array, colour: str, style: str) -> str:
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" fill="{colour}" {style}>{escape(name)}</text>'.replace(" >", ">")
 
 
-def _points(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, Array]]:
+def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
     """Names and pixels of joints and observed points, each place once."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     once: dict[tuple[float, float], str] = {}
     for name, point in named:
-        x, y = np.round(at(position(q, point)), 1)
+        x, y = np.round(canvas.at(position(q, point)), 1)
         once.setdefault((float(x), float(y)), name)
     return [(name, np.array(where)) for where, name in once.items()]
-
-
-def _links(mechanism: Mechanism, q: Array, at: Pixels) -> list[tuple[str, list[Array]]]:
-    """Names of links and the pixels they could stand at: beside the middle of a bar, or around a block."""
-    lettered = []
-    for i, link in enumerate(mechanism.links):
-        where = {name: at(position(q, mechanism.point(i, name))) for name in link.points}
-        names = list(where)
-        places: list[Array] = []
-        for a, b in link.bars or list(pairwise(names)):
-            along = (where[b] - where[a]) / max(float(np.hypot(*(where[b] - where[a]))), 1e-9)
-            reach = 15 + 0.5 * width_of(link.name) * abs(along[1])
-            normal = np.array([-along[1], along[0]])
-            for part in (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8):
-                middle = where[a] + part * (where[b] - where[a])
-                places += [middle + side * (reach + more) * normal for side in (-1, 1) for more in (0, 6, 14)]
-        centre = np.mean(list(where.values()), axis=0)
-        if len(names) > 2:
-            places.append(centre)
-        if not places:
-            places = [centre + np.array([dx, dy]) for dy in (-26, 30) for dx in (0, 24, -24, 44, -44)]
-        lettered.append((link.name, places))
-    return lettered
 
 
 def _best(

@@ -207,10 +207,9 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
     return leaders
 
 
-def multiples(seconds: Mapping[Key, float], over: Iterable[Key] = ()) -> dict[Key, float]:
-    """Return times over the least of them, whoever it belongs to; or over the least of those that are named."""
-    named = set(over)
-    least = min((x for k, x in seconds.items() if is_known(x) and (not named or k in named)), default=math.nan)
+def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
+    """Return times over the least of them, whoever it belongs to."""
+    least = min((x for x in seconds.values() if is_known(x)), default=math.nan)
     return {k: x / least for k, x in seconds.items() if is_known(x)}
 
 
