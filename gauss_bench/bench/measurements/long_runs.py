@@ -9,9 +9,8 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.clock import Missing, Row, row
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
-from gauss_bench.bench.tasks import Tables, Task, place_of
+from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS as ENGINES
