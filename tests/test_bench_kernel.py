@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.clock import Key, Measured, Missing, at_least, at_most, foreseen
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import growth
 from gauss_bench.bench.measurements.claim import verdict
 from gauss_bench.bench.measurements.growth import exponents, over_races
 from gauss_bench.bench.measurements.processor import CHAINS, chain_text
 from gauss_bench.bench.measurements.rivals import step_rows
 from gauss_bench.bench.runner import run
+from gauss_bench.bench.tasks import Context
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench.clock import Key, Measured, compare, foreseen
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import race_batch
 from gauss_bench.bench.measurements.cost import BARE, race_cost
@@ -20,6 +19,7 @@ from gauss_bench.bench.measurements.rivals import rhs_rows
 from gauss_bench.bench.measurements.turns import LEVELS, race_turns
 from gauss_bench.bench.runner import complete_rows
 from gauss_bench.bench.survived import ROOM, at_work, race_here
+from gauss_bench.bench.tasks import Context
 from gauss_bench.compiler.closure import Closure
 from gauss_bench.compiler.kernel import Kernel
 from gauss_bench.compiler.machine import native_code

@@ -11,7 +11,6 @@ import pytest
 
 from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, ratio, spread, time_of
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, over, race_found, requirements
 from gauss_bench.bench.search import (
@@ -24,7 +23,7 @@ from gauss_bench.bench.search import (
     tolerances,
     won,
 )
-from gauss_bench.bench.tasks import Tables
+from gauss_bench.bench.tasks import Context, Tables
 from gauss_bench.bench.ways import BEATS, Way, evaluate_run, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get

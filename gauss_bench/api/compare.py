@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 
 from gauss_bench.bench.cases import cross
-from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.bench.runner import measure_all
+from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import names
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.offers import ChoiceError, check_budget, duration, offers, usable_steps

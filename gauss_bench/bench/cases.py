@@ -41,36 +41,31 @@ class Case:
         return Choice(self.settings, self.integrator, self.stabilization, self.step)
 
 
-def variants(engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False) -> list[Variant]:
+def variants(
+    engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False, asked: str | None = None
+) -> list[Variant]:
     """The (settings, integrator, stabilization) an engine is shown at: its defaults, its best, and what a user would try.
 
-    Every setting with every integrator (or the first few, or those that are named) without stabilisation, and every stabilisation
-    at the defaults; or, of an engine that is shown plainly, its defaults alone.
-    """
-    if not engine.usable:
-        return [("default", "", "none")]  # one row, which says why
-    if integrators is None or isinstance(integrators, int):
-        chosen = engine.integrators[:integrators]
-    else:
-        chosen = tuple(x for x in engine.integrators if x in integrators)
-    first = (next(iter(engine.settings)), (chosen or engine.integrators)[0])
-    if plain:
-        return [(*first, "none")]
-    every = [(s, i, "none") for s in engine.settings for i in chosen]
-    return every + [(*first, s) for s in engine.stabilizations if s != "none"]
-
-
-def under(engine: Offer, settings: str) -> list[Variant]:
-    """An engine at settings of a user's, with every integrator, and with every stabilisation at its first one.
+    Every setting (or that of a user who asked for one) with every integrator (or the first few, or those that are named) without
+    stabilisation, and every stabilisation at the defaults; or, of an engine that is shown plainly, its defaults alone.
 
     Raises:
         ChoiceError: settings that the engine does not know.
     """
     if not engine.usable:
-        return variants(engine)
-    engine.require_settings(settings)
-    every = [(settings, integrator, "none") for integrator in engine.integrators]
-    return every + [(settings, engine.integrators[0], s) for s in engine.stabilizations if s != "none"]
+        return [("default", "", "none")]  # one row, which says why
+    if asked is not None:
+        engine.require_settings(asked)
+    if integrators is None or isinstance(integrators, int):
+        chosen = engine.integrators[:integrators]
+    else:
+        chosen = tuple(x for x in engine.integrators if x in integrators)
+    labels = [*engine.settings] if asked is None else [asked]
+    first = (labels[0], (chosen or engine.integrators)[0])
+    if plain:
+        return [(*first, "none")]
+    every = [(s, i, "none") for s in labels for i in chosen]
+    return every + [(*first, s) for s in engine.stabilizations if s != "none"]
 
 
 def cross(
@@ -86,7 +81,7 @@ def cross(
     for linkage, scenario in linkages.items():
         for name in engines:
             engine = offer(name)
-            shown = variants(engine, integrators, name in plain) if asked is None else under(engine, asked)
+            shown = variants(engine, integrators, name in plain) if asked is None else variants(engine, asked=asked)
             for settings, integrator, stabilization in shown:
                 for step in steps[-1:] if integrator in engine.adaptive else steps:
                     yield Case(linkage, scenario, name, settings, integrator, stabilization, step, t_end)

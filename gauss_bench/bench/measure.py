@@ -11,8 +11,8 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.bench.poses import poses
+from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines.base import Model
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, judge, remark

@@ -17,13 +17,12 @@ import pandas as pd
 
 from gauss_bench.bench import measurements
 from gauss_bench.bench.cases import Case
-from gauss_bench.bench.context import CASE_LIMIT, Context
 from gauss_bench.bench.journal import Journal, fingerprint
 from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.tasks import Tables, finish, gather
+from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, finish, gather
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from gauss_bench.bench.clock import BLOCK, Block, stepping
-from gauss_bench.bench.context import CASE_LIMIT
+from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Model, Variant
 from gauss_bench.mechanism.evaluate import Evaluator

@@ -108,15 +108,11 @@ def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
         kept = []
         for part in getattr(suite, name):
             if isinstance(part, OnLinkages):
-                chosen = {x: s for x, s in linkages.items() if part.any_linkage or x in part.linkages}
+                # a part that lists them has scenarios of its own
+                chosen = linkages if part.any_linkage else {x: s for x, s in part.linkages.items() if x in linkages}
                 if chosen:
-                    kept.append(part.model_copy(update={"linkages": chosen if part.any_linkage else _own(part, chosen)}))
+                    kept.append(part.model_copy(update={"linkages": dict(chosen)}))
             elif name in ("left_out", "steps", "right_hand_side", "bounds"):
                 kept.append(part)
         content[name] = tuple(kept)
     return suite.model_copy(update=content)
-
-
-def _own(part: OnLinkages, chosen: Mapping[str, str]) -> dict[str, str]:
-    """The scenarios that a part itself wants of the chosen linkages."""
-    return {x: part.linkages[x] for x in chosen}

@@ -13,12 +13,12 @@ from gauss_bench.api.files import usable_folder
 from gauss_bench.api.programs import programs
 from gauss_bench.api.telling import Answer, Told, render
 from gauss_bench.bench import cases, gate
-from gauss_bench.bench.context import CASE_LIMIT
 from gauss_bench.bench.differences import accuracy_rows, compare_times, differences
 from gauss_bench.bench.measurements.search import search_linkage
 from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.bench.runner import run as run_suite
+from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import require
 from gauss_bench.linkage.load import load
 from gauss_bench.report.build import build_report, refuse_pages_of_others

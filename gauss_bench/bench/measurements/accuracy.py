@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.cases import Case, as_asked, cases
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measure import at_checkpoints, measure, mechanism_of, reference_of
 from gauss_bench.bench.poses import keep, play, true_poses
-from gauss_bench.bench.tasks import Rows, Tables, Task, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, place_of
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import observed_order
 from gauss_bench.runs.apart import Alteration

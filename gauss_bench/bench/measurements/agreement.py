@@ -12,10 +12,9 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.clock import Missing, Row, at_most, row
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
 from gauss_bench.bench.measurements.geometry import exact_motion
-from gauss_bench.bench.tasks import Tables, Task, place_of
+from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines import get

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Key, Row, at_least, gather_rounds, lasting, row
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Tables, Task, place_of
+from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load

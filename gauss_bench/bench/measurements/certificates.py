@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import PAUSE, Rows, Tables, Task, finish, gather, place_of
+from gauss_bench.bench.tasks import PAUSE, Context, Rows, Tables, Task, finish, gather, place_of
 from gauss_bench.engines import not_installed
 from gauss_bench.linkage.load import SINGLE, built_in, built_in_folder, document_of, load
 from gauss_bench.mechanism.coordinates import value

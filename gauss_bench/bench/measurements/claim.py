@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather_rounds, row
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_of
 from gauss_bench.compiler.elimination.program import costs, known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.linkage.load import load

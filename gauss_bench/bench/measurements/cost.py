@@ -20,10 +20,9 @@ import numpy as np
 
 from gauss_bench.bench.cases import variants
 from gauss_bench.bench.clock import Block, Key, Measured, gather_rounds, key_of, lasting, ratio, stepping, time_of
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import LIMIT, Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import LIMIT, Context, Rows, Tables, Task, patient, place_of
 from gauss_bench.engines import get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.linkage.load import load

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import LIMIT, Tables, Task
+from gauss_bench.bench.tasks import LIMIT, Context, Tables, Task
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.bench.tasks import Context, Tables, Task
 from gauss_bench.kinematics.basic_coordinates import basic_motion
 from gauss_bench.kinematics.basins import basins, loop_form, point_form, whole_turns_apart
 from gauss_bench.kinematics.inputs import inputs_of

@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather_rounds, lasting, row, spread
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Rows, Tables, Task, patient
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.engines.exudyn import library_calls as exudyn

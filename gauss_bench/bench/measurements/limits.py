@@ -10,10 +10,9 @@ Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
 
 from gauss_bench.bench.clock import Key, Measured, Row, pad, row, spread
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, gather_by_linkage
 from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, name_machine, processor_rows
-from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.bench.tasks import Context, Tables, Task
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code

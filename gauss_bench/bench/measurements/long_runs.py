@@ -9,9 +9,8 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.clock import Missing, Row, row
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.claim import FORMULATIONS
-from gauss_bench.bench.tasks import Tables, Task, place_of
+from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS as ENGINES
@@ -40,16 +39,16 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
         coarse: Row = {}
         for step in (part.step, part.step / 2):
             start: Row = place_of(mechanism) | {"formulation": formulation, "step": step}
-            energies: list[float] = []
-            told = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration, energies)
+            told = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
+            energies = told.pop("energies", [])
             rows.append(judge_row(told, coarse, part))
             windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
             coarse = told
     return {"kernel_long": rows, "kernel_energy": windows}
 
 
-def measure(mechanism: Mechanism, formulation: str, step: float, duration: float, energies: list[float]) -> Row:
-    """Drift and energy of one run; the largest errors of the energy [J] in each window are put into `energies`.
+def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
+    """Drift and energy of one run, `energies` being the largest errors of the energy [J] in each window.
 
     Raises:
         Missing: the mechanism has no kernel, or the run did not end.
@@ -61,7 +60,7 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
         raise Missing(run.status, run.message)
     evaluator = Evaluator(mechanism)
     drift, energy = metrics.drift(evaluator, run.trajectory), np.abs(metrics.energy_error(evaluator, run.trajectory)[0])
-    energies += [float(x.max()) for x in np.array_split(energy[1:], WINDOWS)]
+    energies = [float(x.max()) for x in np.array_split(energy[1:], WINDOWS)]
     kinetic = 0.5 * (evaluator.mass * run.trajectory.v**2).sum(axis=-1)
     return {
         "position_drift": float(drift.position.max()),
@@ -70,6 +69,7 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
         "energy_first": energies[0],
         "energy_last": energies[-1],
         "energy_max": max(energies),
+        "energies": energies,
     }
 
 

@@ -3,8 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from gauss_bench.bench.context import Context
-from gauss_bench.bench.tasks import Tables, Task
+from gauss_bench.bench.tasks import Context, Tables, Task
 from gauss_bench.linkage.load import load
 from gauss_bench.papers.audit import audit
 from gauss_bench.papers.published import SQUEEZER, list_published_values

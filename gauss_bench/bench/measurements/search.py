@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
-from gauss_bench.bench.tasks import Rows, Tables, Task, patient, place_of
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_of
 from gauss_bench.bench.ways import (
     BEATS,
     ROUGH_ROUNDS,

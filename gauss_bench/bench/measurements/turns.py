@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, gather_rounds, lasting, row, spread
-from gauss_bench.bench.context import Context
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import Tables, Task, place_of
+from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.closure import Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
