@@ -456,8 +456,7 @@ def answer_of(engine: _Engine) -> Reach:
     return reach(engine.trials.values(), [HALF])
 
 
-def said(way: Way, engine: "_Engine | None" = None, adaptive: bool = False) -> str:
+def said(way: Way, engine: _Engine) -> str:
     """A way in words."""
-    adaptive = adaptive or (engine is not None and way.integrator in engine.adaptive)
-    size = f"tolerance {way.size:.2g}" if adaptive else f"step {way.size:.4g} s"
+    size = f"tolerance {way.size:.2g}" if way.integrator in engine.adaptive else f"step {way.size:.4g} s"
     return f"{setting_said(way.settings, way.integrator, way.stabilization)}, {size}"

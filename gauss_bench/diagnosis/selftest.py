@@ -5,8 +5,9 @@ same checks on the sound suite must be silent.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.checks import CRANK_SLIDER, DRIVEN, FOUR_BAR, truth
@@ -93,14 +94,16 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
     return diagnose_runs(run, mechanism, truth(which, UNTIL), ladder(chosen, False), UNTIL, projected=projected)
 
 
-def sound_engine(where: tuple[str, str]) -> Check:
-    """The diagnosis of an engine without a fault."""
+def diagnose_sound(where: tuple[str, str]) -> str | None:
+    """What the diagnosis of an engine without a fault says of it."""
+    verdict = diagnose_fault(CLEAN, where)
+    return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
-    def checked() -> str | None:
-        verdict = diagnose_fault(CLEAN, where)
-        return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
-    return checked
+def name_fault(fault: Fault) -> Finding:
+    """Whether the diagnosis of an engine names its fault."""
+    verdict = diagnose_fault(fault)
+    return Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
 
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> SelfTest:
@@ -114,30 +117,21 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
     chosen = [x for x in PLANTED if x.kind in kinds]
     sound: dict[str, Check] = {f"{x.kind}: {x.sound}": x.sound for x in chosen}
     if ADAPTERS in kinds:
-        sound |= {f"{ADAPTERS}: {' '.join(x)}": sound_engine(x) for x in (FOUR_BAR, CRANK_SLIDER, DRIVEN)}
+        sound |= {f"{ADAPTERS}: {' '.join(x)}": partial(diagnose_sound, x) for x in (FOUR_BAR, CRANK_SLIDER, DRIVEN)}
     told(f"{len(sound)} checks of the sound suite")
-    alarms = {name: said for name, check in sound.items() if (said := _ask(check)) is not None}
+    alarms = [said for check in sound.values() if (said := _ask(check)) is not None]
     findings: list[Finding] = []
     for kind in kinds:
         told(f"faults in {kind}")
-        of_kind = (_finding(x.kind, x.sentence, _ask(x.check)) for x in chosen if x.kind == kind)
-        findings += _adapters() if kind == ADAPTERS else of_kind
+        asked = [(x, _ask(x.check)) for x in chosen if x.kind == kind]
+        findings += [Finding(kind, x.sentence, said is not None, said or "nothing was seen") for x, said in asked]
+        findings += map(name_fault, ENGINES if kind == ADAPTERS else ())
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
         told("the smallest faults that are seen")
         sizes = tuple(Smallest(name, smallest(check), unit) for name, (unit, check) in SIZES.items())
     took = time.process_time() - started
-    return SelfTest(tuple(findings), tuple(alarms.values()), len(sound) - len(alarms), sizes, took)
-
-
-def _finding(kind: str, sentence: str, said: str | None) -> Finding:
-    return Finding(kind, sentence, said is not None, said or "nothing was seen")
-
-
-def _adapters() -> Iterator[Finding]:
-    for fault in ENGINES:
-        verdict = diagnose_fault(fault)
-        yield Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
+    return SelfTest(tuple(findings), tuple(alarms), len(sound) - len(alarms), sizes, took)
 
 
 def _ask(check: Check) -> str | None:
