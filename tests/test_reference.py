@@ -4,43 +4,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.special import ellipj, ellipk
 
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import absolute_reference, build_reference, minimal_reference, random_states, sample_times
 from gauss_bench.reference.collocation import NoConvergence, gauss_legendre
+from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.minimal import LostClosure, MinimalCoordinate
 from gauss_bench.reference.store import load_stored
 from tests.conftest import everything, redundant
-
-
-def pendulum() -> Mechanism:
-    """A uniform bar on a pin: theta'' = -(3 g / 2 l) cos(theta)."""
-    return load_document(
-        {
-            "format": "planar-linkage/1",
-            "name": "pendulum",
-            "crank": "bar",
-            "ground": {"points": {"O": [0.0, 0.0]}},
-            "links": {"bar": {"points": {"O": [0.0, 0.0], "E": [0.6, 0.0]}, "bars": [["O", "E"]], "mass": 1.3}},
-            "joints": {"O": {"type": "revolute", "at": ["ground.O", "bar.O"]}},
-            "assembly": {"angles": {"bar": 0.0}},
-            "scenarios": {"swing": {"duration": 2.0, "start": {"crank_deg": -30.0, "speed": 0.0}}},
-        }
-    )
+from tests.four_bars import four_bar
 
 
 @pytest.mark.long
 def test_a_pendulum_follows_its_elliptic_functions_within_the_bar() -> None:
-    reference = build_reference(pendulum(), 2.0)
-    # from the lowest point, phi = theta + pi/2 swings with amplitude 60 degrees: sin(phi/2) = k sn(K - w t, k^2)
-    w, k = np.sqrt(1.5 * 9.81 / 0.6), np.sin(np.radians(30.0))
-    sn = ellipj(ellipk(k * k) - w * reference.t, k * k)[0]
-    exact = 2 * np.arcsin(k * sn) - np.pi / 2
-    error = np.abs(reference.q[:, 2] - exact)
-    assert (error <= reference.error_q + 2e-14).all()  # the closed form itself is good to a few rounding units
+    mechanism = load("pendulum")
+    reference = build_reference(mechanism, 2.0)
+    exact = closed_form(mechanism, [repr(float(t)) for t in reference.t])
+    assert exact is not None
+    error = np.abs(reference.q - exact.q.astype(float)).max(axis=1)
+    assert (error <= reference.error_q + 2e-14).all()  # its decimals are doubles here
     assert reference.error_q.max() < 1e-12
 
 
@@ -84,26 +68,7 @@ def test_random_states_are_consistent_and_repeatable(mechanism: Mechanism) -> No
 
 
 def test_a_linkage_that_cannot_turn_says_where_it_stops() -> None:
-    document = {
-        "format": "planar-linkage/1",
-        "name": "rocker",
-        "crank": "a",
-        "ground": {"points": {"A": [0.0, 0.0], "D": [0.4, 0.0]}},
-        "links": {
-            "a": {"points": {"A": [0.0, 0.0], "B": [0.3, 0.0]}, "bars": [["A", "B"]], "mass": 1.0},
-            "b": {"points": {"B": [0.0, 0.0], "C": [0.2, 0.0]}, "bars": [["B", "C"]], "mass": 1.0},
-            "c": {"points": {"D": [0.0, 0.0], "C": [0.25, 0.0]}, "bars": [["D", "C"]], "mass": 1.0},
-        },
-        "joints": {
-            "A": {"type": "revolute", "at": ["ground.A", "a.A"]},
-            "B": {"type": "revolute", "at": ["a.B", "b.B"]},
-            "C": {"type": "revolute", "at": ["b.C", "c.C"]},
-            "D": {"type": "revolute", "at": ["ground.D", "c.D"]},
-        },
-        "assembly": {"sketch": {"B": [0.15, 0.26], "C": [0.3, 0.2]}},
-        "scenarios": {"rest": {"duration": 1.0, "start": {"crank_deg": 60.0}}},
-    }
-    motion = MinimalCoordinate(load_document(document))
+    motion = MinimalCoordinate(load_document(four_bar(0.3, 0.2, 0.25, 0.4)))
     low, high = motion.angles_reached()
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     assert high <= limit < high + np.radians(1.01)

@@ -29,28 +29,10 @@ def from_doubles(name: str, scenario: str, t_end: float) -> Certificate:
     """A certificate-shaped file from the double-precision reference, to test everything but the pipelines."""
     mechanism = load(name, scenario)
     r = build_reference(mechanism, t_end)
-    zeros = np.zeros(len(r.t))
-    return Certificate(
-        name=name,
-        scenario=scenario,
-        digest=mechanism.digest,
-        t=r.t,
-        q=r.q,
-        v=r.v,
-        a=r.a,
-        multipliers=np.zeros((len(r.t), 0)),
-        error_q=r.error_q,
-        error_v=r.error_v,
-        error_a=r.error_a,
-        error_multipliers=zeros,
-        floor_q=zeros + 1e-15,
-        floor_v=zeros,
-        floor_a=zeros,
-        digits=11,
-        duration=t_end,
-        stopped="",
-        facts={"method": "two integrators in double precision"},
-    )
+    zeros, levels = np.zeros(len(r.t)), (r.q, r.v, r.a, np.zeros((len(r.t), 0)))
+    bars = (r.error_q, r.error_v, r.error_a, zeros, zeros + 1e-15, zeros, zeros)
+    facts = {"method": "two integrators in double precision"}
+    return Certificate(name, scenario, mechanism.digest, r.t, *levels, *bars, 11, t_end, "", facts)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.kinematics.root_finding import ExitFlag, levenberg_marquardt
 from gauss_bench.kinematics.topology import shared_angles
 from gauss_bench.mechanism.coordinates import value
-from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angles
@@ -34,16 +33,12 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
         ValueError: what is held leaves something free, or the joints are open at q.
     """
     held = hold_at(mechanism, q)
-    freedom, joints = Freedom(held), Constraints(replace(held, knife_edges=()))
+    freedom = Freedom(held)
     here = freedom.close(q)
     if here is None:
         raise ValueError(f"{mechanism.name} has no other assembly from here: its joints are open")
     if here.free.shape[1]:
         raise ValueError(f"{mechanism.name} is not held: {here.free.shape[1]} of its motions stay free beside its inputs")
-
-    def residual(scaled: Array) -> tuple[Array, Array]:
-        rows = joints(0.0, scaled / freedom.scale, np.zeros_like(scaled))
-        return rows.phi, rows.J / freedom.scale
 
     positions, rng, idle = [here.q], np.random.default_rng(seed), 0
     for _ in range(MOST):
@@ -51,7 +46,7 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
         if idle > PATIENCE:
             break
         start = here.q * freedom.scale + rng.uniform(-np.pi, np.pi, size=len(q)) * freedom.size
-        root = levenberg_marquardt(residual, start, tolerance=NEAR * freedom.size)
+        root = levenberg_marquardt(lambda x: freedom.rows(x / freedom.scale), start, tolerance=NEAR * freedom.size)
         place = freedom.close(root.x / freedom.scale) if root.flag == ExitFlag.CONVERGED else None
         if place is None:
             continue

@@ -47,15 +47,19 @@ class Freedom:
         self.size = mechanism.size
         self.scale = np.tile([1.0, 1.0, self.size], len(mechanism.links))  # scaled coordinates are q * scale, all in metres
 
+    def rows(self, q: Array) -> tuple[Array, Array]:
+        """The residual phi (m,), and J (m, n) in scaled coordinates."""
+        rows = self.constraints(0.0, q, np.zeros_like(q))
+        return rows.phi, rows.J / self.scale
+
     def at(self, q: Array) -> tuple[Array, Place]:
         """The residual phi (m,) and the decomposition at any q (n,)."""
-        rows = self.constraints(0.0, q, np.zeros_like(q))
-        J = rows.J / self.scale
+        phi, J = self.rows(q)
         if not len(J):
-            return rows.phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
+            return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
         U, s, Vt = np.linalg.svd(J)
         rank = int((s > RANK_TOLERANCE * s[0]).sum())
-        return rows.phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
+        return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
     def close(self, q: Array) -> Place | None:
         """The nearest place on the constraints by Gauss-Newton, or None where none is found."""

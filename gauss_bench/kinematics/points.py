@@ -125,12 +125,11 @@ class Points:
                 if root in turned:
                     raise ValueError(f"input {entry}: the angle of {self.mechanism.link_name(given.link)} is known already")
                 turned[root] = entry
-            elif given.joint in self.slides and given.joint not in pushed:
-                pushed[given.joint] = entry
-            elif given.joint in self.bars and given.joint not in stretched:
-                stretched[given.joint] = entry
-            else:
-                raise ValueError(f"input {entry}: {given.joint} is neither slide nor active bar, or is driven already")
+                continue
+            name, known = str(given.joint), pushed if given.joint in self.slides else stretched
+            if name not in {**self.slides, **self.bars} or name in known:
+                raise ValueError(f"input {entry}: {name} is neither slide nor active bar, or is driven already")
+            known[name] = entry
         return turned, pushed, stretched
 
     def unit(self, entry: int) -> Vectors:

@@ -20,6 +20,8 @@ import numpy as np
 FOLDER = Path(__file__).parent
 PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
 APART = 1e3  # a printed form is called off only where it is this many tolerances off: no verdict within sight of rounding
+WORDS = ("name", "printed", "intended", "cause")  # cells of a row that stand in a line as they are
+READ = {**dict(zip(WORDS, WORDS, strict=True)), "equation": "place", "sentence": "remark"}
 EXAMPLE = ("example_printed", "example_intended", "example_true")
 
 Table = dict[str, Any]
@@ -83,18 +85,12 @@ def lines_of(paper: Table) -> Iterator[Line]:
             tolerance, example = paper["tolerance"][entry["tolerance"]], entry.get("example")
             number = paper["number"][example["number"]] if example else {"text": ""}
             printed, intended = (form_of(room, entry.get(key, entry.get("form"))) for key in ("printed_form", "intended_form"))
-            texts = {
+            texts = {cell: entry.get(key, "") for cell, key in READ.items()} | {
                 "paper": paper["paper"],
-                "equation": entry["place"],
-                "name": entry["name"],
-                "printed": entry["printed"],
-                "intended": entry.get("intended", ""),
                 "measured": chapter["measure"][entry["measure"]],
                 "reason": tolerance["reason"],
-                "sentence": entry["remark"],
                 "cited": cited,
                 "assumed": paper["assumed"],
-                "cause": entry.get("cause", ""),
                 "cause_text": cause.get("text", ""),
                 "doubt": cause.get("doubt", ""),
                 "example": number["text"],

@@ -8,6 +8,7 @@ against it. The certificate ends where fewer digits than asked for are left, or 
 import platform
 from collections.abc import Callable, Sequence
 from decimal import Decimal
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -160,8 +161,8 @@ def _collocation(
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step
     for _ in range(1 if mechanism.dof == len(mechanism.drivers) else 1 + HALVINGS):
-        stage = f"collocation at {step:.2g} s"
-        other = extend_motion(document, mechanism.scenario, truth.times, step, lambda t, stage=stage: said(stage, t))
+        progress = partial(said, f"collocation at {step:.2g} s")
+        other = extend_motion(document, mechanism.scenario, truth.times, step, progress)
         worst = float(off_states(truth, disagreement(truth, other)).max())
         longer = best is None or len(other.times) > len(best.times)
         if longer or worst < before:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.reference.taylor.arithmetic import Value, add, div, literal, mul, neg, sub
+from gauss_bench.reference.taylor.arithmetic import Value, vanishes
 from gauss_bench.terms import Array
 
 Entries = Mapping[int, Value]  # column -> value
@@ -78,10 +78,10 @@ def factorise(entries: Sequence[Entries], order: Order) -> Factors:
         pivots.append(rows[k].pop(c))
         for i in range(k + 1, len(rows)):
             if c in rows[i]:
-                factor = div(rows[i].pop(c), pivots[k])
+                factor = rows[i].pop(c) / pivots[k]
                 steps.append((i, k, factor))
                 for j, value in rows[k].items():
-                    rows[i][j] = sub(rows[i].get(j, 0), mul(factor, value))
+                    rows[i][j] = rows[i].get(j, 0) - factor * value
     return Factors(order, rows, pivots, steps)
 
 
@@ -89,12 +89,12 @@ def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
     """x0 by column, for right-hand sides (m,) of all rows; free unknowns are left out."""
     y = [b[r] for r, _ in factors.order]
     for i, k, factor in factors.steps:
-        y[i] = sub(y[i], mul(factor, y[k]))
+        y[i] = y[i] - factor * y[k]
     x: dict[int, Value] = {}
     for (_, c), row, pivot, value in reversed(list(zip(factors.order, factors.rows, factors.pivots, y, strict=True))):
         for j, a in row.items():
-            value = sub(value, mul(a, x.get(j, 0)))
-        x[c] = div(value, pivot)
+            value = value - a * x.get(j, 0)
+        x[c] = value / pivot
     return x
 
 
@@ -106,7 +106,7 @@ def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
         for column in N.values():
             value: Value = 0
             for j, a in row.items():
-                value = add(value, mul(a, column.get(j, 0)))
-            if not literal(value, 0):
-                column[c] = neg(div(value, pivot))
+                value = value + a * column.get(j, 0)
+            if not vanishes(value):
+                column[c] = -(value / pivot)
     return N

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.reference.taylor.arithmetic import Value, add, dot, literal, minus, mul, plus, scale_by, sub, total
+from gauss_bench.reference.taylor.arithmetic import Value, dot, plus, scale_by, total, vanishes
 from gauss_bench.reference.taylor.elimination import Order, Pivots, choose_pivots, factorise, null_space, particular
 from gauss_bench.reference.taylor.forces import Loads
 from gauss_bench.reference.taylor.moving_vectors import Instant
@@ -76,7 +76,7 @@ def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: S
     factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
-    steady = particular(factors, prescribed) if any(not literal(x, 0) for x in prescribed) else {}
+    steady = particular(factors, prescribed) if any(not vanishes(x) for x in prescribed) else {}
     velocity = _combine(steady, N, dict(zip(chart.free, u, strict=True)))
     a0 = particular(factors, rows.biases(at, velocity, laws))
     if not chart.free:
@@ -92,7 +92,7 @@ def _combine(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, 
     combined = dict(x0)
     for j, column in N.items():
         for k, value in column.items():
-            combined[k] = add(combined.get(k, 0), mul(value, u[j]))
+            combined[k] = combined.get(k, 0) + value * u[j]
     return combined
 
 
@@ -113,11 +113,11 @@ def _reduce(
         mass, inertia = at.arithmetic.of(link.mass), at.arithmetic.of(link.inertia)
         z, w = [at.combined(centre, move) for move in moves], [column.get(angle, 0) for column in columns]
         b = plus(at.combined(centre, linear), at.combined(centre, bias))
-        force = minus(loads.force[i], scale_by(mass, b))
-        moment = sub(loads.moment[i], mul(inertia, 0 if angle == NONE else a0.get(angle, 0)))
+        force = plus(loads.force[i], scale_by(-mass, b))
+        moment = loads.moment[i] - inertia * (0 if angle == NONE else a0.get(angle, 0))
         for j in range(f):
-            r[j] += [dot(z[j], force), mul(w[j], moment)]
+            r[j] += [dot(z[j], force), w[j] * moment]
             for k in range(j + 1):
-                T[j][k] += [mul(mass, dot(z[j], z[k])), mul(inertia, mul(w[j], w[k]))]
+                T[j][k] += [mass * dot(z[j], z[k]), inertia * (w[j] * w[k])]
     lower = [[total(T[max(j, k)][min(j, k)]) for k in range(f)] for j in range(f)]
     return lower, [total(x) for x in r]

@@ -26,7 +26,7 @@ from gauss_bench.mechanism.model import (
     Torque,
 )
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.taylor.arithmetic import Value, Vector, add, cross, div, dot, mul, neg, plus, scale_by, sub
+from gauss_bench.reference.taylor.arithmetic import Value, Vector, cross, dot, plus, scale_by
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
 
@@ -58,9 +58,9 @@ class Wrench:
 
     def twist(self, b: int, a: int, torque: Value) -> None:
         """A torque on link b and its reaction on link a."""
-        for link, signed in ((b, torque), (a, neg(torque))):
+        for link, signed in ((b, torque), (a, -torque)):
             if link != GROUND:
-                self.moment[link] = add(self.moment[link], signed)
+                self.moment[link] = self.moment[link] + signed
 
     def push(self, point: Point, force: Vector, link: int | None = None) -> None:
         """A force at a point on the link that it belongs to, or on another link in the same line."""
@@ -69,7 +69,7 @@ class Wrench:
             own = at == point.link
             arm = self.coordinates.turned(point.local, at) if own else self._arm(point, at)
             self.force[at] = plus(self.force[at], force)
-            self.moment[at] = add(self.moment[at], cross(self.value(arm), force))
+            self.moment[at] = self.moment[at] + cross(self.value(arm), force)
 
     def _arm(self, point: Point, link: int) -> Sum:
         return merge(self.coordinates.point(point), self.coordinates.centres[link])
@@ -105,7 +105,7 @@ class Loads(Wrench):
         if link == GROUND:
             return 0
         index, turn = self.coordinates.angle[link], self.of(self.coordinates.turn[link])
-        return turn if index == NONE else add(self.at.x[index], turn)
+        return turn if index == NONE else self.at.x[index] + turn
 
     def _apply(self, f: Force) -> None:
         match f:
@@ -118,7 +118,7 @@ class Loads(Wrench):
             case AxisSpringDamper():
                 self._along(f)
             case RotationalSpringDamper():
-                turn, speed = sub(self._angle(f.b), self._angle(f.a)), sub(self._speed(f.b), self._speed(f.a))
+                turn, speed = self._angle(f.b) - self._angle(f.a), self._speed(f.b) - self._speed(f.a)
                 self.twist(f.b, f.a, self._linear(f, turn, speed))
             case JointDamping():
                 for pair in f.pairs:
@@ -127,7 +127,7 @@ class Loads(Wrench):
                 raise TypeError(f"force {f.name}: the kind {type(f).__name__} has no derivation here")
 
     def _linear(self, f: AxisSpringDamper | RotationalSpringDamper, x: Value, rate: Value) -> Value:
-        return sub(mul(self.of(f.k), sub(self.of(f.rest), x)), mul(self.of(f.c), rate))
+        return self.of(f.k) * (self.of(f.rest) - x) - self.of(f.c) * rate
 
     def _spring(self, f: SpringDamper) -> None:
         gap = self.gap(f.a, f.b)
@@ -135,25 +135,25 @@ class Loads(Wrench):
         square = dot(d, d)
         pull = self.of(f.k)
         if f.rest != 0 and f.k != 0:
-            pull = sub(pull, div(self.of(f.k * f.rest), self.at.arithmetic.sqrt(square)))
+            pull = pull - self.of(f.k * f.rest) / self.at.arithmetic.sqrt(square)
         if f.c != 0:
-            pull = add(pull, div(mul(self.of(f.c), dot(d, self.at.combined(gap, self.rate))), square))
+            pull = pull + self.of(f.c) * dot(d, self.at.combined(gap, self.rate)) / square
         self.pull(f.a, f.b, scale_by(pull, d))
 
     def _along(self, f: AxisSpringDamper) -> None:
         gap, u = self.gap(f.origin, f.point), self.turned(direction(f.angle), f.origin.link)
-        d, turning = self.value(gap), mul(self._speed(f.origin.link), cross(u, self.value(gap)))
-        rate = add(dot(u, self.at.combined(gap, self.rate)), turning)
+        d, turning = self.value(gap), self._speed(f.origin.link) * cross(u, self.value(gap))
+        rate = dot(u, self.at.combined(gap, self.rate)) + turning
         self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
 
     def _damp(self, pair: Joint, c: Any) -> None:
         if isinstance(pair, Prismatic):
             u, speed = self.turned(direction(pair.angle), pair.guide.link), self.v.get(self.coordinates.slides[pair.name], 0)
-            self.slide(pair.block, pair.guide, scale_by(neg(mul(self.of(c), speed)), u))
+            self.slide(pair.block, pair.guide, scale_by(-(self.of(c) * speed), u))
         else:
-            speed = sub(self._speed(pair.b.link), self._speed(pair.a.link))
-            self.twist(pair.b.link, pair.a.link, neg(mul(self.of(c), speed)))
+            speed = self._speed(pair.b.link) - self._speed(pair.a.link)
+            self.twist(pair.b.link, pair.a.link, -(self.of(c) * speed))
 
 
 def opposite(force: Vector) -> Vector:
-    return neg(force[0]), neg(force[1])
+    return -force[0], -force[1]

@@ -18,7 +18,7 @@ import numpy as np
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Prismatic, SlideDriver
 from gauss_bench.mechanism.numbers import direction
 from gauss_bench.reference.refinement import chord
-from gauss_bench.reference.taylor.arithmetic import Value, div, dot, literal
+from gauss_bench.reference.taylor.arithmetic import Value, dot, vanishes
 from gauss_bench.reference.taylor.forces import Wrench
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.solve import Long, dense, pseudo_inverse
@@ -46,10 +46,10 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
         else:
             d = wrench.value(wrench.gap(driver.a, driver.b))
             length = at.arithmetic.sqrt(dot(d, d))
-            wrench.pull(driver.b, driver.a, (div(d[0], length), div(d[1], length)))
+            wrench.pull(driver.b, driver.a, (d[0] / length, d[1] / length))
     for edge, wrench in zip(mechanism.knife_edges, wrenches[rows + len(mechanism.drivers) :], strict=True):
         wrench.push(edge.point, wrench.turned(across(edge.angle), edge.point.link))
-    return [{j: x for j, x in enumerate(wrench.flat()) if not literal(x, 0)} for wrench in wrenches]
+    return [{j: x for j, x in enumerate(wrench.flat()) if not vanishes(x)} for wrench in wrenches]
 
 
 def across(angle: Any) -> Array:

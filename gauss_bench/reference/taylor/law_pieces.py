@@ -13,7 +13,7 @@ from typing import Any
 
 from gauss_bench.mechanism.model import Driver
 from gauss_bench.mechanism.numbers import PI, Number, exact
-from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value, add, mul, sub
+from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value
 from gauss_bench.reference.taylor.rows import Law
 
 
@@ -45,7 +45,7 @@ class Piece:
             coefficients, origin = [start, none, none, 10 * cube, -15 * cube / time, 6 * cube / (time * time)], none
         elif "rows" in table:
             coefficients.append((driver.law(self.end)[2] - second) / (self.end - self.begin) / 6)
-        return polynomial(coefficients, sub(t, arithmetic.of(origin)), arithmetic)
+        return polynomial(coefficients, t - arithmetic.of(origin), arithmetic)
 
 
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
@@ -54,10 +54,10 @@ def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arith
     w = 2 * pi / time if sine else pi / time
     speed = travel / time if sine else travel - travel
     A, B = (speed - speed, -speed / w) if sine else (-travel / 2, speed)
-    c, s = arithmetic.cos(mul(of(w), t)), arithmetic.sin(mul(of(w), t))
-    value = add(of(start - A), add(mul(of(speed), t), add(mul(of(A), c), mul(of(B), s))))
-    rate = add(of(speed), sub(mul(of(B * w), c), mul(of(A * w), s)))
-    return value, rate, sub(0, add(mul(of(A * w * w), c), mul(of(B * w * w), s)))
+    c, s = arithmetic.cos(of(w) * t), arithmetic.sin(of(w) * t)
+    value = of(start - A) + (of(speed) * t + (of(A) * c + of(B) * s))
+    rate = of(speed) + (of(B * w) * c - of(A * w) * s)
+    return value, rate, 0 - (of(A * w * w) * c + of(B * w * w) * s)
 
 
 def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
@@ -66,7 +66,7 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
     for _ in range(3):
         value: Value = 0
         for a in reversed(c):
-            value = add(arithmetic.of(a), mul(x, value))
+            value = arithmetic.of(a) + x * value
         levels.append(value)
         c = [k * a for k, a in enumerate(c)][1:]
     return levels[0], levels[1], levels[2]

@@ -134,7 +134,8 @@ class March:
             if np.abs(pivots).min() < trust:
                 return Leg(now, state, samples, True, "")
             if float(h) < COLLAPSED * self.longest:
-                text = f"the steps of the Taylor series collapse at t = {float(now):.6g} s: the motion is singular there"
+                where = f"the steps of the Taylor series collapse at t = {float(now):.6g} s"
+                text = f"{where}: the motion is singular there{'' if series.chart.free else ', or at a limit of its motion'}"
                 return Leg(now, state, samples, False, text)
 
     def _series(self, chart: Chart, k: int) -> CompiledSeries:

@@ -10,19 +10,7 @@ the rest is `bias`. Values are arrays over states or symbols.
 
 from collections.abc import Callable, Mapping, Sequence
 
-from gauss_bench.reference.taylor.arithmetic import (
-    NUMBERS,
-    Arithmetic,
-    Value,
-    Vector,
-    mul,
-    neg,
-    plus,
-    product,
-    quarter,
-    scale_by,
-    total,
-)
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic, Value, Vector, plus, product, quarter, scale_by, total
 from gauss_bench.reference.taylor.solve import Long, columns
 from gauss_bench.reference.taylor.vector_sums import NONE, Key, Sum
 
@@ -68,8 +56,8 @@ class Instant:
             if key not in known:
                 angle, length = key
                 w = v.get(angle, 0)
-                inward = scale_by(neg(mul(w, w)), self(key))
-                known[key] = plus(inward, scale_by(mul(2, mul(v.get(length, 0), w)), quarter(self((angle, NONE)))))
+                inward = scale_by(-(w * w), self(key))
+                known[key] = plus(inward, scale_by(2 * (v.get(length, 0) * w), quarter(self((angle, NONE)))))
             return known[key]
 
         return of

@@ -18,7 +18,7 @@ import numpy as np
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
 from gauss_bench.mechanism.numbers import direction
 from gauss_bench.reference.refinement import chord
-from gauss_bench.reference.taylor.arithmetic import Value, add, cross, dot, literal, mul, neg, sub
+from gauss_bench.reference.taylor.arithmetic import Value, cross, dot, vanishes
 from gauss_bench.reference.taylor.moving_vectors import Instant, at_states
 from gauss_bench.reference.taylor.solve import Long, dense, pseudo_inverse, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
@@ -85,7 +85,7 @@ class LoopRows:
         for _, point, normal in self.edges:
             n = at.combined(normal, at)
             rows.append({j: dot(n, g) for j, g in at.gradient(point).items()})
-        return [{j: x for j, x in row.items() if not literal(x, 0)} for row in rows]
+        return [{j: x for j, x in row.items() if not vanishes(x)} for row in rows]
 
     def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
         """The residuals of rows with a position level: closures, then drivers [m, rad; a length times its error]."""
@@ -95,28 +95,28 @@ class LoopRows:
                 d = at.combined(given.gap, at)
                 residuals.append((dot(d, d) - value * value) / 2)
             else:
-                residuals.append(add(given.turn, 0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
+                residuals.append(given.turn + (0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
         return residuals
 
     def rates(self, laws: Sequence[Law]) -> list[Value]:
         """Right-hand side of A x' = rate."""
-        driven = [mul(value, rate) if given.gap else rate for given, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
+        driven = [value * rate if given.gap else rate for given, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
         return [0] * (2 * len(self.closures)) + driven + [0] * len(self.edges)
 
     def biases(self, at: Instant, v: Mapping[int, Value], laws: Sequence[Law]) -> list[Value]:
         """Right-hand side of A x'' = gamma, for rates v of the coordinates."""
         rate, bias = at.variation(v), at.bias(v)
-        biases = [neg(x) for closure in self.closures for x in at.combined(closure, bias)]
+        biases = [-x for closure in self.closures for x in at.combined(closure, bias)]
         for given, (value, first, second) in zip(self.prescribed, laws, strict=True):
             if given.gap:
                 d, u, b = (at.combined(given.gap, of) for of in (at, rate, bias))
-                biases.append(sub(add(mul(first, first), mul(value, second)), add(dot(u, u), dot(d, b))))
+                biases.append(first * first + value * second - (dot(u, u) + dot(d, b)))
             else:
                 biases.append(second)
         for angle, point, normal in self.edges:
             n = at.combined(normal, at)
             u, b = (at.combined(point, of) for of in (rate, bias))
-            biases.append(neg(add(dot(n, b), mul(v.get(angle, 0), cross(n, u)))))
+            biases.append(-(dot(n, b) + v.get(angle, 0) * cross(n, u)))
         return biases
 
 
