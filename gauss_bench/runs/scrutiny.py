@@ -16,7 +16,7 @@ from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import FEWEST, OFF_MOTION, Evidence, Subject, examine, judge
-from gauss_bench.linkage.surest import null_space
+from gauss_bench.linkage.closure import null_space
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, factor_of
 from gauss_bench.runs.apart import Request
