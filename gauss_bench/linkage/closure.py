@@ -459,3 +459,11 @@ class _Sketch:
                 if mine.link == i and other.link in self.theta:
                     return self.theta[other.link] + turn
         return None
+
+
+def null_space(J: Array, n: int) -> Array:
+    """(n, dof) directions that rows (m, n) leave free."""
+    if not J.any():
+        return np.eye(n)
+    _, s, Vt = np.linalg.svd(J)
+    return np.asarray(Vt[int((s > RANK_TOLERANCE * s[0]).sum()) :].T)

@@ -112,9 +112,11 @@ class Names:
                 self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
     def turns_on_ground(self, path: str, link: str) -> None:
-        """Take a link that has a pin on the ground."""
-        pins = [{r.partition(".")[0] for r in at if r} for _, at in places(self.document, "joints.*.at")]
-        if link in self.links and not any({"ground", link} <= owners for owners in pins):
+        """Take a link that has a pin on the ground; a joint that was refused may be that."""
+        joints = [x and x.get("at", ()) for x in self.joints.values()]
+        refused = any(at is None or None in at for at in joints)
+        owners = [{r.partition(".")[0] for r in at} for at in joints if at and not refused]
+        if link in self.links and not refused and not any({"ground", link} <= x for x in owners):
             self.fault(path, f"link {link!r} has no revolute joint on the ground")
 
 

@@ -437,8 +437,7 @@ def _text(error: dict[str, Any]) -> str:
     if error["loc"] == ("format",) and kind == "literal_error":
         return f"unsupported format {error['input']!r}; this version reads {FORMAT!r} and {SECOND!r}"
     if kind == "union_tag_invalid":
-        known = context["expected_tags"].replace("'", "")
-        return f"type {context['tag']!r} is not one of {known}"
+        return f"type {context['tag']!r} is not one of {context['expected_tags']}"
     if kind in ("too_short", "too_long"):
         exact = context.get("min_length") == context.get("max_length") or error["loc"][-1] in ("value", "com", "gravity", "xy")
         count = context.get("min_length", context.get("max_length"))

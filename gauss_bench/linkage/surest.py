@@ -5,7 +5,7 @@ For whoever writes a start into a file from a position: importers of models, and
 
 import numpy as np
 
-from gauss_bench.linkage.closure import RANK_TOLERANCE
+from gauss_bench.linkage.closure import null_space
 from gauss_bench.mechanism.coordinates import gradient
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array
@@ -24,14 +24,6 @@ def candidates(mechanism: Mechanism, q: Array) -> list[Candidate]:
         point = mechanism.point(k, next(iter(link.points)))
         candidates.append(("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
     return candidates
-
-
-def null_space(J: Array, n: int) -> Array:
-    """(n, dof) directions that rows (m, n) leave free."""
-    if not J.any():
-        return np.eye(n)
-    _, s, Vt = np.linalg.svd(J)
-    return np.asarray(Vt[int((s > RANK_TOLERANCE * s[0]).sum()) :].T)
 
 
 def surest(offered: list[Candidate], q: Array, free: Array) -> list[Candidate]:

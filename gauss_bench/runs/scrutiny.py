@@ -16,7 +16,8 @@ from gauss_bench import metrics
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import FEWEST, OFF_MOTION, Evidence, Subject, examine, judge
-from gauss_bench.mechanism.evaluate import RANK_TOLERANCE, Evaluator
+from gauss_bench.linkage.closure import null_space
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, factor_of
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
@@ -117,7 +118,7 @@ def is_same_run(one: Trajectory, other: Trajectory) -> bool:
 def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
     """Tell whether the last bits of a motion must hang on its steps: links move freely, and no parabola is all that they do."""
     J = Evaluator(mechanism).constraints(trajectory.t[:1], trajectory.q[:1], trajectory.v[:1]).J[0]
-    return bool(np.ptp(trajectory.a, axis=0).any()) and _free(J, mechanism.n).shape[1] > 0
+    return bool(np.ptp(trajectory.a, axis=0).any()) and null_space(J, mechanism.n).shape[1] > 0
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
@@ -225,7 +226,7 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
     for k in np.unique(np.linspace(0, len(trajectory.t) - 1, LOOKED_AT).round().astype(int)):
         t, q, v = float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]
         try:
-            N = _free(evaluator.constraints(t, q, v).J, mechanism.n)
+            N = null_space(evaluator.constraints(t, q, v).J, mechanism.n)
             if N.shape[1] > LARGEST:
                 return []
             a_q = [model.acceleration(t, q + MOVED * x, v) - model.acceleration(t, q - MOVED * x, v) for x in N.T]
@@ -237,14 +238,6 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
         except FAILURES:
             continue
     return modes
-
-
-def _free(J: Array, n: int) -> Array:
-    """(n, k) orthonormal directions that constraint rows (m, n) leave free."""
-    if not len(J):
-        return np.eye(n)
-    _, sizes, rows = np.linalg.svd(J)
-    return np.asarray(rows[int((sizes > RANK_TOLERANCE * sizes.max(initial=0.0)).sum()) :].T)
 
 
 def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.bodies import write_out
+from gauss_bench.linkage.closure import null_space
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
-from gauss_bench.linkage.surest import HELD, candidates, null_space, surest
+from gauss_bench.linkage.surest import HELD, candidates, surest
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Angle, Coordinate, Distance, Mechanism, Prismatic
 from gauss_bench.studio.document import Document
