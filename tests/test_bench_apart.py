@@ -19,12 +19,13 @@ from gauss_bench.trajectory import Status
 from tests.conftest import needs
 
 PLUGIN = '''
+import __main__ as answers  # the worker, which writes them
 import pathlib
 import pickle
 import numpy as np
 from gauss_bench import judge, metrics
 from gauss_bench.bench import measure
-from gauss_bench.runs import answers, apart, one_run
+from gauss_bench.runs import apart, one_run
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.trajectory import RunFailure, Trajectory
 
