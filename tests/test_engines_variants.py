@@ -59,7 +59,7 @@ def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp
         (SOFT.replace("the loops are springs of some stiffness", "so it is"), r"settings\.default\.soft: gives no cause"),
         (GOOD + SHORT.replace("rounds", "laps"), "unfinished: laps is no knob"),
         (GOOD + SHORT.replace("one round is too few from a cold start", "short"), r"unfinished\.cause: gives no cause"),
-        (GOOD + SHORT.replace("[[unfinished]]", "[unfinished]"), "unfinished: Input should be a valid list"),
+        (GOOD + SHORT.replace("[[unfinished]]", "[unfinished]"), "unfinished: a list of tables is wanted"),
     ],
 )
 def test_what_is_inexact_needs_a_cause(text: str, said: str, tmp_path: Path) -> None:

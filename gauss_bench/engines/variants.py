@@ -21,9 +21,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from typing import Any
 
 from gauss_bench.engines.base import CHOSEN, Variant
 from gauss_bench.engines.own_options import Known
@@ -34,7 +32,6 @@ LEAST_WORDS = 20  # characters of a reason: shorter ones give none
 REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
-Reason = Annotated[str, StringConstraints(min_length=LEAST_WORDS)]
 Line = dict[str, Any]
 
 
@@ -42,30 +39,18 @@ class VariantError(ValueError):
     """A file of variants that cannot be used; the message names file, table and field."""
 
 
-class Knob(BaseModel):
-    """Something about an engine that can be chosen, as the file tells it."""
+@dataclass(frozen=True)
+class Knob:
+    """Something about an engine that can be chosen.
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    Attributes:
+        source: the address of its documentation, or OWN_SEARCH and why it is tried.
+        values: words that it may be besides those that stand in the file.
+    """
 
-    meaning: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
-    address: str = Field("", alias="source", pattern="^https://")
-    own_search: Reason = ""
+    meaning: str
+    source: str
     values: tuple[str, ...] = ()
-
-    @property
-    def source(self) -> str:
-        """The address of where it is documented, or OWN_SEARCH and why it is tried."""
-        return self.address or OWN_SEARCH + self.own_search
-
-
-class _File(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-    knobs: dict[str, Knob]
-    settings: Annotated[dict[str, Line], Field(min_length=1)]
-    variants: dict[str, Line]
-    first: tuple[str, ...] = ()
-    unfinished: list[Line] = []
 
 
 @dataclass(frozen=True)
@@ -106,23 +91,24 @@ def read_variants(room: Path) -> Variants:
     """
     path = room / FILE
     try:
-        told = _File.model_validate(parse_toml(path.read_text(encoding="utf-8")))
-        return _read(told)
+        return _read(parse_toml(path.read_text(encoding="utf-8")))
     except tomllib.TOMLDecodeError as error:
         raise VariantError(f"{path}: TOML syntax: {error}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise VariantError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
     except VariantError as error:
         raise VariantError(f"{path}: {error}") from error
 
 
-def _read(told: _File) -> Variants:
-    for name, knob in told.knobs.items():
-        _require(bool(knob.address) != bool(knob.own_search), f"knobs.{name}", "needs `source`, or `own_search`, why we try it")
-    own = [name for name in told.knobs if name not in CHOSEN]
-    usual, settings, soft = next(iter(told.settings)), dict[str, Line](), dict[str, str]()
-    for label, line in told.settings.items():
+def _read(file: Mapping[str, Any]) -> Variants:
+    for name in ("knobs", "settings", "variants"):
+        lines = file.get(name)
+        tables = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
+        _require(tables and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
+    unfinished_lines = file.get("unfinished", [])
+    _require(isinstance(unfinished_lines, list), "unfinished", "a list of tables is wanted")
+    knobs = {name: _knob(f"knobs.{name}", line) for name, line in file["knobs"].items()}
+    own = [name for name in knobs if name not in CHOSEN]
+    usual, settings, soft = next(iter(file["settings"])), dict[str, Line](), dict[str, str]()
+    for label, line in file["settings"].items():
         _known(line, (*own, REMARK, SOFT), f"settings.{label}")
         options = {**settings.get(usual, {}), **line}
         lacking = ", ".join(x for x in own if x not in options)
@@ -131,24 +117,36 @@ def _read(told: _File) -> Variants:
         if SOFT in line:
             soft[label] = _cause(line[SOFT], f"settings.{label}.{SOFT}")
     space: dict[str, Variant] = {}
-    for name, line in told.variants.items():
+    for name, line in file["variants"].items():
         label = line.get("settings", usual)
         _require(label in settings, f"variants.{name}", f"there are no settings {label!r}")
-        _known(line, (*told.knobs, "settings"), f"variants.{name}")
+        _known(line, (*knobs, "settings"), f"variants.{name}")
         _require("integrator" in line, f"variants.{name}", "integrator is missing")
         for variant in _points(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label]):
             _require(variant.name not in {**space, **settings}, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
             soft |= {variant.name: soft[label]} if label in soft else {}
-    for name in told.first:
+    first = tuple(file.get("first", ()))
+    for name in first:
         _require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
-    for line in told.unfinished:
+    for line in unfinished_lines:
         wanted = {key: x for key, x in line.items() if key != "cause"}
-        _known(wanted, tuple(told.knobs), "unfinished")
+        _known(wanted, tuple(knobs), "unfinished")
         cause = _cause(line.get("cause"), "unfinished.cause")
         unfinished |= {name: cause for name, x in space.items() if wanted.items() <= x.options.items()}
-    return Variants(told.knobs, settings, space, told.first, soft, unfinished)
+    return Variants(knobs, settings, space, first, soft, unfinished)
+
+
+def _knob(place: str, line: Line) -> Knob:
+    for field_name in line.keys() - {"meaning", "source", "own_search", "values"}:
+        raise VariantError(f"{place}: unknown field {field_name}")
+    meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
+    _require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
+    _require(bool(address) != bool(reason), place, "needs `source`, or `own_search`, why we try it")
+    _require(not address or str(address).startswith("https://"), place, "`source` is no address")
+    _require(not reason or len(str(reason)) >= LEAST_WORDS, place, "`own_search` gives no reason")
+    return Knob(meaning.strip(), address or OWN_SEARCH + reason, tuple(line.get("values", ())))
 
 
 def _require(good: bool, place: str, otherwise: str) -> None:
