@@ -20,6 +20,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 DIFFERENCE = 1e-3  # turn or shift per half-step of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
 AGREEMENT = 1e-9  # of the largest term, at least of 1: far above the rounding of stiff springs, far below any error of the model
+REDUNDANT = 1e-12  # of the largest singular value of the KKT matrix: rounding leaves 1e-17, usable linkages 1e-7 or more
 CLOSED = 1e-12  # [m, rad] residual of a state at which slides are closed, so that forces along them are exact
 
 
@@ -85,6 +86,18 @@ class Readout:
         solver.ComputeAlgebraicEquations(mbs, False)
         phi = np.array(solver.GetSystemResidual())[self.n : self.n + self.m]
         return Terms(M, J, Q, bias, phi, J @ v)
+
+
+def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
+    """Solve [M J^T; J 0] [a; lambda] = [Q; gamma] for the accelerations (n,), by numpy alone, as none of the suite's formulations does.
+
+    Where rows are redundant the multipliers are not unique, and the shortest solution is taken; a is the same for all.
+    """
+    n, m = len(terms.M), len(terms.J)
+    K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])
+    rhs = np.concatenate([terms.Q, terms.gamma])
+    x: Array = np.linalg.lstsq(K, rhs, rcond=REDUNDANT)[0] if redundant else np.linalg.solve(K, rhs)
+    return x[:n]
 
 
 def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:

@@ -24,16 +24,14 @@ from typing import IO, Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, verify
+from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
 from gauss_bench.engines.shared import finite, finite_acceleration, refused
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.formulations.gauss import gauss
-from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array, SingularSystem
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
@@ -161,13 +159,12 @@ class ExudynModel:
             uneven = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = uneven or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
             a = self._kkt(t, q, v) if kkt else self.built_in(q, v)
-        except (np.linalg.LinAlgError, SingularSystem, self.exu.SolverError) as error:
+        except (np.linalg.LinAlgError, self.exu.SolverError) as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
 
     def _kkt(self, t: float, q: Array, v: Array) -> Array:
-        terms = self.readout(q, v, t)
-        return gauss(terms).a if self.mechanism.redundant else lagrange(terms).a  # only one of them takes redundant rows
+        return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """There is only Exudyn's own loop, whatever `native` says."""
