@@ -89,7 +89,7 @@ class Readout:
 
 
 def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
-    """Solve [M J^T; J 0] [a; lambda] = [Q; gamma] for the accelerations (n,), by numpy alone, as none of the suite's formulations does.
+    """Solve [M J^T; J 0] [a; lambda] = [Q; gamma] for the accelerations (n,), apart from the formulations of the suite.
 
     Where rows are redundant the multipliers are not unique, and the shortest solution is taken; a is the same for all.
     """

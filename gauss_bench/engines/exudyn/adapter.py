@@ -197,7 +197,7 @@ class ExudynModel:
             if given:
                 self.a[0] = self._kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
-        except (np.linalg.LinAlgError, SingularSystem, self.exu.ExudynError) as error:
+        except (np.linalg.LinAlgError, self.exu.ExudynError) as error:
             self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _record(self) -> None:
