@@ -167,7 +167,11 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
     """One table of `axes.toml`."""
-    rungs = tuple(values) or ladder(*table["ladder"], table.get("digits", (1.0, 3.0)))
+    if values:
+        rungs = tuple(values)
+    else:
+        first, last = table["ladder"]
+        rungs = ladder(first, last, table.get("digits", (1.0, 3.0)))
     document: Callable[[float], Document] = {"speed": four_bar, "step": lambda _: four_bar()}.get(name) or globals()[name]
     steps = (lambda value: value) if name == "step" else lambda _: step
     return Axis(name, table["title"], table["meaning"], unit, rungs, document, steps, pendulum if name == "size" else None)

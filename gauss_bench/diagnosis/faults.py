@@ -245,7 +245,7 @@ def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
 
 def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
     """The first two links change places."""
-    order = bodies(np.arange(mechanism.n))
+    order = bodies(np.arange(mechanism.n, dtype=float)).astype(int)
     order[[0, 1]] = order[[1, 0]]
     return replace(trajectory, **{level: getattr(trajectory, level)[:, order.ravel()] for level in "qva"})
 
