@@ -10,10 +10,10 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, configure, verify
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import AtSite, OnJoints, native_forces
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import needs

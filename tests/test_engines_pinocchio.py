@@ -11,11 +11,11 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.pinocchio.adapter import VARIANTS, Pinocchio, PinocchioModel
 from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Revolute
-from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array, baumgarte
 from gauss_bench.trajectory import RunFailure, Status, Trajectory

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from gauss_bench.engines.mujoco.forces import native_forces
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Point
-from gauss_bench.mechanism.tree import spanning_tree
 from tests.engine_runs import document, table_of_faults
 
 LINKS = 3

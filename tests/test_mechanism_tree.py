@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from gauss_bench.engines.tree import Tree, spanning_tree
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
-from gauss_bench.mechanism.tree import Tree, spanning_tree
 
 SHAPES = pytest.mark.parametrize("least_depth", [False, True], ids=["file order", "least depth"])
 

@@ -180,12 +180,12 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
         ChoiceError: there is no such link or joint, or it is a pin through several links.
     """
     joints = moved.get("joints", {})
+    slide = next((x for x in own.slides if x.name == name), None)
     if name in moved["links"]:
         start["angles"][name] = _angle(own, name) if value is None else float(np.radians(value))
     elif name not in joints:
         raise ChoiceError(f"hold {name!r}: no such link or joint; there are {', '.join([*moved['links'], *joints])}")
-    elif joints[name]["type"] == "prismatic":
-        slide = next(x for x in own.slides if x.name == name)
+    elif slide is not None:
         start["slides"][name] = float(value_of(slide.motion, own.q0)) if value is None else value
     elif len(joints[name]["at"]) > 2:
         raise ChoiceError(f"hold {name!r}: the pin joins {len(joints[name]['at'])} links; hold links by their names")

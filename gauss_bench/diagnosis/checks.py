@@ -47,14 +47,16 @@ ORDERS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 8, "gauss_legendre
 Figures = dict[str, float | str]
 
 
-def alter(mechanism: Mechanism, of: str = "", gravity: float = 1.0, pin: str = "", by: float = 0.0, **factors: float) -> Mechanism:
+def alter(
+    mechanism: Mechanism, of: str = "", gravity: float = 1.0, joint: str = "", by: float = 0.0, **factors: float
+) -> Mechanism:
     """Another linkage: numbers of a link or force by factors, gravity by one, a pin `by` [m] further out along its second link."""
 
     def scaled(x: Any) -> Any:
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
 
-    def moved(joint: Any) -> Any:
-        return replace(joint, b=replace(joint.b, local=joint.b.local + np.array([by, 0.0]))) if joint.name == pin else joint
+    def moved(x: Any) -> Any:
+        return replace(x, b=replace(x.b, local=x.b.local + np.array([by, 0.0]))) if x.name == joint else x
 
     return replace(
         mechanism,

@@ -20,10 +20,10 @@ import numpy as np
 
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Angle, Force, PointForce, Torque
 from gauss_bench.mechanism.spaces import angles
-from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 

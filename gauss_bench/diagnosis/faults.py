@@ -17,10 +17,10 @@ from gauss_bench.diagnosis.checks import FOUR_BAR, alter
 from gauss_bench.diagnosis.planted import TABLES
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, bodies
-from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
 from gauss_bench.trajectory import Trajectory
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, bodies
-from gauss_bench.mechanism.tree import spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 

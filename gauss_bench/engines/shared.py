@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.tree import Tree, spanning_tree
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
@@ -21,7 +22,6 @@ from gauss_bench.mechanism.model import (
     factor_of,
     loads,
 )
-from gauss_bench.mechanism.tree import Tree, spanning_tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 from gauss_bench.trajectory import finite as finite  # where plug-ins look for them

@@ -39,7 +39,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """
     from gauss_bench.engines.pinocchio.adapter import PinocchioModel
     from gauss_bench.engines.pinocchio.tree import Multibody
-    from gauss_bench.mechanism.tree import Branch
+    from gauss_bench.engines.tree import Branch
 
     if choice.stabilization == "projection":
         raise RunFailure(Status.SKIP, "Pinocchio has no projection: the one of this suite is its own")

@@ -22,6 +22,7 @@ from typing import Any, assert_never
 import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL, spatial
+from gauss_bench.engines.tree import ends
 from gauss_bench.mechanism.coordinates import gradient, rate, value
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import (
@@ -47,7 +48,6 @@ from gauss_bench.mechanism.model import (
     loads,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.tree import ends
 from gauss_bench.terms import Array
 
 COINCIDENT = 1e-12  # [m]

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.tree import exponential, states_of
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
 from gauss_bench.mechanism.numbers import turn_vector
-from gauss_bench.mechanism.tree import exponential, states_of
 from gauss_bench.terms import Array
 
 Complex = Any  # of one state, or an array of them

@@ -12,9 +12,9 @@ import numpy as np
 
 from gauss_bench.engines.mujoco.forces import AtSite, Native, OnJoints, Steady, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
+from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Link, Mechanism, Point
-from gauss_bench.mechanism.tree import Branch, Tree
 from gauss_bench.terms import Array
 
 

@@ -15,10 +15,10 @@ from typing import assert_never
 import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL
+from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.coordinates import rate, rotate, value
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, Weighted, factor_of
-from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

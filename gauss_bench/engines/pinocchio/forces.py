@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.pinocchio.tree import Multibody
+from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import AngleDriver, Driver, Force, LengthDriver, Mechanism, factor_of
-from gauss_bench.mechanism.tree import Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

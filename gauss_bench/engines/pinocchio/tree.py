@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.shared import closing_pins, open_tree, require_agreement, size, spatial, tree_states
+from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point
-from gauss_bench.mechanism.tree import Branch, Tree
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
