@@ -41,7 +41,7 @@ LENGTH = 60_000  # attempts times operations of a plain one, at most: of large l
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
 THOROUGH = 144
 ATTEMPTS = int(said) if (said := os.environ.get(SHORTER, "")).isdecimal() and int(said) else THOROUGH
-CLOSE = 1.02  # prices of a single step that races do not tell apart
+CLOSE = 1.01  # prices of a single step that races do not tell apart
 REPEATED = 4  # ways that are repeated
 SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)
