@@ -1,7 +1,7 @@
-"""Closing a linkage: the nearest position on its rows, by Gauss and Newton's shortest corrections.
+"""Assembly of a linkage: the nearest position that meets its constraints, by Gauss-Newton iteration.
 
-Each correction is the shortest dq of J dq = -F. Who asks says how the shortest is found (its rank tolerance, its units), which
-residual counts as closed, which correction as none, and how long one may be.
+Each correction is the shortest dq with J dq = -F. The caller chooses the solver for it (rank tolerance, units), the residual that
+counts as closed, the correction that counts as converged, and the longest correction allowed.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from gauss_bench.terms import Array
 
 Residual = Callable[[Array], tuple[Array, Array]]  # q -> F, J
 
-TINY = 1e-300  # a correction of nothing is divided by it
+TINY = 1e-300  # keeps the division by the size of a zero correction finite
 
 
 def never(*_: Array) -> bool:
@@ -28,16 +28,16 @@ def project(
     still: Callable[[Array, Array], bool] = never,
     longest: float = np.inf,
 ) -> Array:
-    """Return the position (n,), or positions (k, n), that at most so many corrections lead to.
+    """Return the position (n,), or positions (k, n), after at most `corrections` Gauss-Newton corrections.
 
     Args:
-        q: where to begin.
+        q: first guess.
         residual: q -> F (..., m) and J (..., m, n).
         shortest: J, F -> the shortest x (..., n) of J x = F.
-        corrections: the most of them.
-        closed: (q, F, J) before a correction -> whether to end there.
-        still: (q, size) after a correction, with the largest entry (...) of what was asked for -> whether to end there.
-        longest: no entry of a correction is larger; the whole of it is shortened.
+        corrections: largest number of corrections.
+        closed: (q, F, J) before a correction -> True if the residual is small enough to stop.
+        still: (q, size) after a correction, size (...) its largest entry before any shortening -> True to stop.
+        longest: a correction with a larger entry is scaled down to this one, its direction kept.
     """
     for count in range(corrections + 1):
         F, J = residual(q)
@@ -52,13 +52,14 @@ def project(
 
 
 def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0) -> None:
-    """Go from 0 to 1 in parts: half as long where `advance(share)` cannot go on, twice as long where it can.
+    """Go from 0 to 1 in steps: halve the step after `advance(share)` fails, double it after it succeeds.
 
     Raises:
-        ArithmeticError: that of the last part, as short as `shortest`.
+        ArithmeticError: `advance` failed for a step as short as `shortest`.
     """
     done, part = 0.0, longest
     while done < 1.0:
+        # a remainder below `shortest` joins the last step, so that no step is shorter
         ahead = done + part if done + part < 1.0 - shortest else 1.0
         try:
             advance(ahead)

@@ -1,26 +1,27 @@
-"""Scalar coordinates of a linkage, defined once, for numbers of any kind: joints and forces know nothing else.
+"""Scalar coordinates of a linkage, defined once for numbers of any kind. Joints and forces are built on these alone.
 
     Angle       x = theta_b - theta_a
     Along       x = n . (p_b - p_a)     n a direction fixed in the body of a, or in a third one such as the ground
     Distance    x = |p_b - p_a|
     Slip        x' = n . p'             n turns with the body of p; there is no x (a knife edge holds it)
 
-Each has a gradient, by body a vector (None where there is none) and a turning, and a bias, what velocities add to the second rate:
+Each has a gradient and a bias. The gradient has for each body a vector (or None) and a turning; the bias is the part of the second
+rate that comes from velocities:
 
     x' = G v,    x'' = G a + bias
 
-With a point p = z + r of a body of angular speed w, n's own body turning with W, and w~ = w - W what others turn relative to it,
-the bias of Along is, seen from axes that turn with n,
+A point is p = z + r on a body of angular speed w; the body that carries n has angular speed W, and w~ = w - W is the relative one.
+Seen from axes that turn with n, the bias of Along is
 
     n . [ w~_b x (w~_b x r_b) - w~_a x (w~_a x r_a) + (w~_b x W) x r_b - (w~_a x W) x r_a
           - 2 W x (u_b - u_a) + W x (W x (z_b - z_a)) ]
 
-in which terms of n's own body vanish, those of what rests, and (w~ x W) in the plane.
+Terms of the body that carries n vanish, as do terms of bodies at rest, and in the plane (w~ x W).
 
 A force is a law on a coordinate (`Law`): it has a generalised force (`push`), a potential (`energy`) and a loss of power.
 
 Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives
-all of this anew and in another way, and must not use what stands here: a certificate is worth what it does not share.
+all of this independently and must not import this file: a certificate is only as good as the independence of its two derivations.
 """
 
 from collections.abc import Sequence
@@ -46,12 +47,12 @@ class Entry(NamedTuple):
 
 
 def total(terms: Sequence[Real]) -> Real:
-    """The sum; zero of none."""
+    """Return the sum of numbers of any kind; 0.0 if there are none."""
     return sum(terms[1:], start=terms[0]) if terms else 0.0
 
 
 class AlongState:
-    """The way of b from a along a direction n, at a state."""
+    """The component of the vector from a to b along a direction n, at a state."""
 
     def __init__(self, space: Plane, n: Direction, a: End, b: End):
         self.space, (self.axes, self.n), self.a, self.b = space, n, a, b
@@ -115,9 +116,9 @@ class AngleState:
 
 
 class DistanceState:
-    """The distance of a and b at a state; what begins with half_square is of x^2 / 2, which needs no root.
+    """The distance x of a and b at a state; names with half_square concern x^2 / 2, which needs no square root.
 
-    Where the distance is known to be another number, as on a constraint, it may be given.
+    `known` is the value of the distance if another number already holds it, as on a length constraint.
     """
 
     def __init__(self, space: Plane, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
@@ -213,7 +214,7 @@ State = AngleState | AlongState | DistanceState | WeightedState
 
 
 def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
-    """A coordinate at a state of the linkage; `known` is what a distance is known to be, if anything."""
+    """Evaluate a coordinate at a state of the linkage; `known` is the value of a distance if another number already holds it."""
     match coordinate:
         case Angle(a, b):
             return AngleState(at.space, at.frame(a), at.frame(b))
@@ -228,13 +229,13 @@ def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
 
 
 def slip(coordinate: Slip, at: Placement) -> SlipState:
-    """A slip at a state of the linkage."""
+    """Evaluate a slip at a state of the linkage."""
     point = coordinate.point
     return SlipState(at.space, at.direction(point.link, coordinate.angle, True), at.end(point))
 
 
 def columns(space: Plane, entries: Sequence[Entry]) -> dict[int, Real]:
-    """A gradient by generalised speed; the ground has none."""
+    """Sum the entries of a gradient by generalised speed (index -> number); the ground contributes nothing."""
     size, found = space.dimension + space.turns, dict[int, Real]()
     for frame, n, m in entries:
         if not frame.rests:
@@ -251,14 +252,14 @@ def absent(number: Real) -> bool:
 
 
 def strength(x: State, law: Law) -> Real:
-    """Return what pulls along a coordinate by a law: F, of which `entries` are the lever.
+    """Return the force F of a law along its coordinate x; the generalised force is F times the gradient in `entries`.
 
-    Of a distance x it is F / x, of which `half_square_entries` are the lever: with h = x^2 / 2, F grad x = (F / x) grad h, and
+    For a distance x the result is F / x and multiplies `half_square_entries`: with h = x^2 / 2, F grad x = (F / x) grad h, and
 
         F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3
 
-    so that a spring without rest length has no root, and one that is undamped besides no division. Through zero length such a
-    spring goes on as it should; any other pulls from a direction that flips there, and at zero itself from none.
+    so that a spring without rest length needs no square root and, if undamped, no division: it passes through zero length
+    smoothly. Any other spring reverses its direction there and exerts no force at exactly zero length.
     """
     sprung, damped, biased = not absent(law.k), not absent(law.c), not absent(law.bias)
     terms: list[Real] = []
@@ -286,7 +287,7 @@ def strength(x: State, law: Law) -> Real:
 
 
 def push(x: State, law: Law) -> tuple[Entry, ...]:
-    """Return the generalised force of a law along a coordinate."""
+    """Return the generalised force of a law along a coordinate, by body."""
     force = strength(x, law)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
     return tuple(Entry(e.frame, None if e.n is None else e.n * force, e.m * force) for e in entries)
@@ -309,7 +310,7 @@ def energy(x: State, law: Law) -> Real:
 
 
 def loss(x: State, law: Law) -> Real:
-    """Power that the damping of a law takes [W]."""
+    """Return the power dissipated by the damping of a law [W]."""
     return 0.0 if absent(law.c) else law.c * (x.rate * x.rate)
 
 
@@ -387,12 +388,12 @@ def acceleration(q: Array, v: Array, a: Array, point: Point) -> Array:
 
 
 def _stacked(x: Vec, q: Array) -> Array:
-    """A vector's components (..., 2), as many as there are states."""
+    """Stack the two components of a vector as (..., 2), broadcast to the shape of the states q (..., n)."""
     return np.stack([np.broadcast_to(part, q.shape[:-1]) for part in x.parts], axis=-1)
 
 
 def spread(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
-    """States (k, n) of the bodies as those of the links of the file, each by its own centre of mass."""
+    """Return the states of every link of the file, by its own centre of mass, from the states (k, n) of the welded bodies."""
     if not mechanism.parts:
         return motion
     q, v, a = (np.empty((len(motion.t), PLANE.size * len(mechanism.parts))) for _ in range(3))

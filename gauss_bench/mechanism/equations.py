@@ -1,13 +1,12 @@
-"""Constraint rows and applied forces of a linkage, once, for numbers of any kind: who places the bodies chooses the numbers.
+"""Constraint rows and applied forces of a linkage, written once for numbers of any kind (the `Placement` chooses the kind).
 
-A joint is the scalar coordinates that it holds, a driver one that follows a law of time, a knife edge a slip that stays zero; a
-force is a law on a coordinate or a vector at a point. Nobody asks here for a joint's kind or a force's. Order of rows: joints in
-the file's order, couplings, drivers, knife edges.
+A joint holds scalar coordinates at constant values, a driver holds one at a law of time, a knife edge keeps a slip at zero; a force
+is a law on a coordinate or a vector at a point. No code here depends on the kind of a joint or force. Order of rows: joints in the
+file's order, couplings, drivers, knife edges.
 
     phi = x - value,    J = dx/dq,    gamma = value'' - bias,    so that J a = gamma
 
-`Symbols` asks for all of it once, with symbols in the place of coordinates, to be written out as functions of q, v and the laws'
-values.
+`Symbols` evaluates all of this once with symbols for coordinates, to generate functions of q, v and the values of the laws.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,11 +31,11 @@ class Given(Placement):
     """A placement that knows the numbers of its linkage too: as they stand in the file, left open, or as functions of time."""
 
     def held(self, joint: str, place: int, value: Any) -> Real:
-        """The number that the coordinate at a place of a joint is held at."""
+        """The constant value of the coordinate at position `place` among those that a joint holds."""
         return value
 
     def law(self, law: MotionLaw) -> Motion:
-        """A law of time, now."""
+        """The value, rate and second rate of a law at the present time."""
         raise NotImplementedError
 
 
@@ -52,7 +51,7 @@ class Row:
 
 
 def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
-    """Yield all rows; `on_constraints` takes a driven distance to be what its law says, which saves a root."""
+    """Yield all constraint rows; `on_constraints` replaces a driven distance by the value of its law, which saves a square root."""
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for place, (coordinate, value) in enumerate(held):
@@ -84,7 +83,7 @@ def generalise(at: Placement, load: Load) -> dict[int, Real]:
 
 
 def energies(at: Placement, load: Load) -> tuple[Real, Real]:
-    """Return the potential energy of one load [J], and the power of what of it has none [W]."""
+    """Return the potential energy [J] of one load, and the power [W] of its part that has no potential."""
     match load:
         case Law():
             x = state(load.coordinate, at)
@@ -123,7 +122,7 @@ class Symbols(Given):
         return x, rate, second
 
     def written(self, *told: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
-        """A function of t (...), q and v (..., n): each group of symbols as an array (..., k)."""
+        """Generate a function of t (...), q and v (..., n) that returns each group of symbols as an array (..., k)."""
         inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
         function, laws = Written(self.program, inputs, [[self.program.symbol(x) for x in group] for group in told]), self.laws
 

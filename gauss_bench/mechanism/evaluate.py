@@ -1,4 +1,4 @@
-"""A mechanism at a state: its constraint rows, the terms of its equations of motion, and its energy, all of them written out.
+"""A mechanism at a state: its constraint rows, the terms of its equations of motion, and its energy, as generated functions.
 
 Constraint rows take one state, q (n,), or a batch, q (..., n), in double or in the longer type the linkage was built in.
 """
@@ -33,7 +33,7 @@ class Rows:
 
 
 class Constraints:
-    """The constraint rows of one mechanism, with every index worked out once.
+    """The constraint rows of one mechanism; the sparsity pattern of J is computed once.
 
     Attributes:
         m: rows; joint_rows: of joints, which stand first; holonomic: those that have a position level.
@@ -62,7 +62,7 @@ class Constraints:
         return at.written(*self.asked(at))
 
     def asked(self, at: Symbols) -> tuple[list[Symbol], ...]:
-        """Entries of J that vary, gamma, phi and phi_t as symbols, to be written out with others."""
+        """Return the varying entries of J, gamma, phi and phi_t as symbols, so that they can share operations with others."""
         return _groups(list(equations.rows(self.mechanism, at)), at)
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
@@ -71,7 +71,7 @@ class Constraints:
         return Rows(phi, self.filled(entries), gamma, phi_t)
 
     def filled(self, entries: Array) -> Array:
-        """J (..., m, n) with the entries (..., k) that vary."""
+        """Return J (..., m, n): the constant entries, and the varying ones (..., k) put in place."""
         J = np.empty((*entries.shape[:-1], self.m * self.n), dtype=np.result_type(entries, self.template))
         J[...] = self.template.ravel()
         J[..., self.places] = entries
@@ -107,7 +107,7 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """Entries of J that vary, Q of steady forces, gamma, phi and phi_t, written out together."""
+        """Generate one function for the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
         at = Symbols(self.mechanism.n)
         entries, *others = self.constraints.asked(at)
         return at.written(entries, self.applied.steady(at), *others)
@@ -124,7 +124,7 @@ class Evaluator:
         """Refuse friction where rows are redundant at the start.
 
         Raises:
-            UndeterminedLoads: naming how many rows are.
+            UndeterminedLoads: with the number of redundant rows.
         """
         if self.friction:
             J = self.constraints(0.0, self.mechanism.q0, self.mechanism.v0).J
@@ -142,8 +142,8 @@ class Evaluator:
         """The nearest consistent state: Gauss-Newton corrections of q down to rounding, then the shortest correction of v.
 
         Singular values below `rank_tolerance` of the largest are left alone: next to a singular position, or where redundant
-        rows disagree by their own drift, following them would throw the state far along the free motion. What is not
-        finite has no nearest state and stays so.
+        rows disagree by their own drift, following them would throw the state far along the free motion. A state that is not
+        finite is returned as it is.
         """
         h = self.constraints.holonomic
         rows: Rows  # at the latest position
@@ -165,7 +165,7 @@ def _is_closed(q: Array, F: Array, _: Array) -> bool:
 
 
 def _shortest(J: Array, r: Array, rank_tolerance: float) -> Array:
-    """The shortest x (n,) nearest to J x = r; NaN where that is not finite, of which LAPACK would complain on stderr."""
+    """Return the minimum-norm least-squares x (n,) of J x = r; NaN if J or r is not finite (LAPACK would print to stderr)."""
     if not (np.isfinite(J).all() and np.isfinite(r).all()):
         return np.full(J.shape[1], np.nan)
     return np.asarray(np.linalg.lstsq(J, r, rcond=rank_tolerance)[0])

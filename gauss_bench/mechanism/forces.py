@@ -1,7 +1,7 @@
-"""Applied forces of a linkage: generalised force Q, potential energy and the power of what has no potential.
+"""Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
-A force comes to loads (`lowered` in model.py): laws on scalar coordinates, whose formulas stand in `coordinates.py`, and constant
-forces at points. All are written out together, for one state, q (n,), or a batch, q (..., n). Power that no potential accounts for
+Each force is lowered to loads (`lowered` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
+forces at points. One function is generated for all of them, for a state, q (n,), or a batch, q (..., n). Power without a potential
 (dampers, forces that turn with a link) is what the energy balance of a trajectory integrates.
 
 Dry friction stands apart, because it depends on the loads of the joints and with them on the accelerations. With N_k the load that
@@ -32,7 +32,7 @@ class AppliedForces:
     """Gravity and the active forces of one mechanism.
 
     Raises:
-        TypeError: a force of a kind that does not say what it comes to.
+        TypeError: a force has no `lowered` method.
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -44,7 +44,7 @@ class AppliedForces:
         self.loads = loads(f for f in mechanism.forces if not factor_of(f))
 
     def steady(self, at: Symbols) -> list[Real]:
-        """Q (n,) of everything that does not vary, as symbols."""
+        """Return Q (n,) of all steady forces, as symbols."""
         Q: list[Real] = [at.program.symbol(x) for x in self.gravity]
         for load in self.loads:
             for k, x in equations.generalise(at, load).items():
@@ -58,7 +58,7 @@ class AppliedForces:
 
     @cached_property
     def _energies(self) -> Callable[..., list[Array]]:
-        """Potential energy and power of everything that does not vary."""
+        """Generate the function for potential energy and power of all steady forces."""
         at = Symbols(self.mechanism.n)
         potential, power = at.program.symbol(0.0), at.program.symbol(0.0)
         for load in self.loads:
@@ -83,13 +83,13 @@ class AppliedForces:
         return np.asarray(held[..., 0] - q @ self.gravity)
 
     def power(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
-        """Power (...) [W] of everything that has no potential."""
+        """Return the power (...) [W] of all forces without a potential."""
         _, gained = self._energies(0.0, q, v)
         return np.asarray(gained[..., 0] + sum((force(q, v, t) * v).sum(-1) for force in self.varying))
 
 
 class _Varying:
-    """A force that varies: a factor times the steady force that it is of."""
+    """A varying force: a factor of time or direction times a steady force."""
 
     def __init__(self, mechanism: Mechanism, force: Force):
         factor = factor_of(force)
@@ -99,7 +99,7 @@ class _Varying:
         self.steady = AppliedForces(replace(mechanism, forces=(of,), gravity=0.0 * mechanism.gravity))
 
     def __call__(self, q: Array, v: Array, t: float | Array | None) -> Array:
-        """Its share of Q (..., n)."""
+        """Return the contribution of this force to Q (..., n)."""
         if t is None:
             raise TypeError(f"force {self.name} varies with time, and no time is given")
         Q = self.steady.generalised(q, v)
@@ -115,10 +115,10 @@ class Jammed(ArithmeticError):
 
 
 class JointFriction:
-    """Dry friction in the joints of one mechanism; pairs (p) with mu = 0 are left out, so that nothing is done for them.
+    """Dry friction in the joints of one mechanism; p counts the pairs with mu > 0, others are left out.
 
     Attributes:
-        acting: (p,) friction and pair.
+        acting: (p,) the friction of the file and the pair in which it acts.
         rows: (p,) first multiplier of each pair.
         pins: (p,) 1 where the second multiplier is a force too, 0 for a slide, where it is a moment.
     """
@@ -161,7 +161,7 @@ class JointFriction:
         return np.asarray((self.directions(q, v) @ self.loads(multipliers)[..., None])[..., 0])
 
     def consistent(self, base: Array, gain: Array) -> Array:
-        """The multipliers (..., m) of lambda = base + gain N(lambda), with base (..., m) and gain (..., m, p).
+        """Solve lambda = base + gain N(lambda) for the multipliers (..., m), with base (..., m) and gain (..., m, p).
 
         Raises:
             Jammed: the iteration does not settle.

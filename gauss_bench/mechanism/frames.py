@@ -1,7 +1,7 @@
-"""Bodies at a state: where a body is, how it moves, and how what is fixed in it lies in world axes.
+"""Bodies at a state: position and velocity of each body, and vectors fixed in a body expressed in world axes.
 
-A `Placement` says where all bodies of a linkage are; the ground is one that rests at the origin. Everything above asks it for
-frames, ends and directions, whatever its numbers are.
+A `Placement` locates all bodies of a linkage; the ground is a body at rest at the origin. Coordinates, rows and forces ask it for
+frames, ends and directions, and work with any kind of number.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ class Frame(NamedTuple):
         z, u: place [m] and velocity [m/s] of its centre of mass.
         omega: its angular speed [rad/s].
         angle: about the plane's normal, unwrapped [rad].
-        rests: whether it is the ground, on which what rests costs nothing.
+        rests: whether it is the ground, whose terms can be left out.
     """
 
     body: int
@@ -65,13 +65,13 @@ class Arithmetic(Protocol):
 
 
 def unit(angle: float, across: bool = False) -> Array:
-    """Unit vector (2,) at an angle [rad], or where `across` the one a quarter turn on."""
+    """Return the unit vector (2,) at an angle [rad]; with `across`, the one a quarter turn further."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([-s, c] if across else [c, s])
 
 
 class Placement:
-    """The bodies of a linkage at a state: a kind of numbers says where a body's frame is, and the rest follows.
+    """The bodies of a linkage at a state. A subclass provides `body` for its kind of numbers; frames, ends and directions follow.
 
     Attributes:
         arithmetic: of its numbers.

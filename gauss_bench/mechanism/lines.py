@@ -1,8 +1,8 @@
-"""Forces whose factor of time is a line between kinks, as numbers that change with time: a level and a slope each.
+"""Forces whose factor is piecewise linear in time, as two open parameters each: a level and a slope.
 
-Whoever computes with open numbers has such forces for two of them, forces.NAME.level and forces.NAME.slope, behind all others; who
-steps gives those of the stretch between two kinks, and ends a step at each. So a table of a thousand rows costs what a ramp costs,
-one operation, and stages at the end of a step see what is before a jump, as they should.
+A compiled program has the parameters forces.NAME.level and forces.NAME.slope for each such force, after all others. The stepping
+code sets them for the interval between two kinks and ends a step at every kink. So a table of a thousand rows costs one operation,
+as a ramp does, and the last stage of a step that ends at a jump still sees the value before the jump.
 """
 
 import numpy as np
@@ -13,17 +13,17 @@ from gauss_bench.terms import Array
 
 
 def line_up(mechanism: Mechanism) -> list[tuple[str, Factor]]:
-    """The forces whose factors of time are lines with kinks, by name."""
+    """Return the forces whose factors are piecewise linear in time with at least one kink, by name."""
     return [(f.name, factor) for f in mechanism.varying if (factor := factor_of(f)) and factor.kinks]
 
 
 def line_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """The open numbers that stand for them, in order."""
+    """Return the names of the open parameters of these forces, in order."""
     return tuple(f"forces.{name}.{key}" for name, _ in line_up(mechanism) for key in ("level", "slope"))
 
 
 def line_values(mechanism: Mechanism, t: float | Array) -> Array:
-    """Their values (..., n) at times (...) [s]; at a kink those after it."""
+    """Return the values (..., n) of these parameters at times (...) [s]; at a kink, those after it."""
     lines = [factor.line(t) for _, factor in line_up(mechanism)]
     return np.concatenate([np.zeros((*np.shape(t), 0)), *lines], axis=-1)
 

@@ -80,7 +80,7 @@ class Slip:
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """Scalar coordinate: the sum of others, each times a number, as gears hold of angles; in the unit of the first."""
+    """Scalar coordinate: the weighted sum of others, such as the angles of two meshing gears; in the unit of the first."""
 
     terms: tuple[tuple["Angle | Along | Distance", float], ...]
 
@@ -94,7 +94,7 @@ Coordinate = Angle | Along | Distance | Weighted
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The coordinate by which motions of a linkage are compared: `name` says in words which it is."""
+    """The coordinate by which motions of a linkage are compared; `name` describes it for the reader of a report."""
 
     name: str
     coordinate: Coordinate
@@ -125,11 +125,11 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A link of the file as part of the body it moves with: that of `links` by index, after welding.
+    """A link of the file and the rigid body that carries it after welding; `body` is an index into `Mechanism.links`.
 
     Attributes:
-        at: (2,) its centre of mass from that of the body, in the body's frame [m].
-        turn: its angle less that of the body [rad].
+        at: (2,) centre of mass of the link relative to that of the body, in the body's frame [m].
+        turn: angle of the link minus angle of the body [rad].
     """
 
     name: str
@@ -140,7 +140,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Weld:
-    """A weld: the links of the file that it holds, by index among all of them, and the point on the first where they are held."""
+    """A weld: `beyond` are the links that it fixes to the first one (indices among all links of the file), `at` the point there."""
 
     name: str
     at: Point
@@ -169,14 +169,14 @@ class Revolute:
 
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Along, float]]:
-        """The coordinates that the pin holds, with their values: the ways between its points along the axes of the world."""
+        """The coordinates that the pin constrains, with their values: the gap between its points along x and along y, both 0."""
         x, y = (Along(self.a, self.b, 0.0, across, GROUND) for across in (False, True))
         return (x, 0.0), (y, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Prismatic:
-    """A slide: the block point keeps the distance `offset` left of a line of the guide's link, without turning relative to it.
+    """A slide: the block point stays at the distance `offset` left of a line in the guide's link; the block does not turn in it.
 
     Attributes:
         angle: direction of the line in the guide link's frame [rad].
@@ -203,12 +203,12 @@ class Prismatic:
 
     @property
     def motion(self) -> Along:
-        """The coordinate that the slide leaves free: the way of the block point along the line, from the guide point."""
+        """The coordinate that the slide leaves free: the position of the block point along the line, from the guide point."""
         return Along(self.guide, self.block, self.angle)
 
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Angle, float]]:
-        """The coordinates that the slide holds, with their values: the distance from the line, and the turning."""
+        """The coordinates that the slide constrains, with their values: the distance from the line, and the relative angle."""
         beside = Along(self.guide, self.block, self.angle, across=True)
         return (beside, self.offset), (Angle(self.guide.link, self.block.link), self.turn)
 
@@ -217,7 +217,7 @@ Joint = Revolute | Prismatic
 
 
 def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """A pair for every two links of a joint, whose own pairs join neighbours in its list."""
+    """Return a pin for every two links of a multiple joint; in the file its pins join neighbouring links only."""
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
         return pairs
@@ -243,7 +243,7 @@ class KnifeEdge:
 
 
 class Coupling(Protocol):
-    """A constraint beside the joints: scalar coordinates held at values, by the `type` of its table in the file."""
+    """A constraint that is not a joint: it holds scalar coordinates at given values. Its table in the file names its `type`."""
 
     @property
     def name(self) -> str: ...
@@ -288,11 +288,11 @@ class PointForce:
         return (self,)
 
 
-Load = Law | PointForce  # whatever acts on a linkage comes to these: all that terms, kernels and adapters know of forces
+Load = Law | PointForce  # every force is lowered to these two: terms, kernels and adapters need to know no other kind
 
 
 class Names(Protocol):
-    """The reader of a table of the file: the things its names stand for, and its numbers in the type asked for."""
+    """Reads one table of the linkage file: it resolves names to links and points, and makes numbers of the precision in use."""
 
     @property
     def world(self) -> Point:
@@ -303,7 +303,7 @@ class Names(Protocol):
     def point(self, reference: str, /) -> Point: ...
     def pairs(self, joint: str, /) -> tuple[Joint, ...]: ...
     def damped(self, joint: str, /) -> tuple[Joint, ...]:
-        """The pairs between which a joint is damped: every two of its links, or in the first edition the neighbours in its list."""
+        """The pairs in which a joint is damped: every two of its links, or only neighbours in files of the first edition."""
         ...
 
     def pair(self, values: Any, /) -> Array: ...
@@ -316,13 +316,13 @@ class Names(Protocol):
         ...
 
     def turn(self, name: str, /) -> Any:
-        """The angle of the link of a name or reference in the frame of its body [rad]; 0 but for welded ones."""
+        """The angle of a link in the frame of the body that carries it [rad]; 0 unless the link is welded."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """Torque `value` [N m] on `link`, times its factor, the opposite one on `reaction` (link indices)."""
+    """Torque `value` times `factor` [N m] on `link`, and the opposite torque on `reaction` (link indices)."""
 
     name: str
     link: int
@@ -405,7 +405,7 @@ class RotationalSpringDamper:
 
 @dataclass(frozen=True, eq=False)
 class JointDamping:
-    """Viscous damping c of the relative turning [N m s/rad] or sliding [N s/m] speed in pairs of links of a joint."""
+    """Viscous damping in the pairs of a joint: c times the relative angular [N m s/rad] or sliding [N s/m] speed."""
 
     name: str
     pairs: tuple[Joint, ...]
@@ -450,7 +450,7 @@ def factor_of(force: Force) -> Factor | None:
 
 
 def steady_part(force: Force) -> Torque | PointForce:
-    """The steady force that one that varies is a multiple of.
+    """Return a varying force without its time or direction factor.
 
     Raises:
         TypeError: the force is of a kind that does not vary.
@@ -461,10 +461,10 @@ def steady_part(force: Force) -> Torque | PointForce:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """The loads that steady forces come to.
+    """Lower steady forces to loads: laws on coordinates and forces at points.
 
     Raises:
-        TypeError: naming a force of a kind that does not say what it comes to, or one that varies.
+        TypeError: a force has no `lowered` method, or varies; the message names it.
     """
     forces = tuple(forces)
     for force in forces:
@@ -530,7 +530,7 @@ class Mechanism:
     Attributes:
         source: the file it was read from, as given.
         sha256: digest of the file's bytes.
-        digest: of what the motion follows from, whatever its comments, titles and other scenarios say.
+        digest: hash of everything that determines the motion; comments, titles and other scenarios do not change it.
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
         observed_points, observed_links: what the file asks to report: points, and links by their angles (indices).
@@ -538,8 +538,8 @@ class Mechanism:
             angle, else the first angle of a link or slide that can move, in the file's order.
         q0, v0: (n,) consistent start, read-only.
         frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
-        parts: every link of the file as part of a body, where some are welded; else none. welds: what holds them.
-        apart: the linkage with every link of the file on its own, where some are welded: what results are told by.
+        parts: every link of the file with the body that carries it, if some are welded; else empty. welds: the welds themselves.
+        apart: the same linkage with no links merged, if some are welded: results are reported by its links.
         couplings: constraints beside the joints that have a position level.
         warnings: sentences on what the file allows and a motion should stay away from.
         dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
@@ -576,12 +576,13 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what nothing here knows: whoever reads forces, joints or drivers might leave it out without a word.
+        """Check the kinds of all parts and make the arrays read-only.
 
-        The arrays are read-only from here on: whoever loads the same file is given the same mechanism.
+        Code that selects forces, joints or drivers by kind would silently skip an unknown one. The arrays are frozen because
+        everybody who loads the same file gets this same object.
 
         Raises:
-            TypeError: naming it.
+            TypeError: a part is of an unknown kind; the message names it.
         """
         for name in ("gravity", "q0", "v0"):
             if isinstance(given := getattr(self, name), np.ndarray):  # or numbers of another kind, in a list
@@ -604,13 +605,13 @@ class Mechanism:
 
     @property
     def driver(self) -> AngleDriver | None:
-        """The prescribed rotation, where it is all that is prescribed."""
+        """The prescribed rotation, if it is the only driver of the scenario; else None."""
         only = self.drivers[0] if len(self.drivers) == 1 else None
         return only if isinstance(only, AngleDriver) else None
 
     @property
     def constraints(self) -> tuple[KnifeEdge | Coupling, ...]:
-        """The constraints beside joints and drivers; an engine that does not know of them must not run this mechanism."""
+        """Couplings and knife edges: an engine that does not support them must not run this mechanism."""
         return *self.couplings, *self.knife_edges
 
     @property
@@ -620,17 +621,17 @@ class Mechanism:
 
     @property
     def varying(self) -> tuple[Force, ...]:
-        """The forces that vary with time or direction; an engine that does not know of them must not run this mechanism."""
+        """The forces that vary with time or direction; an engine that does not support them must not run this mechanism."""
         return tuple(f for f in self.forces if factor_of(f))
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Times [s] at which a force has a kink or jumps: where an integrator should start anew."""
+        """Times [s] at which a force jumps or its slope does: an integrator should end a step there and restart."""
         return tuple(sorted({t for f in self.varying if (factor := factor_of(f)) for t in factor.kinks if 0 < t < self.duration}))
 
     @property
     def forcing_period(self) -> float | None:
-        """The shortest period [s] of a force that swings with time, or None where none does."""
+        """The shortest period [s] of the sinusoidal forces, or None if there are none."""
         waves = [factor.wave for f in self.varying if (factor := factor_of(f)) and factor.wave]
         return min((2 * np.pi / x.turning for x in waves if x.turning > 0), default=None)
 
@@ -648,11 +649,11 @@ class Mechanism:
 
     @property
     def whole(self) -> "Mechanism":
-        """The linkage by the links of its file, each on its own."""
+        """The linkage with every link of its file separate, before welding."""
         return self.apart or self
 
     def placed(self, name: str) -> tuple[int, Any]:
-        """The body that carries a link of the file, by index, and the link's angle in it [rad]."""
+        """Return the index of the body that carries a link of the file, and the link's angle in that body's frame [rad]."""
         if self.parts:
             part = next(x for x in self.parts if x.name == name)
             return part.body, part.turn
@@ -660,14 +661,14 @@ class Mechanism:
 
     @property
     def size(self) -> float:
-        """The largest distance [m] of two points of one link, or of the ground; 1 where no link has two."""
+        """The largest distance [m] between two points of one link or of the ground; 1 if no link has two points."""
         parts = [[np.asarray(p, dtype=float) for p in link.points.values()] for link in self.links]
         parts.append([np.asarray(p, dtype=float) for p in self.ground_points.values()])
         largest = max((float(np.hypot(*(a - b))) for points in parts for a in points for b in points), default=0.0)
         return largest or 1.0
 
     def named_point(self, reference: str) -> Point:
-        """The point "link.point" of the file, on whatever body carries the link."""
+        """Return the point "link.point" of the file, as a point of the body that carries the link."""
         owner, _, name = reference.partition(".")
         if owner == "ground":
             return self.point(GROUND, name)
@@ -675,7 +676,7 @@ class Mechanism:
         return self.point(body, name if self.links[body].name == owner else reference)
 
     def point(self, link: int, name: str) -> Point:
-        """The point `name` of a link by index."""
+        """Return the point `name` of the link with an index."""
         if link == GROUND:
             return Point(GROUND, self.ground_points[name], f"ground.{name}")
         owner = self.links[link]

@@ -41,9 +41,9 @@ class MotionLaw:
     """A callable t -> (theta [rad], rate [rad/s], second rate [rad/s^2]); t may be an array.
 
     Attributes:
-        name: of the family.
-        motion: what is called.
-        numbers: what the law is made of, for those who write it in another form.
+        name: the family of the law.
+        motion: the function itself.
+        numbers: parameters of the law, from which other code can rebuild it in its own form.
     """
 
     name: str
@@ -54,12 +54,12 @@ class MotionLaw:
         return self.motion(t)
 
     def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
-        """On its way to another process a law in floats is what it is made of."""
+        """Pickle the name and the numbers: a closure cannot be sent to another process."""
         return make_law, (self.name, dict(self.numbers))
 
 
 def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
-    """The law of this name that is made of these floats."""
+    """Build the law of this name from its parameters, in floats."""
     match name:
         case "constant":
             return constant(numbers["start"], numbers["speed"])
@@ -111,7 +111,7 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
 
 
 def within(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
-    """t held between two bounds, and whether it lies there (1 or 0)."""
+    """Return t clipped to two bounds, and 1 where t was between them, else 0."""
     before, after = t < low, t > high
     return np.where(before, low, np.where(after, high, t))[()], np.where(before | after, low - low, low - low + 1)[()]
 
@@ -168,9 +168,9 @@ class Factor:
 
     Attributes:
         kinks: times [s], in order, at which the factor of time has no derivative, or jumps.
-        lines: before, between and after the kinks: level and slope [1/s] of level + slope t; at a kink the line after it holds.
-        wave: what stands in place of the lines, or None.
-        share, speed: against the direction of the force, and the speed over which it goes over [m/s or rad/s].
+        lines: (level, slope [1/s]) of level + slope t, before, between and after the kinks; at a kink the later line holds.
+        wave: a sine that replaces the lines, or None.
+        share, speed: share of the force when its point moves against it, and the transition speed [m/s or rad/s].
     """
 
     kinks: tuple[float, ...] = ()
@@ -198,7 +198,7 @@ class Factor:
 
 
 def read_factor(table: Mapping[str, Any]) -> Factor | None:
-    """The factor that a force's table names, or None: `over_time`, `against`."""
+    """Read the factor of a force's table from `over_time` and `against`; None if it has neither."""
     if "over_time" not in table and "against" not in table:
         return None
     against = table.get("against", {})
@@ -206,7 +206,7 @@ def read_factor(table: Mapping[str, Any]) -> Factor | None:
 
 
 def _of_time(table: Mapping[str, Any] | None) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...], Wave | None]:
-    """Kinks, lines and wave."""
+    """Read kinks, lines and wave from the table `over_time`."""
     if table is None:
         return (), (STEADY,), None
     match table["law"]:

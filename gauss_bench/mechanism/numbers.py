@@ -1,7 +1,7 @@
-"""Numbers of any precision: a linkage is built in the type it will be computed in, from the decimals its file says.
+"""Numbers of any precision: a linkage is built from the decimals of its file in the type that computes with it.
 
-A `Number` makes one value of its type from decimal text: float, numpy.longdouble, or the 128-bit type of an extended library. All
-of them add, multiply and go through numpy's elementary functions; what numpy would round to double on the way is done here.
+A `Number` converts decimal text to its type: float, numpy.longdouble, or the 128-bit type of an extended library. All of them add,
+multiply and work with numpy's elementary functions; operations that numpy would round to double are implemented here.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ PI = "3.14159265358979323846264338327950288419716939937510582097494"
 
 
 def exact(number: Number, value: float | int | Decimal) -> Any:
-    """A number of the file in the type asked for; a float stands for the shortest decimal that reads as it."""
+    """Convert a number of the file to the type; a float is taken as its shortest decimal, so that 0.1 means one tenth."""
     return number(str(value))
 
 

@@ -1,7 +1,7 @@
-"""The products of vectors in which plane and space differ: nothing above this file asks for a dimension.
+"""The vector products that differ between plane and space: no other file depends on the dimension.
 
-A vector has components in world axes. A turning is what angular speeds and moments are: one number in the plane. Numbers may be of
-any kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), so that each product is written once, by components:
+A vector has components in world axes. A turning is an angular speed or a moment: one number in the plane. Numbers may be of any
+kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), so that each product is written once, by components:
 
     dot      a . b
     wedge    a x b, a turning
@@ -44,7 +44,7 @@ class Vec:
 
 
 class Plane:
-    """The plane. `axis` is the direction that every angle turns about, as a turning."""
+    """Vector products in the plane. `axis` is the unit turning: the plane's normal."""
 
     dimension, turns = 2, 1
     size = dimension + turns  # coordinates of a body: its place, then its angle
@@ -69,7 +69,7 @@ class Plane:
         return w * self.dot(d, r)
 
     def turned(self, turn: Vec, s: Vec) -> Vec:
-        """A vector by the cosine and sine of an angle."""
+        """Return the vector s rotated by an angle; `turn` is its (cosine, sine)."""
         (c, i), (x, y) = turn.parts, s.parts
         return Vec(x * c - y * i, x * i + y * c)
 
@@ -85,7 +85,7 @@ class Plane:
 PLANE = Plane()
 
 
-# A state (..., n) of all bodies, and the part of it that is of one. The ground has index -1, and rests at the origin.
+# Slices of a state (..., n) of all bodies by body. The ground has index -1 and rests at the origin.
 
 
 def slots(body: int) -> slice:

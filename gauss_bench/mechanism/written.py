@@ -1,8 +1,8 @@
-"""Equations written out: a straight line of Python for floats or arrays, in which every operation stands once.
+"""Generated equations: straight-line Python for floats or arrays, with every common subexpression computed once.
 
-The equations are asked once with symbols in the place of numbers. Operations on symbols are kept in their order, equal ones once;
-zeros, ones and what is known already are worked out at once. What is left is a function without a loop or an index: of floats it
-takes a tenth of the time of arrays, and the same text serves arrays of states, in double or longer.
+The equations are evaluated once with symbols for numbers. Operations on symbols are recorded in order, equal ones once; zeros, ones
+and constants are folded. The result is a function without loops or indices: with floats it takes a tenth of the time of arrays,
+and the same text works on arrays of states, in double or longer types.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-FEW = 20  # states: with fewer a loop over floats is quicker than arrays
+FEW = 20  # states: below this number a loop over floats is faster than arrays
 FUNCTIONS = ("sqrt", "sin", "cos", "tanh")
 Number = Any  # a float, or one of a longer type
 
@@ -60,7 +60,7 @@ class Line(NamedTuple):
 
 
 class Program:
-    """Lines in the order in which they are needed, each operation once; it is the arithmetic of its symbols."""
+    """The recorded operations in order, each once. It is also the `Arithmetic` of its symbols: their operators call its methods."""
 
     def __init__(self) -> None:
         self.lines: list[Line] = []
@@ -69,7 +69,7 @@ class Program:
         self.opposites: dict[str, Symbol] = {}  # name of -x: x
 
     def symbol(self, x: Symbol | Number) -> Symbol:
-        """A symbol, or a constant: written as a float, or by a name where a float has too few digits."""
+        """Return x as a symbol; a constant is written as a float literal, or gets a name if a float has too few digits."""
         if isinstance(x, Symbol):
             return x
         if float(x) == x:
@@ -125,7 +125,7 @@ class Program:
         return found
 
     def inverse(self, a: Symbol | Number) -> Symbol:
-        """1 / a; zero of zero: two points that coincide have a distance without a direction."""
+        """Return 1 / a, and 0 for a = 0: the distance of two coincident points has no direction."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(1.0 / a.number if a.number else 0.0)
@@ -146,9 +146,9 @@ class Program:
             self.known[text] = Symbol(self, line.name)
         return self.known[text]
 
-    def needed(self, told: Iterable[Symbol]) -> list[Line]:
-        """The lines that some symbols are worked out by."""
-        names, lines = {x.text for x in told}, []
+    def needed(self, results: Iterable[Symbol]) -> list[Line]:
+        """Return the lines that some symbols depend on, in order."""
+        names, lines = {x.text for x in results}, []
         for line in reversed(self.lines):
             if line.name in names:
                 names |= {x.text for x in line.operands}
@@ -157,33 +157,35 @@ class Program:
 
 
 class Written:
-    """A function of lists of numbers, written out: `inputs` names each list and its length, `told` are its groups of symbols.
+    """A generated function of lists of numbers: `inputs` are (name, length) of each list, `groups` the symbols that it returns.
 
     Attributes:
-        source: its text.
+        source: text of the function.
     """
 
-    def __init__(self, program: Program, inputs: Sequence[tuple[str, int]], told: Sequence[Sequence[Symbol]]):
+    def __init__(self, program: Program, inputs: Sequence[tuple[str, int]], groups: Sequence[Sequence[Symbol]]):
         names = ", ".join(name for name, _ in inputs)
+        # each list is unpacked into scalars q0, q1, ... : reading a local variable is faster than indexing
         heads = [f"{', '.join(f'{name}{k}' for k in range(count))}, = {name}" for name, count in inputs if count]
-        groups = ", ".join(f"({''.join(f'{x.text}, ' for x in group)})" for group in told)
-        lines = [f"{line.name} = {line.text}" for line in program.needed(x for group in told for x in group)]
-        self.source = "\n    ".join([f"def function({names}):", *heads, *lines, f"return ({groups},)"])
-        self.sizes = [len(group) for group in told]
+        tuples = [f"({''.join(f'{x.text}, ' for x in group)})" for group in groups]
+        needed = program.needed(x for group in groups for x in group)
+        lines = [f"{line.name} = {line.text}" for line in needed]
+        self.source = "\n    ".join([f"def function({names}):", *heads, *lines, f"return ({', '.join(tuples)},)"])
+        self.sizes = [len(group) for group in groups]
         floats = {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": _inverse}
         arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": inverse}
         code = compile(self.source, "<equations>", "exec")
         self._of_floats, self._of_arrays = (_function(code, names | program.constants) for names in (floats, arrays))
-        self._in_floats = not program.constants
+        self._in_floats = not program.constants  # named constants have more digits than a float
 
     def __call__(self, *given: Array) -> list[Array]:
-        """Groups (..., k) of inputs (..., n)."""
+        """Evaluate the groups (..., k) at inputs (..., n)."""
         first = given[0]
         shape, dtype = first.shape[:-1], np.result_type(*(x.dtype for x in given))
         if self._in_floats and dtype == np.float64 and math.prod(shape) < FEW:
             try:
                 return self._one_by_one(shape, given)
-            except (ValueError, OverflowError):  # a sine of what is not finite, which arrays answer by nan
+            except (ValueError, OverflowError):  # sine of inf raises for floats; arrays return nan
                 pass
         found = []
         for group in self._of_arrays(*(np.moveaxis(x, -1, 0) for x in given)):
@@ -213,6 +215,6 @@ def _inverse(x: float) -> float:
 
 
 def inverse(x: Array) -> Array:
-    """1 / x; zero of zero, as `Program.inverse` has it."""
+    """Return 1 / x, and 0 where x is 0, as `Program.inverse` does."""
     zero = np.equal(x, 0)
     return np.where(zero, 0, 1 / np.where(zero, 1, x)) if zero.any() else 1 / x

@@ -1,4 +1,4 @@
-"""The driver of trajectories that a guard stops: another partition, and last a rank decision at each step."""
+"""Continuation of trajectories that a guard has stopped: another partition or, at last, single steps by rank decision."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
 
 
 class ByRank(Protocol):
-    """Single steps of a mechanism with the numbers of its file, whatever the rank of its rows."""
+    """Single steps of a mechanism with the numbers of its file; the rank of its rows is determined at each step."""
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]: ...
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]: ...
@@ -26,7 +26,7 @@ class ByRank(Protocol):
 
 @dataclass
 class Tally:
-    """Counts beyond the first program: changes of partition, steps by rank decision, lost trajectories."""
+    """Counts for the last call: changes of partition, steps by rank decision, lost trajectories."""
 
     switches: int = 0
     fallbacks: int = 0
@@ -34,7 +34,7 @@ class Tally:
 
 
 class Driver:
-    """Steps trajectories to their end by whatever serves; what is lost is not a number from there on.
+    """Steps trajectories to their end, changing the program where a guard fails; a lost trajectory is NaN from there on.
 
     `projected` where samples are to lie on the constraints. Of the open numbers the first are a user's, as many as `given`; the
     others go with time, and the rank decision knows them.
@@ -45,7 +45,7 @@ class Driver:
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
-        """Tell whether open parameters have the values of the file, for which alone the rank decision knows the mechanism."""
+        """Tell whether open parameters have the values of the file: steps by rank decision are only possible for these."""
         return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
     @property
@@ -54,7 +54,7 @@ class Driver:
         return bool(self.programs.dropped) and not self.projected
 
     def best(self, t: float, state: Array, p: Array, without: set[int]) -> int | None:
-        """The program with the largest margin at a state, or None where none is usable there."""
+        """Return the index of the program with the largest margin at a state, or None if none is usable there."""
         if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
             return None
         while True:
@@ -66,10 +66,10 @@ class Driver:
                 return None
 
     def _switch(self, t: float, state: Array, p: Array, without: set[int]) -> tuple[int, Array] | None:
-        """Another program, and the state (2n,) as it is to go on from it; None where no program serves.
+        """Choose another program and return it with the state (2n,) from which it continues; None if no program is usable.
 
-        Where rows drift, what one that was dropped is off has grown by the inverse of the smallest pivot: the state is taken back
-        onto the rows that the program keeps, which near it are all rows, or where that fails by a rank decision.
+        Without projection the error of a dropped row has grown by the inverse of the smallest pivot. The state is therefore first
+        projected onto the rows that the new program keeps or, if that fails, projected by a rank decision.
         """
         k, n = self.best(t, state, p, without), self.programs.n
         if k is None:
@@ -81,7 +81,7 @@ class Driver:
         return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if settled is None else settled
 
     def _step(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
-        """The state (2n,) after one step by rank decision; h is 0 at a sample, which is projected alone. NaN where it is lost."""
+        """Return the state (2n,) after one step by rank decision, NaN if it is lost; h = 0 only projects the state of a sample."""
         self.tally.fallbacks += 1
         q, v = np.split(state, 2)
         if self.nominal(p) and np.isfinite(state).all():
@@ -90,16 +90,16 @@ class Driver:
             try:
                 with np.errstate(all="ignore"):
                     return np.concatenate(self.by_rank.step(integrator, t, q, v, h))
-            except np.linalg.LinAlgError:  # numbers beyond all bounds
+            except np.linalg.LinAlgError:  # the state has overflowed: report it as lost
                 pass
         return np.full_like(state, np.nan)
 
     def advance(self, batch: Batch, integrator: str, threads: int = 1) -> Outcome:
-        """All trajectories of a batch to their end."""
+        """Step all trajectories of a batch to their end."""
         return self.resume(batch, self.programs.runner(0, integrator).run(batch, threads), integrator)
 
     def resume(self, batch: Batch, outcome: Outcome, integrator: str) -> Outcome:
-        """Trajectories that stopped to their end, one by one; they write into the outcome."""
+        """Step the trajectories that stopped to their end, one by one, and store them in the outcome."""
         for row in np.flatnonzero(~outcome.complete).tolist():
             at = int(outcome.done[row])
             samples = self._continue(batch, integrator, outcome.states[row].copy(), batch.parameters[row], at)
@@ -111,7 +111,7 @@ class Driver:
         return outcome
 
     def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, at: int) -> Iterator[Array]:
-        """Yield the samples (2n,) of one trajectory that the first program has stopped at a step; NaN last where it is lost."""
+        """Yield the remaining samples (2n,) of a trajectory that the first program stopped at step `at`; NaN last if it is lost."""
         n, used, tried, stopped = self.programs.n, 0, {0}, True
         for slot in range(before(at, batch.every), batch.slots):
             goal, there = min((slot + 1) * batch.every, batch.n), False
@@ -119,7 +119,8 @@ class Driver:
                 t = batch.t0 + at * batch.h
                 found = self._switch(t, state, p, tried) if stopped else (used, state)
                 if found is None:
-                    there = at == goal
+                    # no program is usable here: one step by rank decision, then all programs may be tried again
+                    there = at == goal  # the sample itself is only projected
                     state = self._step(integrator, t, state, p, 0.0 if there else batch.h)
                     if not np.isfinite(state).all():
                         yield np.full_like(state, np.nan)
@@ -130,17 +131,19 @@ class Driver:
                 end = self.programs.runner(used, integrator).run_one(state[:n], state[n:], p, t, batch.h, goal - at)
                 stopped = isinstance(end, Stop)
                 if isinstance(end, Stop):
+                    # after progress only the program that stopped is excluded; without progress also those tried before
+
                     state, at, tried = end.state, at + end.done, {used} if end.done else tried | {used}
                 else:
                     state, at, there = end, goal, True
             yield state
 
     def integrate(self, state: Array, p: Array, times: Array, tolerances: tuple[float, float]) -> tuple[Array, int, int]:
-        """States (k, 2n) of one trajectory at times (k,) by steps of its own choice, steps that count, and all."""
+        """Integrate one trajectory with step size control: states (k, 2n) at times (k,), accepted steps, attempted steps."""
         samples, taken, tried_steps = np.full((len(times), len(state)), np.nan), 0, 0
         stored, t, used, tried = 0, float(times[0]), 0, set[int]()
         while True:
-            again = int(stored > 0)  # where it stopped is no sample
+            again = int(stored > 0)  # after a stop the course begins between samples: its first state is not stored
             part = np.append(t, times[stored:]) if again else times
             course = self.programs.adaptive(used).run(state, p, part, tolerances)
             new = course.samples[again:]
@@ -163,7 +166,7 @@ class Driver:
                 return samples, taken, tried_steps
 
     def advance_over(self, batch: Batch, numbers: Numbers, kinks: Sequence[float], integrator: str, threads: int) -> Outcome:
-        """All trajectories of a batch to their end, as `advance`; its open numbers are given by time."""
+        """Step all trajectories to their end as `advance` does, with open parameters that change at the kinks of forces."""
         samples = np.full((len(batch.states), batch.slots, batch.states.shape[1]), np.nan)
         states = batch.states.copy()
         for leg in legs(batch.t0, batch.h, batch.n, batch.every, kinks):
@@ -181,7 +184,7 @@ class Driver:
     def integrate_over(
         self, state: Array, numbers: Numbers, times: Array, tolerances: tuple[float, float], kinks: Sequence[float]
     ) -> tuple[Array, int, int]:
-        """One trajectory by steps of its own choice, as `integrate`, started anew at each kink; open numbers are given by time."""
+        """Integrate one trajectory as `integrate` does, restarted at each kink with the open parameters of the next interval."""
         begin, end = float(times[0]), float(times[-1])
         samples, taken, tried = np.full((len(times), len(state)), np.nan), 0, 0
         for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):

@@ -1,11 +1,11 @@
-"""Routines as they run: by native code, in groups of lanes and on several threads, or by arrays of numpy.
+"""Execution of routines: native code in groups of lanes on several threads, or arrays of numpy.
 
-A runner knows one program, one integrator and one reach. It never decides what follows when a trajectory stops: driver.py does.
-Without a compiler the step is taken in the variant that leaves every sine to the target; guards, projection and the order of the
-operations are those of the native code, so that results agree to rounding.
+A runner has one program, one integrator and one reach. When a trajectory stops, driver.py decides how it continues. Without a
+compiler, numpy computes every sine; guards, projection and the order of operations are those of the native code, so that results
+agree to rounding.
 
-A partition is usable where its pivots stay away from zero; which ones do changes along the motion (the crank of a slider-crank
-always serves, its slider not at the dead centres).
+A partition is usable where its pivots stay away from zero, which changes along the motion: the crank of a slider-crank is always a
+usable independent coordinate, its slider is not at the dead centres.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ class Batch:
     Attributes:
         states: (k, 2n) q and v.
         parameters: (k, n_p).
-        t0, h: start and step [s]; n: steps; every: steps between samples, at least 1.
+        t0, h: start and step size [s]; n: number of steps; every: steps between samples, at least 1.
     """
 
     states: Array
@@ -52,10 +52,10 @@ class Outcome:
     """The outcome of a batch.
 
     Attributes:
-        states: (k, 2n) last state; where a trajectory stopped early, the one it stopped at.
-        samples: (k, slots, 2n); of a trajectory that stopped, those before the step it stopped at.
-        done: (k,) steps that count.
-        complete: (k,) whether that is all of them.
+        states: (k, 2n) last state; if a trajectory stopped early, the state before the failed step.
+        samples: (k, slots, 2n); of a trajectory that stopped, only those before the failed step are filled.
+        done: (k,) accepted steps.
+        complete: (k,) whether all steps were accepted.
     """
 
     states: Array
@@ -65,7 +65,7 @@ class Outcome:
 
 
 class Stop(NamedTuple):
-    """An early stop of one trajectory: its state (2n,), and the steps that count."""
+    """An early stop of one trajectory: its last valid state (2n,) and the number of accepted steps."""
 
     state: Array
     done: int
@@ -73,12 +73,12 @@ class Stop(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The outcome of one trajectory whose steps are its own choice.
+    """The outcome of one trajectory with step size control.
 
     Attributes:
-        samples: (k, 2n) at the times it came to; with projection, as they are to be seen.
-        state: (2n,) where it stopped, at the time t.
-        taken, tried: steps that count, and all.
+        samples: (k, 2n) at the times reached; projected if projection is on.
+        state: (2n,) at the time t where it ended.
+        taken, tried: accepted and attempted steps.
     """
 
     samples: Array
@@ -91,7 +91,7 @@ class Course:
 class Stepper:
     """Steps trajectories by one routine `rollout`.
 
-    `further` is the same with all its reaches, which takes longer to compile: from when the first was exceeded it serves alone.
+    `further` contains all reaches and takes longer to compile; it replaces `rollout` once the first reach has been exceeded.
     """
 
     def __init__(self, loaded: Loaded, further: Loaded | None = None):
@@ -99,13 +99,13 @@ class Stepper:
         self.native, self.compiled = loaded.target.backend == "llvm", [loaded]
 
     def extend(self) -> None:
-        """Let it reach as far as it can."""
+        """Switch to the routine that contains all reaches."""
         if self.further is not None:
             self.loaded, self.further = self.further, None
             self.compiled.append(self.loaded)
 
     def run(self, batch: Batch, threads: int = 1) -> Outcome:
-        """All trajectories of a batch as far as their guards hold."""
+        """Step all trajectories of a batch until they end or a guard fails."""
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
         y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # one lane would be a view
@@ -126,7 +126,7 @@ class Stepper:
         return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0)
 
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Stop:
-        """The state (2n,) after n steps of one trajectory, or where it stopped: the shortest way into the native code."""
+        """Return the state (2n,) after n steps of one trajectory, or the stop; this path has the least overhead per call."""
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
@@ -149,13 +149,13 @@ LEAST, LIMIT = 1e-14, 10**7  # of a step, relative to all times and to the longe
 
 
 class Adaptive:
-    """Steps one trajectory by one routine `integrate`, which chooses how far each of them goes."""
+    """Steps one trajectory by one routine `integrate`, which controls the step size."""
 
     def __init__(self, loaded: Loaded):
         self.loaded = loaded
 
     def run(self, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-        """From a state (2n,) at the first of some times (k,), with tolerances rtol and atol, as far as the guards hold."""
+        """Integrate from a state (2n,) at the first of the times (k,) with tolerances rtol, atol until a guard fails."""
         y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
         samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
         span = float(times[-1] - times[0])
@@ -167,13 +167,13 @@ class Adaptive:
 
 
 class Evaluator:
-    """The results of a routine `accelerate` or `settle` at states, and what stands behind them: 0 where a guard fails."""
+    """Results of a routine `accelerate` or `settle` at states, followed by its guard value: 0 if a guard fails."""
 
     def __init__(self, loaded: Loaded):
         self.loaded = loaded
 
     def many(self, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
-        """Accelerations (k, n), and whether all guards hold (k,), of states (k, 2n) at times (k,)."""
+        """Return accelerations (k, n) of states (k, 2n) at times (k,), and whether all guards hold (k,)."""
         count = len(states)
         lanes = self.loaded.lanes(count)
         y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
@@ -183,7 +183,7 @@ class Evaluator:
         return rows[:, :-1], rows[:, -1] > 0
 
     def one(self, t: float, q: Array, v: Array, parameters: Array, size: int) -> Array:
-        """The results (size + 1,) at one state by native code; overwritten by the next."""
+        """Return the results (size + 1,) at one state by native code, in memory that the next call overwrites."""
         one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 1, size + 1)
         arrays = one.arrays
         one.q[...], one.v[...], arrays[-2][0] = q, v, t
@@ -194,11 +194,11 @@ class Evaluator:
 
 
 class Programs:
-    """The programs of one mechanism, the best first; further ones are generated when they are asked for.
+    """The programs of one mechanism, the best first; further ones are generated on demand.
 
     Attributes:
         n: coordinates. values: (n_p,) open numbers of the file. native: accelerations of the first program.
-        dropped: redundant rows that the first one leaves out; others leave out others.
+        dropped: redundant rows that the first program leaves out; other programs may leave out different ones.
     """
 
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
@@ -216,13 +216,13 @@ class Programs:
         return len(self.codes)
 
     def further(self) -> bool:
-        """Generate one more program; False where there is none."""
+        """Generate one more program; return False if there are no more."""
         code = next(self._more, None)
         self.codes += [] if code is None else [code]
         return code is not None
 
     def runner(self, k: int, integrator: str) -> Stepper:
-        """The code of one program, made when it is first asked for."""
+        """Return the stepper of one program, compiled on first use."""
         return self.runners.get((k, integrator)) or self._make(k, integrator)
 
     def _make(self, k: int, integrator: str) -> Stepper:
@@ -241,7 +241,7 @@ class Programs:
         return stepper
 
     def adaptive(self, k: int) -> Adaptive:
-        """Steps of their own choice by one program, made when they are first asked for."""
+        """Return the stepper with step size control of one program, compiled on first use."""
         if k not in self._adaptive:
             self._adaptive[k] = Adaptive(Loaded(lambda many: adaptive(self.codes[k], self.plain), self.target))
         return self._adaptive[k]
@@ -253,7 +253,7 @@ class Programs:
         return self._evaluators[k, make.__name__]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
-        """Accelerations (k, n) by one program, and how many times above their thresholds its smallest pivots are (k,)."""
+        """Return accelerations (k, n) by one program, and the ratio (k,) of its smallest pivot to its threshold."""
         program = self.codes[k].program
         a, guard = program.acceleration(t[:, None], q, v, p)
         with np.errstate(invalid="ignore"):
@@ -261,33 +261,33 @@ class Programs:
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
-        """The margin of one program at a state before it fails; below 1 it does."""
+        """Return the smallest pivot of one program at a state divided by its threshold; the guard fails below 1."""
         if self.plain:
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
         evaluator = self._evaluator(k, "none", margin_routine)
         return float(evaluator.one(t, state[: self.n], state[self.n :], p, self.n)[-1])
 
     def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
-        """A state (2n,) taken back onto the rows that one program keeps, or None where its guards or Newton's method fail."""
+        """Project a state (2n,) onto the rows that one program keeps; None if its guards or Newton's method fail."""
         if self.plain:
             return None
         out = self._evaluator(k, "projection", settling).one(t, state[: self.n], state[self.n :], p, 2 * self.n)
         return out[:-1].copy() if out[-1] else None
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Accelerations (k, n) by one program, and where it serves (k,)."""
+        """Return accelerations (k, n) by one program, and where its guards hold (k,)."""
         if k == 0 and not self.plain:
             return self.native.many(t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
         return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
-        """Accelerations (n,) at one state by the shortest way, or None where another must be gone."""
+        """Return accelerations (n,) at one state with the least overhead, or None if the first program cannot be used there."""
         out = None if self.plain else self.native.one(t, q, v, p, self.n)
         return out[:-1].copy() if out is not None and out[-1] else None
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Multipliers (k, rows) by one program, and where it serves (k,)."""
+        """Return multipliers (k, rows) by one program, and where its guards hold (k,)."""
         return self.codes[k].program.multipliers(t[:, None], q, v, p)[0], self.margins(k, t, q, v, p)[1] >= 1.0
 
     @property
@@ -308,7 +308,7 @@ class Programs:
         return [(code.seconds, code.from_cache) for x in every for code in x.codes.values()]
 
     def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
-        """Compile what steps of one state, or of many, may need, or what the first steps need."""
+        """Compile ahead all code that steps of one state, or of many, may need; or only the code of the first steps."""
         if integrator == "dop853":
             self.adaptive(0).loaded.call(1)
             return

@@ -58,8 +58,8 @@ class Body:
     """One step, its state carried in registers; `plain` where its arithmetic is left to the target.
 
     Attributes:
-        graph: of the whole routine. rows: of a state.
-        arrays: what it works on beside y, samples and report.
+        graph: of the whole routine. rows: numbers of a state.
+        arrays: arguments of the routine other than y, samples and report.
         entry: statements before the loop.
         carried: leaf -> its first and its next value, from step to step.
         settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
@@ -85,15 +85,15 @@ class Body:
         self.settled = {g.leaf(name): x for name, x in step.settled.items()}
 
     def ended(self, complete: int) -> Store:
-        """Store the last state in y: as it is to be seen where the mask holds."""
+        """Store the last state in y: the projected one where the mask holds, else the state before the failed step."""
         return Store("y", [self.graph.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)])
 
 
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
-    """The routine that steps; `many` trajectories at once, or one.
+    """Build the routine that steps `many` trajectories at once, or one.
 
-    Bodies of one graph: the first steps as long as its reach allows, the next goes on from there, the last has no limit. Of many
-    trajectories all change together.
+    The bodies share one graph. The first steps until its reach is exceeded, the next continues from there, the last has no limit.
+    Many trajectories change the body together, so that lanes compute the same bits as a single trajectory.
     """
     first, statements = bodies[0], list[Statement]()
     for level in reversed(range(len(bodies))):
@@ -105,25 +105,27 @@ def rollout(bodies: Sequence[Body], many: bool) -> Routine:
 
 
 def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Statement], int, int]:
-    """Statements that step by one of the bodies, the mask where all is done, and where a longer reach is needed."""
+    """Return the loop over one of the bodies, the mask of finished trajectories, and the mask of those that need a longer reach."""
     body = bodies[level]
     g, begins, ends = body.graph, level == 0, level == len(bodies) - 1
     i, due, slot, n, every = (g.count(f"%{x}") for x in ("i", "due", "slot", "n", "every"))
     one, zero, always, none = g.whole(1), g.whole(0), g.all(True), g.all(False)
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
+    # a lane goes on if its guards hold; `beyond`: only its reach was exceeded, a longer one will do
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
     settling, chosen, counted = _settling(body, following)
+    # a lane that has stopped keeps its state by selection while the others go on
     state = {x: (a, chosen.get(x, b)) for x, (a, b) in body.carried.items()}
     carried: Carried = counted | {x: (a, g.make("select", going, b, x) if many else b) for x, (a, b) in state.items()}
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
     carried |= {i: (zero, following), due: (g.make("least", every, n), due_later), slot: (zero, slot_later)}
     carried |= {alive: (always, going)} if many else {}
-    if not begins:  # where the body before has stopped
+    if not begins:  # continue from the values at which the previous body stopped
         carried = {x: (x, b) for x, (_, b) in carried.items()}
     carried |= {far: (none, _either(g, far, beyond))} if many else {}
     sample = If(
@@ -140,7 +142,7 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
 
 
 def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
-    """The settling that a due step does to its end: leaf -> its next value, and the count of when it is due.
+    """Return the statements that settle the state after every SETTLED steps, leaf -> its next value, and the carried counter.
 
     `following` is the number of the next step.
     """
@@ -159,21 +161,21 @@ def _either(g: Graph, a: int, b: int) -> int:
 
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
-    """The step within each of some reaches, in one graph."""
+    """Build the step for each of some reaches, in one graph."""
     graph = Graph()
     return [Body(code, STEPS[integrator](code, reach), into=graph) for reach in reaches]
 
 
-SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # of the next step; usual values
+SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0  # factors of step size control, usual values: safety, smallest and largest change
 
 
 def adaptive(code: Code, plain: bool = False) -> Routine:
-    """The routine `integrate(y, p, times, samples, report; rtol, atol, longest, least, h; count, limit)` for one trajectory.
+    """Build the routine `integrate(y, p, times, samples, report; rtol, atol, longest, least, h; count, limit)` for one trajectory.
 
-    DOP853 with steps that keep the estimated error at the tolerances, and that end at each of `count` times, where the state is
-    stored; `times` has two numbers more. The first step is h, no step is longer than `longest`, and one shorter than `least` is
-    given up, as are more than `limit` of them. y becomes the state it came to, and `report`: samples stored, steps that count,
-    steps tried, the time it came to. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
+    DOP853 with the step size controlled by the tolerances. Steps end at each of `count` times, where the state is stored; `times`
+    has two more entries. The first step is h and no step is longer than `longest`. The integration stops when a step becomes
+    shorter than `least` or after `limit` steps. It leaves the state reached in y and in `report`: samples stored, steps accepted,
+    steps attempted, the time reached. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
     Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
@@ -185,10 +187,11 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     sample = Store("samples", step.out, g.make("times", i, payload=body.rows))
     store = If(g.make("same", due, one), [sample], {later: (g.make("sum", i, one), i)})
     root = step.error
-    for _ in range(4):  # squared, and the step is of order 8
+    for _ in range(4):  # `error` is the squared error norm, ~ h^16: its 16th root is proportional to h
         root = g.make("sqrt", root)
     sound = g.both([step.regular, step.within])
     good = g.both([sound, g.make("le", step.error, g.const(1.0))])
+    # step size controller: h_new = h clip(SAFETY / root, SHRINK, GROW), no growth right after a refused step
     ideal = g.make("div", g.const(SAFETY), g.add(root, g.const(TINY)))
     refused = g.make("mask", payload="%refused")
     most = g.make("select", refused, g.const(1.0), g.const(GROW))
@@ -196,19 +199,22 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     factor = g.make("select", g.make("lt", g.const(SHRINK), bounded), bounded, g.const(SHRINK))
     factor = g.make("select", sound, factor, g.const(SHRINK))
     new = g.mul(h, factor)
-    best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)  # a step cut short says little of the next
+    best = g.make(
+        "select", g.both([good, g.make("lt", new, wanted)]), wanted, new
+    )  # a step cut short by a sample must not reduce the next
     best = g.make("select", g.make("lt", best, g.leaf("%longest")), best, g.leaf("%longest"))
     ahead = g.make("sub", goal, t)
     reached = g.both([good, g.make("le", ahead, h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
     place = If(g.make("any", reached), [], {due_later: (one, zero)})
     further = g.make("sum", later, due_later)
+    # if the next sample is less than two steps away, halve the distance: that avoids a tiny last step
     left = g.make("sub", g.leaf("%next"), t_new)
     half = g.mul(g.const(0.5), left)
     shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
     planned = g.make("select", g.make("le", left, best), left, shorter)
     first = [g.leaf(f"%{x}") for x in ("start", "end")]
-    settling, chosen, counted = _settling(body, g.make("sum", tried, one))  # one that is refused leaves it to the next
+    settling, chosen, counted = _settling(body, g.make("sum", tried, one))  # a refused step leaves settling to the next one
     carried = counted | {x: (a, g.make("select", good, chosen.get(x, b), x)) for x, (a, b) in body.carried.items()}
     carried |= {t: (first[0], t_new), goal: (first[1], g.leaf("%next")), h: (g.leaf("%h0"), planned), wanted: (g.leaf("%h0"), best)}
     carried |= {taken: (g.const(0.0), g.add(taken, g.flag(good))), tried: (zero, g.make("sum", tried, one))}
@@ -227,14 +233,14 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
 
 def plain_body(code: Code, integrator: str) -> Body:
-    """The step without reach, its sines and the rest left to the target."""
+    """Build the step without a reach, whose sines and order of operations are left to the target."""
     return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
 
 def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routine:
-    """The routine that evaluates accelerations, every sine from nothing, or by the target.
+    """Build the routine that evaluates accelerations; sines are computed from scratch, or by the target if `plain`.
 
-    With `margin`, how many times above its threshold the smallest pivot is stands behind them, 0 where anything is not finite.
+    Its last output is 1 if the guards hold; with `margin`, the smallest pivot over its threshold, 0 if a number is not finite.
     """
     b = Builder(code, EXACT, library=plain)
     a = b.acceleration(b.t, b.q, b.v)
@@ -243,10 +249,10 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
 
 
 def settling(code: Code, plain: bool = False) -> Routine:
-    """The routine `settle(y, p, t, out)`, which takes a state back onto the rows that a program keeps.
+    """Build the routine `settle(y, p, t, out)`, which projects a state onto the rows that a program keeps.
 
-    Positions by as many chord-Newton corrections as a step of the exact reach has, then the velocity; code with projection. `out`
-    has one row more than y, which is 1 where the guards hold and the last correction left nothing but rounding.
+    It needs code with projection. Positions get as many chord-Newton corrections as a step of the exact reach, then the velocity
+    one. `out` has one row more than y, which is 1 if the guards hold and the last correction was at rounding level.
     """
     b = Builder(code, EXACT, library=plain)
     q, _ = b.correct_position(b.t, b.q, [], b.q)
@@ -255,7 +261,7 @@ def settling(code: Code, plain: bool = False) -> Routine:
 
 
 def _at_one_state(name: str, b: Builder, values: Sequence[int], last: int, plain: bool) -> Routine:
-    """The routine name(y, p, t, out), which stores values and one more."""
+    """Build the routine name(y, p, t, out), which stores `values` and then `last`."""
     n, n_p, roots, g = b.n, b.code.program.n_parameters, [*values, last], b.g
     if not plain:
         g, roots = rewrite(g, roots)

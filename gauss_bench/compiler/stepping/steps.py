@@ -1,4 +1,4 @@
-"""One step of an integrator as a graph, with its guards and, where asked for, its projection.
+"""One step of an integrator as a graph, with its guards and, if asked for, its projection.
 
 Runge-Kutta of order 4 for q'' = a(t, q, v), with the positions of the stages written out (Nystroem's form: the same numbers but for
 rounding, and q_k+1 does not wait for v_k+1):
@@ -68,7 +68,7 @@ class Tableau:
 
 @cache
 def order_eight() -> Tableau:
-    """DOP853's."""
+    """Return the tableau of DOP853."""
     c, rows, b = dop853_tableau()
     A = np.zeros((len(b), len(b)))
     for k, row in enumerate(rows):
@@ -114,7 +114,7 @@ ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
 
 
 def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
-    """Those that a program's steps go through, the shortest first."""
+    """Return the reaches of a program's steps, the shortest first."""
     first, *others = REACHES[integrator]
     return (first, ONCE, *others) if code.projected and integrator == "rk4" else (first, *others)
 
@@ -125,11 +125,11 @@ class Step:
 
     Attributes:
         carried: leaf -> the value it has at the next step.
-        out: q, v (2n) to be stored, at the beginning of the step.
-        regular: mask where all pivots are; regular_out: those that `out` needs.
-        within: mask where the reach holds and all is finite.
-        error: an estimate of what the step is off, relative to what is allowed, to the power of its order, squared; if asked for.
-        settled: leaf -> the value it has at the next step where that is taken back onto the constraints; {} where none is.
+        out: q, v (2n) at the beginning of the step, to be stored as a sample.
+        regular: mask where all pivots are regular; regular_out: the pivots that `out` needs.
+        within: mask where the step stays within its reach and all values are finite.
+        error: squared norm of the estimated local error relative to the tolerances, proportional to h^16; None if not estimated.
+        settled: leaf -> its value at the next step if the state is settled onto the constraints there; empty if it never is.
     """
 
     graph: Graph
@@ -142,7 +142,7 @@ class Step:
     settled: dict[str, int] = field(default_factory=dict)
 
     def roots(self) -> list[int]:
-        """Everything that must be computed in every step."""
+        """Return all values that must be computed in every step."""
         error = [] if self.error is None else [self.error]
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error]
 
@@ -172,7 +172,7 @@ class Builder:
         self.score: list[int] = []
 
     def given(self) -> list[Pair]:
-        """Leaves for sine and cosine of each angle."""
+        """Return leaves for sine and cosine of each angle."""
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
@@ -186,12 +186,12 @@ class Builder:
         return [self.g.add(a, self.g.mul(factor, b)) for a, b in zip(x, d, strict=True)]
 
     def weighted(self, a: list[list[int]], weights: Coefficients) -> list[int]:
-        """The sum of some accelerations, each with its weight."""
+        """Return the weighted sum of some accelerations."""
         used = [(self.g.const(w), x) for w, x in zip(weights, a, strict=False) if w]
         return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
-        """Known from a rotation, or from nothing; left to the target's own functions where it has them (`library`)."""
+        """Return sine and cosine: known from a rotation, else from scratch, or by the target's functions with `library`."""
         if x not in self.known and self.library:
             self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
         elif x not in self.known:
@@ -200,7 +200,7 @@ class Builder:
         return self.known[x]
 
     def fresh(self) -> list[Pair]:
-        """Of the angles at the beginning of the step, from nothing."""
+        """Compute sines and cosines of the angles at the beginning of the step from scratch."""
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
 
@@ -212,7 +212,7 @@ class Builder:
             self.score.append(g.mul(weight, g.squares(values)))
 
     def turn(self, pairs: list[Pair], d: list[int], reach: float, to: list[int]) -> list[Pair]:
-        """Rotate sines and cosines of the angles by d[i], and let the positions `to` have them."""
+        """Rotate sines and cosines of the angles by d[i] and register them for the positions `to`."""
         if not self.reach.rotates:
             return []
         turned = [trigonometry.rotate(self.g, pair, d[i], reach) for pair, i in zip(pairs, self.code.angles, strict=True)]
@@ -220,7 +220,7 @@ class Builder:
         return turned
 
     def share(self, q: list[int], pairs: list[Pair]) -> None:
-        """Let the angles of q have sines and cosines known otherwise, if any."""
+        """Register sines and cosines that are already known for the angles of q, if any."""
         self.known.update(zip(self.of_angles(q), pairs, strict=False))
 
     def of_angles(self, x: list[int]) -> list[int]:
@@ -232,7 +232,7 @@ class Builder:
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """The free motion along each independent coordinate, which moves by 1."""
+        """Return the free motion for a unit displacement of each independent coordinate."""
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.direction_thresholds)
@@ -303,7 +303,7 @@ class Builder:
                 self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
 
     def margin(self, finite: int) -> int:
-        """The smallest pivot of all stages over its threshold; 0 where a mask does not hold."""
+        """Return the smallest ratio of a pivot to its threshold over all stages; 0 if a mask does not hold."""
         g, least = self.g, self.g.const(FINITE)
         for mask in self.pivots:
             threshold, size = g.operands[mask]
@@ -312,7 +312,7 @@ class Builder:
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Velocities on the constraints at the positions q, or at the beginning of the step."""
+        """Project the velocity onto the constraints at the positions q, or at the beginning of the step."""
         if not self.code.projected:
             return self.v
         nearest, guard = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
@@ -320,7 +320,7 @@ class Builder:
         return nearest
 
     def correct_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
-        """Positions on the constraints, with their sines; the Jacobian is that `at`."""
+        """Project positions onto the constraints with the Jacobian of the positions `at`, and register their sines."""
         if not self.code.projected:
             return q, pairs
         if at is q:
@@ -339,7 +339,7 @@ class Builder:
         return q, pairs
 
     def within(self, v: list[int]) -> int:
-        """Mask where everything limited stays in its bounds and v is finite."""
+        """Return the mask where all limited norms stay in bounds and v is finite."""
         g = self.g
         score = g.make("le", g.total(self.score), g.const(1.0))
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
@@ -359,7 +359,7 @@ class Builder:
         return carried
 
     def settled(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
-        """The state at the end of the step, taken back onto the constraints by one correction; the next step has its guards."""
+        """Return the end state projected onto the constraints by one correction; the guards of the next step check it."""
         g, end = self.g, self.g.add(self.t, self.h)
         dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
         nearest = [g.add(x, d) for x, d in zip(q, dq, strict=True)]
@@ -434,13 +434,13 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     out_pivots = list(b.pivots)
 
     def known(x: list[int], moved: list[int]) -> list[Pair]:
-        """Sines of positions that have moved so far from those at the beginning: turned there from the middle."""
+        """Return sines of displaced positions, rotated from those at the middle of the step."""
         ahead = [g.sub(d, way) for d, way in zip(moved, to_middle, strict=True)]
         turned.extend(b.of_angles(ahead))
         return b.turn(middle, ahead, reach.step, x)
 
     def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
-        """Changes of position, and velocities, after the part c of the step."""
+        """Return displacements and velocities at the fraction c of the step."""
         moved = b.along([g.mul(b.times_h(c), x) for x in v], b.times_h(1.0, 2), b.weighted(a, twice))
         return moved, b.along(v, h, b.weighted(a, weights))
 
