@@ -27,7 +27,7 @@ __all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
 
 Statuses = NDArray[np.int8]
 
-PARTS = 32  # lanes of arrays: they share what a call of numpy costs
+PARTS = 32  # lanes of the numpy backend: they share the overhead of a call
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,16 +63,16 @@ def compile_closure(
     points: Sequence[Point] = (),
     inputs: Sequence[Input] | None = None,
 ) -> "Closure":
-    """The closure of a mechanism.
+    """Compile the closure of a mechanism.
 
     Args:
         lanes: samples or linkages in one vector, a power of 2; chosen for the host where None.
-        open_parameters: names of dimensions that are given with each sweep, such as "points.rod.B.x", "links.rod.com.x" or
+        open_parameters: names of dimensions to be given with each sweep, such as "points.rod.B.x", "links.rod.com.x" or
             "joints.guide.offset".
         backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
         cache: whether object code is kept in the user's cache folder.
-        points: whose positions and rates are wanted too.
-        inputs: what drives the linkage; where None, the drivers of its scenario, else its crank. Their laws do not matter.
+        points: points whose positions, velocities and accelerations are returned too.
+        inputs: the driven coordinates; if None, the drivers of the scenario, else the crank. Their laws are not used.
 
     Raises:
         KernelError: an unknown name, no usable pivots, a start at a singular position, or a backend that is not there.
@@ -91,10 +91,10 @@ class Closure:
     """Compiled closure of one linkage.
 
     Attributes:
-        mechanism: what was compiled. backend: "llvm" or "numpy". lanes: in one vector.
-        inputs: names of what drives it, in the order of every `inputs` argument.
-        parameters: names of the open numbers, likewise. values: theirs in the file.
-        build_seconds: to generate the program and to compile or load its code.
+        mechanism: the compiled mechanism. backend: "llvm" or "numpy". lanes: samples in one vector.
+        inputs: names of the driven coordinates, in the order of every `inputs` argument.
+        parameters: names of the open parameters, in the order of every `parameters` argument. values: those of the file.
+        build_seconds: time to generate the program and to compile or load its code.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Closure:
     ):
         start = time.perf_counter()
         self.mechanism, self.backend, self.lanes = mechanism, target.backend, target.lanes
-        LoopEquations(mechanism, inputs)  # refuses inputs that do not fit
+        LoopEquations(mechanism, inputs)  # only for its check of the inputs
         for name in open_names:
             if name.startswith(("forces.", "gravity.")) or name.endswith((".mass", ".inertia")):
                 raise KernelError(f"{name} is no dimension of {mechanism.name}: kinematics does not depend on it")
@@ -124,10 +124,10 @@ class Closure:
     def turn(
         self, angles: int | Array = 3600, parameters: Array | None = None, threads: int = 1, out: Array | None = None
     ) -> Sweep:
-        """One turn of the input from its start, or the values (k,) given; v and a are derivatives by the input.
+        """Sweep one turn of the input from its start, or given values (k,); v and a are derivatives by the input.
 
         Args:
-            angles: a number of equal steps, of which the last would be the start again, or values of the input [rad, m].
+            angles: number of equal steps in the turn (the end point is left out), or values of the input [rad, m].
             parameters, threads, out: as in `sweep`.
 
         Raises:
@@ -149,18 +149,18 @@ class Closure:
         threads: int = 1,
         out: Array | None = None,
     ) -> Sweep:
-        """States at samples of the inputs, which go straight from one to the next.
+        """Compute the states at samples of the inputs, followed along straight lines from one sample to the next.
 
         Args:
             inputs: (k,) of one input, (k, inputs), or (linkages, k, inputs) [rad, m].
             rates: as inputs; where None, 1 for a single input and 0 for several.
             second_rates: as inputs; 0 where None.
             parameters: (n_p,) or (linkages, n_p); those of the file where None.
-            start: (n,) or (linkages, n) assembled positions to start from; where None, that of the file, with its dimensions
-                changed little by little.
-            threads: that share many linkages.
-            out: `rows` of an earlier sweep of the same shape, to be overwritten: new memory costs more than what is written to it.
-                Not used where samples lie so far apart that there must be steps between them.
+            start: (n,) or (linkages, n) assembled positions to start from; if None, that of the file, continued to the given
+                dimensions in small steps.
+            threads: number of threads that share many linkages.
+            out: `rows` of an earlier sweep of the same shape, to be overwritten: allocating memory takes longer than filling it.
+                Not used if samples are so far apart that intermediate steps are needed.
 
         Raises:
             ValueError: shapes that do not fit, or numbers that are not finite.
@@ -170,6 +170,7 @@ class Closure:
         if p.shape[-1:] != (len(self.parameters),) or not np.isfinite(p).all():
             raise ValueError(f"parameters of shape {p.shape}; {len(self.parameters)} are open: {', '.join(self.parameters)}")
         many = np.broadcast_shapes(levels.shape[:-3], p.shape[:-1], () if start is None else np.shape(start)[:-1])
+        # samples that are too far apart for one step get intermediate ones, which are removed from the result below
         stride = self._tracker.strides(levels[..., 0, :])
         divided = max(1, ceil(stride))
         if divided > 1:
@@ -179,7 +180,7 @@ class Closure:
         status = np.zeros((len(some.p), levels.shape[-3]), dtype=np.int8)
         each = rows if many else rows[None]
         found = self._tracker.track(some, levels if levels.ndim > 3 else levels[None], stride / divided, each, status, threads)
-        losses = tuple(replace(x, sample=-(-x.sample // divided)) for x in found)
+        losses = tuple(replace(x, sample=-(-x.sample // divided)) for x in found)  # the next sample that was asked for
         rows, status = rows[..., ::divided, :], (status if many else status[0])[..., ::divided]
         n, shape = self.mechanism.n, (*status.shape, self._points, 3, 2)
         q, v, a = (rows[..., level * n : (level + 1) * n] for level in range(3))
@@ -187,7 +188,7 @@ class Closure:
         return Sweep(q, v, a, places[..., 0, :], places[..., 1, :], places[..., 2, :], status, losses, rows)
 
     def _linkages(self, p: Array, start: Array | None) -> Linkages:
-        """The linkages with numbers p (linkages, n_p), at their starts."""
+        """Return the linkages with parameters p (linkages, n_p) at their start positions."""
         if start is not None:
             return self._tracker.starts(np.broadcast_to(np.asarray(start, dtype=float), (len(p), self.mechanism.n)), p)
         if not (p == self.values).all():
@@ -200,7 +201,7 @@ class Closure:
         return np.empty(shape) if out is None else out
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Inputs, rates and second rates (..., k, 3, K)."""
+        """Stack inputs, rates and second rates as (..., k, 3, K), K inputs, and check them."""
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim not in (2, 3) or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")
@@ -212,13 +213,13 @@ class Closure:
         return levels
 
     def _columns(self, x: Array) -> Array:
-        """Of one input a column."""
+        """Return samples (k,) of a single input as a column (k, 1), other arrays as they are."""
         x = np.asarray(x, dtype=float)
         return x[:, None] if x.ndim == 1 and len(self.inputs) == 1 else x
 
 
 def _divide(levels: Array, parts: int) -> Array:
-    """(..., k, 3, K) with `parts` steps from each sample to the next; rates hold at the old samples only."""
+    """Interpolate levels (..., k, 3, K) with `parts` steps between samples; rates are meaningful at the original samples only."""
     before, after = levels[..., :-1, None, :, :], levels[..., 1:, None, :, :]
     steps = before + (np.arange(parts) / parts)[:, None, None] * (after - before)
     inner = steps.reshape(*levels.shape[:-3], -1, *levels.shape[-2:])

@@ -3,8 +3,7 @@
 kernel = compile_kernel(mechanism, stabilization="projection")
 q, v = kernel.rollout(q0, v0, 1e-4, 10_000)
 
-Here the rooms are put together: programs are generated (elimination), become straight-line machine code (machine) and are stepped
-(stepping).
+This file combines the rooms: programs are generated (elimination), compiled to machine code (machine) and stepped (stepping).
 """
 
 import time
@@ -57,18 +56,18 @@ def compile_kernel(
     baumgarte: tuple[float, float] = BAUMGARTE,
     form: str | None = None,
 ) -> "Kernel":
-    """The kernel of a mechanism.
+    """Compile the kernel of a mechanism.
 
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
         stabilization: "none", "baumgarte", or "projection" of positions and velocities at each step.
         open_parameters: names of numbers of the file that stay open, such as "links.crank.mass"; given with each call.
         lanes: trajectories in one vector, a power of 2; where None, as many as the host's vectors hold.
-        cache: whether what generation finds out, and object code, is kept in the user's cache folder.
+        cache: whether search results and object code are kept in the user's cache folder.
         backend: "llvm", or "numpy" without a compiler; None for the first that is installed.
         independent: coordinates of the first partition; chosen where None.
         baumgarte: alpha, beta [1/s].
-        form: has no effect since all code is straight-line code; one that is named warns.
+        form: deprecated, has no effect: all code is straight-line code. Any value gives a warning.
 
     Raises:
         KernelError: dry friction, an unknown name, or a backend that is not there.
@@ -101,7 +100,7 @@ def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
 
 @dataclass(frozen=True, eq=False)
 class Integrated:
-    """States at the times asked for: q, v (k, n_q), not a number where lost; steps that count; evaluations of the accelerations."""
+    """States at the requested times: q, v (k, n_q), NaN where lost; accepted steps; evaluations of the accelerations."""
 
     q: Array
     v: Array
@@ -139,7 +138,7 @@ class Kernel:
 
     @property
     def compile_seconds(self) -> float:
-        """To compile or load everything used so far."""
+        """Seconds to compile or load all machine code used so far."""
         return sum(seconds for seconds, _ in self._programs.loaded())
 
     @property
@@ -154,21 +153,21 @@ class Kernel:
 
     @property
     def fallbacks(self) -> int:
-        """Steps of the last rollout that no partition could do."""
+        """Steps of the last rollout by rank decision, because no partition was usable."""
         return self._driver.tally.fallbacks
 
     @property
     def lost(self) -> int:
-        """Trajectories of the last rollout without an end, which are not a number from there on."""
+        """Trajectories of the last rollout that could not be continued; their states are NaN from there on."""
         return self._driver.tally.lost
 
     def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
-        """Compile what rollouts of one state, or of many, may need, so that none of them waits for it."""
+        """Compile ahead all code that rollouts of one state, or of many, may need."""
         self._programs.prepare(integrator, many)
 
     @property
     def directions(self) -> int:
-        """Free motions along which the Jacobian of an implicit step is taken."""
+        """Number of free motions along which the Jacobian of an implicit step is computed."""
         return len(self._programs.partitions[0])
 
     @property
@@ -188,7 +187,7 @@ class Kernel:
         threads: int = 1,
         integrator: str = "rk4",
     ) -> tuple[Array, Array]:
-        """Step n times by dt; a step in which a force by time has a kink or jumps is taken in parts that end there.
+        """Take n steps of dt; a step in which a time-dependent force has a kink or a jump is split there.
 
         Args:
             q0, v0: (n_q,) or (batch, n_q).
@@ -342,5 +341,5 @@ class Kernel:
 
 
 def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """A time at which all open numbers are those of the only leg, or of the time itself."""
+    """Return a time at which the open parameters have the values that hold for the only leg, or for the time itself."""
     return parts[0].middle if parts else float(t)

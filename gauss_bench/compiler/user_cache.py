@@ -1,9 +1,9 @@
-"""The cache of generation on disk: object code by `NAME.o`, choices of a search by `NAME.json`.
+"""The compiler's cache on disk: object code in `NAME.o`, the outcome of a search in `NAME.json`.
 
-Machine code will be run, and so nothing is loaded that this user has not written. All is in one folder that belongs to the user and
-that nobody else may enter. A file holds the hash of its own content before it; whatever does not match is as if it were not there.
-Files are written under another name and then moved, so that two processes never see half of one; what a killed process left under
-such a name is removed by whoever writes later.
+Machine code from the cache is executed, so only files that this user wrote are loaded: all are in one folder that belongs to the
+user and that nobody else may enter. A file begins with the hash of its content; one that does not match is ignored. Files are
+written under a temporary name and then moved, so that no process sees half of one; temporary files of killed processes are removed
+by a later write.
 """
 
 import hashlib
@@ -20,14 +20,14 @@ MAGIC = b"gauss-bench cache 2\n"
 
 
 def folder() -> Path:
-    """The folder of the cache."""
+    """Return the folder of the cache."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     home = Path(base) if os.path.isabs(base) else Path.home() / ".cache"
     return home / "gauss-bench" / "kernels"
 
 
 def is_trusted() -> Path | None:
-    """The folder, made where it is missing; None where it is not the user's own or others may enter it."""
+    """Return the folder, created if needed; None if it does not belong to the user or others may enter it."""
     path = folder()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,7 +56,7 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, content: bytes) -> bool:
-    """Keep this under a name; False where it cannot be kept."""
+    """Store an entry under a name; return False if that is not possible."""
     path = is_trusted()
     if path is None:
         return False
@@ -75,7 +75,7 @@ def store(name: str, content: bytes) -> bool:
 
 
 def _collect(path: Path) -> None:
-    """Remove what killed processes left."""
+    """Remove temporary files of killed processes."""
     for left in path.glob(f"*{PART}"):
         with suppress(OSError):
             if abs(time.time() - left.stat().st_mtime) > LEFT:  # a clock may have jumped either way

@@ -1,13 +1,13 @@
-"""All that closing a linkage at one sample of its inputs needs: the rows of joints and inputs, solved for all coordinates.
+"""Functions that close a linkage at one sample of its inputs: the rows of joints and inputs, solved for all coordinates.
 
-Inputs u hold as drivers do, with rates w and second rates b, so that J is square; the next sample is at u + g:
+Inputs u are drivers with rates w and second rates b, so that J is square; the next sample is at u + g:
 
     correction     J z = -phi(q, u)
     one input      J d = 1,  J e = gamma(q, d),     q' = d w,  q'' = d b + e w^2,     the next guess is q + g (d + g e / 2)
     several        J q' = w,  J q'' = b + gamma(q, q');     the next guess likewise, with g for w and 0 for b
 
-The pivots of J are the guards: their product is its determinant, whose sign names the assembly. They are chosen at samples of the
-assembly that the linkage starts in, as in the equations of motion.
+The pivots of J are the guards: their product is its determinant, whose sign distinguishes assemblies. As for the equations of
+motion they are chosen at sample positions, here those of the assembly in which the linkage starts.
 """
 
 from collections.abc import Sequence
@@ -38,13 +38,13 @@ WORLD = Point(GROUND, np.zeros(2), "ground.")
 
 @dataclass(frozen=True, eq=False)
 class ClosingProgram:
-    """Everything one linkage is closed with.
+    """The functions that close one linkage at given inputs.
 
     Attributes:
         driven: the linkage, with its inputs as drivers. open_names, values: of the open numbers, as in the file.
         correction: (q, u, p) -> z (n).
-        motion: (q, u, w, b, g, p) -> guards, which must not change their signs; the way to the guess at the next sample (n);
-            q, v, a, then place, rate and second rate of each observed point.
+        motion: (q, u, w, b, g, p) -> guards, which must not change sign; the step (n) to the guess at the next sample;
+            q, v, a, then position, velocity and acceleration of each observed point.
     """
 
     driven: Mechanism
@@ -73,7 +73,7 @@ class ClosingProgram:
 
 
 def drive(mechanism: Mechanism, inputs: Sequence[Input]) -> Mechanism:
-    """The mechanism whose drivers are the inputs; the name of each law is its place among them."""
+    """Return the mechanism with the inputs as drivers; the law of each is named by its index."""
     drivers: list[Driver] = []
     for k, given in enumerate(inputs):
         law = MotionLaw(str(k), given.law.motion)
@@ -102,7 +102,7 @@ class Driven(Links):
 
 
 def closing_program(mechanism: Mechanism, inputs: Sequence[Input], open_names: tuple[str, ...]) -> ClosingProgram:
-    """The program of a linkage that is driven by as many inputs as it has degrees of freedom, and of the points that it observes.
+    """Generate the program for a linkage with as many inputs as degrees of freedom, and for its observed points.
 
     Raises:
         KernelError: no usable pivots, or a name the mechanism does not have.
@@ -123,7 +123,7 @@ def closing_program(mechanism: Mechanism, inputs: Sequence[Input], open_names: t
 
 
 class _Equations:
-    """The rows of a driven linkage at samples of the assembly that it starts in, before elimination."""
+    """The constraint rows of a driven linkage before elimination, at samples of the assembly in which it starts."""
 
     def __init__(self, driven: Mechanism, parameters: Parameters, known: Study):
         self.driven, self.parameters, self.drop = driven, parameters, known.drops[0]
@@ -142,7 +142,7 @@ class _Equations:
         self.rows = self._rows(self.zeros, self.zeros)
 
     def _same_assembly(self, q: Array) -> Array:
-        """The positions (k, n) whose determinant has the sign that it has at the start."""
+        """Select the positions (k, n) at which det J has the same sign as at the start."""
         J = Constraints(self.driven)(0.0, np.concatenate([self.driven.q0[None], q]), np.zeros((1 + len(q), q.shape[1]))).J
         square = J[:, self.kept]
         for at, row, factor in self.drop.shares:
@@ -172,7 +172,7 @@ class _Equations:
             return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-            """Rates and second rates of all coordinates for those of the inputs."""
+            """Return rates and second rates of all coordinates for given ones of the inputs."""
             v = solved([-row.phi_t for row in self._rows(rates, seconds)])
             return v, solved([row.gamma for row in self._rows(rates, seconds, v)])
 

@@ -10,18 +10,18 @@ Lagrange: the n + m equations
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
-Newton's correction of a residual r is the shortest in metres and radians, as in the interpreted formulations. Under Gauss it is
-that of the dependent coordinates alone, Jd x = -r, less its part along the free motions,
+Newton's correction of a residual r is the shortest in metres and radians, as in the interpreted formulations. Under Gauss, first
+the dependent coordinates alone are corrected, Jd x = -r; then the part of x along the free motions is subtracted,
 
     dx = x - N (N^T N)^-1 N^T x
 
-Under Lagrange x is what the factors that are there make of (0, -r) on the right, the shortest in the mass metric, which would move
-a light link the more; less its part along N it is the same dx. Free motions N are what unit forces along the independent
-coordinates cause: (e_k, 0) on the right. Where these are several, a KKT system with unit masses costs less, and where one rests at
-times, it serves there too.
+Under Lagrange x is the solution of the same KKT system for the right-hand side (0, -r). It is the shortest in the mass metric,
+which moves light links more; without its part along N it is the same dx. The free motions N are the solutions for unit forces
+along the independent coordinates, right-hand sides (e_k, 0). For several of them a KKT system with unit masses costs less; it
+also works where an independent coordinate is at rest for a moment.
 
-The nearest velocities that the rows J v + phi_t = 0 allow need no residual where N is there. With vp any velocities that they
-allow, y the speeds along N with which the independent coordinates move as in v, and what the others are off, w = v - vp - N y,
+Given N, the nearest velocities with J v + phi_t = 0 need no residual. With vp any velocities that satisfy the rows, y the speeds
+along N that reproduce the independent coordinates of v, and w = v - vp - N y the error of the other coordinates,
 
     v' = vp + N (y + (N^T N)^-1 N^T w)
 Source: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), section 6.3.
@@ -41,7 +41,7 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_
 from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
 
-REACH = 12  # neighbours in a long sum among which pairs are sought that are something known
+REACH = 12  # in a long sum, a pair whose sum is already known is looked for among so many neighbours
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Terms:
     """The equations of motion in expressions: M by coordinate, kept rows of J, Q by coordinate.
 
     Attributes:
-        mixed: whether some of the rows are combinations of the file's, because others are redundant.
+        mixed: whether some rows are combinations of the file's rows, because others are redundant.
     """
 
     graph: ExpressionGraph
@@ -68,13 +68,13 @@ class Terms:
 
     @property
     def driven(self) -> Right:
-        """J v of velocities that the rows allow."""
+        """Return J v of velocities that satisfy the rows, -phi_t."""
         return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
 
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """Free motions, a basis; along each of them one independent coordinate moves, and no other.
+    """A basis N of the free motions; along each of them exactly one independent coordinate moves.
 
     Attributes:
         lengths: factors of N^T N.
@@ -90,7 +90,7 @@ class Motions:
         return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
 
     def _parts(self, amounts: Right, j: int) -> list[Node]:
-        """Summands of coordinate j where each motion is there in some amount."""
+        """Return the summands of coordinate j in a combination of the motions."""
         return [N[j] * amounts[k] for k, N in enumerate(self.N) if j in N and k in amounts]
 
     def _shares(self, x: Right) -> Right:
@@ -99,14 +99,14 @@ class Motions:
         return self.lengths.solve({k: y for k, y in enumerate(products) if not y.zero})
 
     def across(self, change: Right) -> Right:
-        """A change of coordinates less its part along the motions."""
+        """Subtract from a change of coordinates its part along the motions."""
         shares = self._shares({j: -x for j, x in change.items()})
         parts = {j: [*_at(change, j), *self._parts(shares, j)] for j in sorted({j for x in (change, *self.N) for j in x})}
         sums = {j: self.graph.total(x) for j, x in parts.items() if x}
         return {j: x for j, x in sums.items() if not x.zero}
 
     def nearest(self, v: Sequence[Node], driven: Right) -> Right:
-        """The velocities nearest to v that the rows allow, `driven` being any of these."""
+        """Return the velocities nearest to v that satisfy the rows; `driven` are any velocities that do."""
         graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}
         speeds = {k: off[u] / N[u] for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))}
         others = [j for j in off if j not in self.independent]
@@ -118,7 +118,7 @@ class Motions:
 
 
 class Gauss:
-    """n - m unknowns."""
+    """Elimination under Gauss's principle, n - m unknowns."""
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
         self.terms, self.independent = terms, tuple(independent)
@@ -136,6 +136,7 @@ class Gauss:
 
     def acceleration(self, gamma: Right) -> Right:
         graph = self.terms.graph
+        # a = a0 + N h with (N^T M N) h = N^T (Q - M a0), Yuan and Ge (2016), eqs (8)-(9)
         a0 = self.factors.solve(gamma)
         b = {k: graph.total(_work(self.terms, N, a0), pairs=REACH) for k, N in enumerate(self.N)}
         h = self.reduced.solve({k: x for k, x in b.items() if not x.zero})
@@ -159,6 +160,7 @@ class Gauss:
 
     def multipliers(self, gamma: Right) -> Right:
         a, terms = self.acceleration(gamma), self.terms
+        # the dependent columns determine lambda: Jd^T lambda = (Q - M a)_d
         forces: Right = {}
         for c in (c for c in range(len(terms.mass)) if c not in self.independent):
             parts = [terms.Q[c]] if c in terms.Q else []
@@ -183,7 +185,7 @@ def _at(x: Right, j: int) -> list[Node]:
 
 
 def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node], search: Search) -> Factors:
-    """Factors of N^T W N with a diagonal W."""
+    """Factorise N^T W N with a diagonal W."""
     unknowns = range(len(motions))
     A: Matrix = {}
     for k in unknowns:
@@ -194,7 +196,7 @@ def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[
 
 
 def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Right) -> list[Node]:
-    """Summands of a weighted sum, what has the same weight together: of a ground pin's link x and y add up to what is known."""
+    """Return the summands of a weighted sum, those of equal weight added first: x and y of a link on a ground pin cancel."""
     together: dict[int, list[Node]] = {}
     for j, x in sorted(products.items()):
         together.setdefault(weights[j].index, []).append(x)
@@ -203,7 +205,7 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Right) -> 
 
 
 def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
-    """Summands of N^T (Q - M a0); a constant force, as gravity, goes along with a0."""
+    """Return the summands of N^T (Q - M a0); a constant force such as gravity is combined with a0."""
     inertial, others = {}, []
     for j, x in N.items():
         mass, Q = terms.mass[j], terms.Q.get(j)
@@ -220,7 +222,7 @@ def _work(terms: Terms, N: Right, a0: Right) -> list[Node]:
 class Lagrange:
     """n + m unknowns; unknown n + r is the multiplier of row r.
 
-    `moving` tells whether the independent coordinates move at every sample, on every motion the rows allow.
+    `moving`: whether the independent coordinates move at every sample in every motion that the rows allow.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
@@ -229,6 +231,7 @@ class Lagrange:
         self.single = moving and len(self.independent) <= 1
 
     def _factors(self, mass: Sequence[Node]) -> Factors:
+        # KKT matrix [M J^T; J 0], symmetric
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
         for (r, c), e in self.terms.jacobian.items():
             A[self.n + r, c] = A[c, self.n + r] = e
@@ -254,7 +257,7 @@ class Lagrange:
 
     @cached_property
     def _mobility(self) -> Factors:
-        """Of the independent coordinates: how far each of these motions moves them."""
+        """Return how far each of these motions moves the independent coordinates."""
         unknowns, motions = range(len(self.independent)), self._free_motions
         A = {(row, k): N[j] for k, N in enumerate(motions) for row, j in enumerate(self.independent) if j in N}
         return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))
@@ -305,7 +308,7 @@ class Lagrange:
 
 
 def guarded(factors: Factors) -> list[tuple[Node, float]]:
-    """Pivots that vary with the state, each without its constant factor, and their thresholds; equal ones once."""
+    """Return the pivots that vary with the state, without constant factors and duplicates, and their thresholds."""
     guards: dict[int, tuple[Node, float]] = {}
     for p in factors.guarded:
         if p.node.number is None:
@@ -335,7 +338,7 @@ def refuse(mechanism: Mechanism, formulation: str) -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """A formulation, its independent coordinates, and which choice of redundant rows is dropped."""
+    """A formulation, its independent coordinates, and the index of the choice of redundant rows to drop."""
 
     formulation: str
     independent: tuple[int, ...]
@@ -344,13 +347,13 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """The equations of motion of one mechanism, before elimination, at the samples one plan can use.
+    """The equations of motion of one mechanism before elimination, at the samples where a plan is usable.
 
     Attributes:
-        caution: how many times larger than elsewhere pivots must be to be trusted.
+        caution: factor on the thresholds of pivots.
         moving: whether the plan's independent coordinates serve at every sample.
-        rows: all rows at the state; kept: indices of those that are eliminated; drop: what becomes of the others.
-        mark: how much the graph knew before elimination.
+        rows: all constraint rows; kept: indices of those that are eliminated; drop: the choice of the others.
+        mark: length of the graph's trail before elimination, to undo an attempt.
     """
 
     plan: Plan
@@ -364,19 +367,19 @@ class Workspace:
     mark: int
 
     def algebra(self, search: Search) -> "Gauss | Lagrange":
-        """An elimination from a clean slate; what an earlier one made is forgotten."""
+        """Start a new elimination; the nodes of an earlier attempt are removed from the graph."""
         self.terms.graph.forget(self.mark)
         if self.plan.formulation == "gauss":
             return Gauss(self.terms, self.plan.independent, search)
         return Lagrange(self.terms, self.plan.independent, search, self.moving)
 
     def residuals(self) -> dict[int, Node]:
-        """phi by kept row where the position is to be corrected; a knife edge has none: its row keeps to the edge."""
+        """Return phi by kept row at the position to be corrected; a knife edge has no residual of position."""
         moved = keep_rows(self.terms.graph, rows_of(self.links_at_new()), self.kept, self.drop)
         return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
 
     def spread_out(self, multipliers: Right) -> Right:
-        """Multipliers of all rows from those of the rows that are eliminated: a dropped row has what others take on of it."""
+        """Return the multipliers of all rows; a dropped row gets its share of the kept rows that it was combined into."""
         of_rows = {self.kept[k]: x for k, x in multipliers.items()}
         for dropped in self.drop.rows:
             parts = [of_rows[k] * factor for k, row, factor in self.drop.shares if row == dropped and k in of_rows]
@@ -394,33 +397,33 @@ class Workspace:
         return {k: x for k, row in enumerate(self.terms.rows) if not (x := bend(self.links, row, alpha, beta)).zero}
 
     def exact(self) -> tuple[list[Node], list[Node], Node]:
-        """phi of all holonomic rows, phi' of all rows, and energy, which hold off the constraints too: every angle for itself."""
+        """Return phi of holonomic rows, phi' of all rows, and energy, valid off the constraints: slides do not tie angles here."""
         links = self.links
         plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
         rows = rows_of(plain)
         return [row.phi for row in rows if row.phi is not None], [rate_of(plain, row) for row in rows], energy(plain)
 
     def links_at_new(self) -> Links:
-        """The links where a position correction starts from, inputs t_new and q_new: every angle for itself."""
+        """Return the links at the position to be corrected, inputs t_new and q_new; slides do not tie angles here."""
         links = self.links
         there = replace(links.state, t="t_new", q="q_new", v="v_new")
         return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
 
 
 def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> list[Row]:
-    """The rows that are eliminated, with what they take on of the others."""
+    """Return the rows to eliminate, with the dropped rows that are combined into them."""
     taken = [[(rows[r], factor) for at, r, factor in drop.shares if at == k] for k in kept]
     return [combine(graph, [(rows[k], 1.0), *more]) if more else rows[k] for k, more in zip(kept, taken, strict=True)]
 
 
 def bend(links: Links, row: Row, alpha: float, beta: float) -> Node:
-    """Baumgarte's gamma - 2 alpha phi' - beta^2 phi of a row."""
+    """Return Baumgarte's right-hand side of a row, gamma - 2 alpha phi' - beta^2 phi."""
     bias = row.gamma - rate_of(links, row) * (2 * alpha)
     return bias if row.phi is None else bias - row.phi * beta**2
 
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
-    """Terms of a mechanism for a plan.
+    """Build the workspace of a mechanism for a plan.
 
     Raises:
         KernelError: the plan's partition is singular at every sample, or a name the mechanism does not have.

@@ -1,4 +1,4 @@
-"""Straight-line functions: what an elimination comes to, one operation after the other, for any machine that does them.
+"""Straight-line functions: the result of an elimination as a list of operations, independent of the target machine.
 
 A function is read from nodes in the order in which they were made. A reciprocal with one use becomes a division, and the negative
 of a difference with one use the opposite difference: neither is worth an operation of its own.
@@ -112,7 +112,7 @@ class Function:
         return Costs(self.operations, self.divisions, max((ready[k] for ends in self.outputs for k in ends), default=0.0))
 
     def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
-        """When a result is ready, given when its operands are."""
+        """Return the time at which a result is ready [cycles] from those of its operands."""
         operation, operands, _ = x
         latest = max([ready[k] for k in operands], default=0.0)
         if operation in ("ADD", "SUB"):
@@ -128,7 +128,7 @@ def _operands(node: Node) -> tuple[Node, ...]:
 
 
 def reachable(outputs: Iterable[Node]) -> list[Node]:
-    """All nodes the outputs need, operands before what uses them."""
+    """Return all nodes that the outputs depend on, operands before their users."""
     known: dict[int, Node] = {}
     left = list(outputs)
     while left:
@@ -151,21 +151,21 @@ def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
-    """The cost of a function of these outputs alone."""
+    """Return the cost of a function with these outputs alone."""
     needed = reachable(outputs)
     inputs = dict.fromkeys(str(x.args[0]) for x in needed if x.op == "INPUT")
     return function([(name, 0) for name in inputs], [outputs], uses(outputs, needed)).costs
 
 
 class _Reader:
-    """Nodes of one function in the form in which they become instructions."""
+    """Chooses for each node of a function the instruction that computes it."""
 
     def __init__(self, shared: dict[int, int] | None, ends: Sequence[Node]):
         self.shared, self.ends = shared, ends
 
     @cached_property
     def own(self) -> dict[int, int]:
-        """Uses of nodes that the functions whose code will be merged do not have."""
+        """Count the uses of nodes that no other function of the merged code shares."""
         return uses(self.ends)
 
     def _once(self, x: Node) -> bool:
@@ -175,7 +175,7 @@ class _Reader:
         return (self.own[x.index] if count is None else count) == 1
 
     def form(self, node: Node) -> tuple[str, tuple[Node, ...]]:
-        """Operation and operands of a node."""
+        """Return operation and operands of the instruction for a node."""
         if node.op == "MUL":
             for x, other in (node.args, node.args[::-1]):
                 if x.op == "INV" and self._once(x):

@@ -14,7 +14,7 @@ Row operations E make A upper triangular, E A = U, so that A x = b is y = E b, U
 Where no entry that is left keeps its sign, as where every one is a sine or a cosine of one angle that turns, the rest S may be
 squared: S x = y becomes S^T S x = S^T y, whose diagonal is positive wherever S is regular. Its condition is squared too.
 
-A right-hand side is a dict without zeros, and what is structurally zero in it stays absent.
+A right-hand side is a dict without zeros; entries that are structurally zero stay absent from the solution too.
 Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
@@ -57,10 +57,10 @@ class RowOperation:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """The row operations that made A upper triangular, and what they made of it; pivots in order of elimination.
+    """The row operations that made A upper triangular, the triangle, and the pivots in order of elimination.
 
     Attributes:
-        rest: what was squared, if anything.
+        rest: the remaining submatrix if it was squared, else None.
     """
 
     graph: ExpressionGraph
@@ -71,11 +71,11 @@ class Factors:
 
     @property
     def guarded(self) -> tuple[Pivot, ...]:
-        """All that is divided by."""
+        """Return all pivots that the code divides by."""
         return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
 
     def solve(self, b: Right) -> Right:
-        """x by column, of A x = b by row; zeros are left out of both."""
+        """Solve A x = b: b by row, x by column, zeros left out of both."""
         y: Right = {}
         for p in self.pivots:
             _put(y, p.row, self._reduce(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
@@ -102,7 +102,7 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class Squared:
-    """The rest of a matrix, S (rows, columns), and factors of S^T S."""
+    """The remaining submatrix S (rows, columns), and factors of S^T S."""
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
@@ -110,7 +110,7 @@ class Squared:
     factors: Factors
 
     def solve(self, y: Right) -> Right:
-        """x by column, of S x = y."""
+        """Solve S x = y, x by column."""
         parts: dict[int, list[Node]] = {}
         for (r, c), e in self.S.items():
             if r in y:
@@ -120,7 +120,7 @@ class Squared:
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
-    """b less the sum of the products, None for zero."""
+    """Return b minus the sum of the products, None for zero."""
     terms = [-(f * x) for f, x in products if x is not None]
     if b is not None:
         terms.append(b)
@@ -144,7 +144,7 @@ Matrix = dict[tuple[int, int], Node]
 
 @dataclass(frozen=True)
 class Search:
-    """The rules by which choices are made that Markowitz's count leaves open.
+    """Settings of the search: the rules that decide among pivots of equal Markowitz count.
 
     Attributes:
         noise: added to the count at random.
@@ -274,7 +274,7 @@ class _Markowitz:
         return Squared(rows, columns, S, lu(self.graph, square, columns, columns, Search(self.search.seed)))
 
     def _choose(self) -> tuple[int, int, Array]:
-        """A pivot that is usable at all samples, else at as many as possible: at the others its guard will tell."""
+        """Choose a pivot that is usable at all samples, else at as many as possible: its guard excludes the others at run time."""
         chosen = self._usable()
         while chosen is None:
             self._trust_fewer()
@@ -282,7 +282,7 @@ class _Markowitz:
         return chosen
 
     def _trust_fewer(self) -> None:
-        """Leave those samples to other programs at which no pivot serves that serves at most of them."""
+        """Drop the samples at which the most widely usable pivots are too small: other programs will cover them."""
         best = np.zeros_like(self.trusted)
         for row in filter(None, self.rows.values()):
             sizes = np.array([self._values(e) for e in row.values()])
@@ -316,7 +316,7 @@ class _Markowitz:
         return None
 
     def _row_sizes(self, r: int) -> _Sizes:
-        """A pivot is usable that is not small in its row at any sample, steady if it has one sign too: else it is zero between."""
+        """Return the sizes of a row's entries. A usable pivot is small at no sample; a steady one also never changes its sign."""
         known = self.sizes.get(r)
         if known is None:
             row = self.rows[r]
@@ -367,7 +367,7 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Tell whether the other rows are multiplied by the pivot, and nothing is divided by it."""
+        """Tell whether this step is done without division, by multiplying the other rows by the pivot."""
         if not self.search.crossing or pivot.number is not None or not others:
             return False
         few = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
@@ -390,7 +390,7 @@ class _Markowitz:
 def lu(
     graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search, squares: bool = False
 ) -> Factors:
-    """Factors of A(rows, columns); where no pivot keeps its sign, the rest is squared, or one taken that does not.
+    """Factorise A(rows, columns). If no pivot keeps its sign, the rest is squared, or a pivot that changes sign is taken.
 
     Raises:
         KernelError: no pivot is left that is usable at a fair share of the samples.

@@ -1,7 +1,7 @@
-"""A linkage before any algebra: its rank, its redundant rows, and the coordinates that may be left independent.
+"""Analysis of a linkage before elimination: its rank, its redundant rows, and the coordinates that may be independent.
 
-An independent coordinate must move, on every motion the constraints allow, at every position the linkage takes: where it stands
-still, the others do not follow from it. The null spaces of J at the samples tell.
+An independent coordinate must move in every motion the constraints allow, at every position of the linkage: where it rests for a
+moment, it does not determine the others. The null spaces of J at the samples decide this.
 
 Which rows may be dropped (bases of the left null space of J) and which coordinates may be left independent (bases of the null
 space) is one question: as many entries are wanted as a basis has columns, such that those rows of the basis are independent at all
@@ -70,7 +70,7 @@ CANDIDATES = 6  # partitions that are tried; along a chain, where the middle is 
 
 @dataclass(frozen=True)
 class Drop:
-    """A choice of redundant rows: those that are left out, and (kept row, dropped row, factor) what others take on of them."""
+    """A choice of redundant rows: those left out, and (kept row, dropped row, factor) of those combined into kept rows."""
 
     rows: tuple[int, ...]
     shares: tuple[tuple[int, int, float], ...] = ()
@@ -86,12 +86,12 @@ class Drop:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The knowledge of a linkage before any algebra.
+    """Results of the analysis of a linkage before elimination.
 
     Attributes:
         states: samples on the constraints at which J has its full rank.
-        drops: choices of redundant rows, the best first. Where not even combinations serve everywhere, every choice has positions
-            at which the rows that are left are singular, and another serves there.
+        drops: choices of redundant rows, the best first. If no choice, with combinations, is regular at every position, another
+            one is used where the first is singular.
         free: degrees of freedom of the velocities.
         left: (k, m, redundant) left null space of J at each sample.
         bases: (k, n, free) null space of J in scaled coordinates at each sample.
@@ -109,12 +109,12 @@ class Study:
         return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice].rows)
 
     def dropped(self, choice: int) -> tuple[str, ...]:
-        """Names of the others."""
+        """Return the names of the dropped rows."""
         names = row_names(self.mechanism)
         return tuple(names[k] for k in self.drops[choice].rows)
 
     def soundness(self, choice: int) -> Array:
-        """(k,) how far the rows that are left are from being dependent at each sample; 0 is singular."""
+        """Return (k,) the distance of the kept rows from linear dependence at each sample; 0 is singular."""
         return _soundness(self.left, self.drops[choice])
 
 
@@ -128,7 +128,7 @@ def row_names(mechanism: Mechanism) -> list[str]:
 
 @lru_cache(maxsize=32)  # a mechanism is asked about under several formulations, and once more for other partitions
 def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
-    """Samples, redundant rows and null spaces of a mechanism.
+    """Compute samples, redundant rows and null spaces of a mechanism.
 
     Raises:
         KernelError: rows are redundant that cannot be dropped, as two drivers that prescribe the same.
@@ -183,7 +183,7 @@ def _mix(left: Array, allowed: Iterable[int]) -> Drop | None:
 
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Choices of rows of some bases (k, n, c), of which one is well conditioned at every sample; those given are the first."""
+    """Extend choices of rows of bases (k, n, c) until at every sample one of them is well conditioned."""
     open_samples, choices = np.ones(len(bases), bool), list(chosen)
     for rows in choices:
         open_samples &= smallest(bases, rows) < ENOUGH
@@ -207,10 +207,10 @@ def _sparse_null_space(J: Array, free: int) -> Array:
 
 
 def candidates(study: Study) -> list[tuple[int, ...]]:
-    """A few partitions that are usable at every sample and among the best conditioned; () where every motion is prescribed.
+    """Return a few well conditioned partitions that are usable at every sample; () if drivers prescribe the whole motion.
 
-    Among many of the kind they are spread evenly, since along a chain the middle is best. The crank's angle, and angles alone, are
-    always among them, and all that is tried of a large linkage.
+    From many of them an even selection is taken, since along a chain the middle is best. The crank's angle, and angles alone, are
+    always included; for a large linkage nothing else is tried.
     """
     if study.free == 0:
         return [()]
@@ -229,12 +229,12 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
 
 
 def conditions(study: Study, independent: tuple[int, ...]) -> Array:
-    """(k,) how well the velocities follow from those of the independent coordinates at each sample; 0 is singular."""
+    """Return (k,) how well conditioned the partition is at each sample: 0 where the velocities do not follow from it."""
     return smallest(study.bases, independent)
 
 
 def covering(study: Study) -> list[tuple[int, ...]]:
-    """Partitions of which one is usable at every sample; the first, with the crank's angle where that is good, at most of them."""
+    """Return partitions that together cover every sample; the first, with the crank's angle if possible, covers the most."""
     chosen = candidates(study)
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
     chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]

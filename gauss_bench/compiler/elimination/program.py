@@ -9,8 +9,8 @@ The search for a cheap elimination: partitions and pivot orders are tried, and t
 Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
 operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. The
 search is seeded and its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is
-remembered on disk: a later process eliminates once. Who would rather wait for steps than for code sets GAUSS_BENCH_ATTEMPTS to a
-small number.
+stored on disk, and a later process eliminates only once. A small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower
+steps.
 """
 
 import json
@@ -51,7 +51,7 @@ SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """A workspace, the search that served it best, and what it came to."""
+    """The best attempt on a workspace: its search settings and its costs."""
 
     work: Workspace
     search: Search
@@ -59,10 +59,10 @@ class Best:
 
 
 def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
-    """Costs of the acceleration and its guards under several searches; those that find no usable pivots are left out.
+    """Eliminate under each of several search settings and return the costs; attempts without usable pivots are left out.
 
     Raises:
-        KernelError: none of them does.
+        KernelError: no attempt finds usable pivots.
     """
     attempts: list[Best] = []
     failure = KernelError("no attempt was made")
@@ -89,23 +89,25 @@ def pick(attempts: Sequence[Best]) -> Best:
 
 
 def best_of(work: Workspace, count: int) -> Best:
-    """The cheapest of so many attempts."""
-    ways = [Search(0, *way) for way in product(NOISES, PATIENCES, CROSSINGS)]
-    order = np.random.default_rng(0).permutation(len(ways))
-    various = [PLAIN, *(replace(ways[k], seed=int(k)) for k in order)][: (count + 1) // 2]
+    """Return the cheapest of `count` attempts: half with different search settings, half with other seeds of the best of these."""
+    settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
+    order = np.random.default_rng(0).permutation(len(settings))
+    various = [PLAIN, *(replace(settings[k], seed=int(k)) for k in order)][: (count + 1) // 2]
     attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
     repeated = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
-    again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]  # others come out the same again
+    again = [
+        replace(search, seed=100 + k) for k, search in repeated if search.by_chance
+    ]  # without chance a repetition gives the same program
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
 def cheapest(
     known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
 ) -> Best:
-    """The cheapest program of a mechanism among the formulations and partitions that are open.
+    """Return the cheapest elimination of a mechanism over the formulations and partitions that the caller left open.
 
-    A plain attempt at each tells which are worth a search.
+    One plain attempt at each of them decides which are worth a longer search.
 
     Raises:
         KernelError: no partition and no pivots are usable.
@@ -128,7 +130,7 @@ def cheapest(
 
 
 def _name(mechanism: Mechanism, *asked: Any) -> str | None:
-    """The name under which a search's outcome is kept; None where the mechanism holds more than numbers."""
+    """Return the file name of a search's outcome in the cache; None if the mechanism cannot be hashed (numbers of other types)."""
     try:
         return f"{content_digest(_sources(), mechanism, asked)}.json"
     except TypeError:
@@ -141,7 +143,7 @@ def _sources() -> str:
 
 
 def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """Eliminate again by an earlier search's choices; None where none is kept, or where it does not serve."""
+    """Repeat the elimination that an earlier search has stored; None if there is none or it no longer works."""
     kept = user_cache.load(name) if name else None
     if kept is None:
         return None
@@ -154,7 +156,7 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
 
 
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
-    """Partitions under gauss, and lagrange, as far as the formulation is open."""
+    """List the plans to try: lagrange, and gauss with each candidate partition, unless the caller fixed the formulation."""
     plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
         choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
@@ -172,22 +174,22 @@ class Program:
     Attributes:
         name: of the mechanism.
         formulation: "gauss" or "lagrange".
-        n, m: coordinates, and constraint rows that are kept.
-        independent: coordinates of the partition; under lagrange those along which free motions are told.
+        n, m: numbers of coordinates and of constraint rows kept.
+        independent: coordinates of the partition; under lagrange they only parametrise the free motions.
         parameters: names of the numbers left open, such as "links.crank.mass" or "points.rod.A.x", in the order of p; then those
             of `mechanism/lines.py`, which change with time.
         values: (n_p,) their values in the linkage file.
         dropped: names of the redundant rows that were dropped.
         acceleration: (t, q, v, p) -> a (n,), guard (k,).
         thresholds: (k,) the state is usable where abs(guard) >= thresholds.
-        position_correction: (t_at, q_at, t, q, p) -> dq (n,), Newton's with the Jacobian at q_at and the residual at q, the
-            shortest; a guard of it beside that of the acceleration.
-        nearest_velocity: (t, q, v, p) -> v (n,), that the constraints allow; likewise.
-        correcting_thresholds: of these guards.
-        directions: (t, q, v, p) -> (n,) of each independent coordinate, the free motion along it; a guard of them alone.
-        direction_thresholds: likewise.
-        multipliers: (t, q, v, p) -> lambda (all rows in the file's order; one that is dropped has 0, or what others take on of it)
-            of M a + J^T lambda = Q.
+        position_correction: (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and the
+            residual at q; then its own guard, which holds in addition to that of the acceleration.
+        nearest_velocity: (t, q, v, p) -> v (n,), the nearest one that the constraints allow; then its guard.
+        correcting_thresholds: thresholds of these two guards.
+        directions: (t, q, v, p) -> one free motion (n,) for each independent coordinate; then their guard.
+        direction_thresholds: thresholds of that guard.
+        multipliers: (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all rows in the file's order. A dropped row has 0, or its
+            share where kept rows are combinations with it.
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
         stabilized: as acceleration, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None unless asked for.
@@ -228,7 +230,7 @@ def generate(
     drop: int = 0,
     remembered: bool = False,
 ) -> Program:
-    """The program of a mechanism.
+    """Generate and check the program of a mechanism.
 
     Args:
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
@@ -236,7 +238,7 @@ def generate(
         independent: coordinates of the partition (gauss); chosen where None.
         baumgarte: alpha, beta [1/s] of the stabilised variant.
         drop: which choice of redundant rows is dropped, of `drops`.
-        remembered: whether what an earlier search found is taken from the user's cache, and what this one finds is kept there.
+        remembered: whether the outcome of the search is read from and written to the user's cache.
 
     Raises:
         KernelError: dry friction, an unknown parameter, no usable partition, or a program that fails its own check.
@@ -258,7 +260,7 @@ def generate(
     except KernelError:
         if best.search == PLAIN:
             raise
-        # pivots that chance finds may lose digits where a linkage is large: a plain attempt takes the surest
+        # in a large linkage pivots from a random search may lose digits: a plain attempt takes the largest ones
         program = _write(known, attempt(best.work, [PLAIN])[0], baumgarte)
         check(program, mechanism)
     return program
@@ -268,7 +270,7 @@ known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often c
 
 
 def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
-    """Independent coordinates, a few choices of which at least one is usable at every position met; the first is usable at most."""
+    """Return choices of independent coordinates: at every sampled position at least one is usable, the first at most of them."""
     return covering(study(mechanism))
 
 
@@ -283,11 +285,11 @@ def costs(program: Program) -> Costs:
 
 
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
-    """All functions of the plan that was found best."""
+    """Write all functions of the best plan."""
     work, algebra = best.work, best.work.algebra(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n
-    phi, phi_dot, energy = work.exact()  # before products that elimination names otherwise
+    phi, phi_dot, energy = work.exact()  # first: elimination may rewrite products in a form valid on the constraints only
     guards = algebra.guards
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
     dq = vector(graph, algebra.correction(work.residuals()), n)
@@ -325,7 +327,7 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
 
 
 def check(program: Program, mechanism: Mechanism) -> None:
-    """Compare with the linkage's own evaluation at states other than those the pivots were chosen at, and off the constraints.
+    """Compare a program with the interpreted evaluation at new states, on the constraints and off them.
 
     Raises:
         KernelError: the program is off by more than CHECKED, or usable at none of these states.

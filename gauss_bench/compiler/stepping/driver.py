@@ -26,7 +26,7 @@ class ByRank(Protocol):
 
 @dataclass
 class Tally:
-    """Counts for the last call: changes of partition, steps by rank decision, lost trajectories."""
+    """Counts of exceptional events: changes of partition, steps by rank decision, lost trajectories."""
 
     switches: int = 0
     fallbacks: int = 0

@@ -11,13 +11,13 @@ n coordinates, K inputs, G guards, R numbers stored at each sample; rows of the 
     out      a lane's samples, R numbers each; lane k's begin at k `block`, at most at `last`
     report   1 + G                 samples closed before the first that could not be, guards at the last of all samples
 
-A sample is closed if a correction shorter than SETTLED was the last, none before it left the reach of the rotation, the guess was
-not far from the sample before, and every guard is large enough. What a lane stores after one that is not is void.
+A sample is closed if the last correction was shorter than SETTLED, no correction exceeded the reach of the rotation, the guess was
+near the previous sample, and every guard is large enough. After the first sample that is not closed, the stored values are invalid.
 
 Newton starts at the guess, whose sines come from nothing, so that no rounding is carried from sample to sample. A correction
 moves q by z and rotates its sines, which is exact while z is short.
 
-Nobody here decides what follows where a lane stops: tracker.py does.
+What happens after a lane has stopped is decided in tracker.py.
 """
 
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ LIMIT = 8  # corrections; quadratic convergence needs four from the farthest gue
 
 
 def follow(program: ClosingProgram, plain: bool = False) -> Routine:
-    """The routine that follows a group of lanes; `plain` where sines and the order of operations are left to the target."""
+    """Build the routine that follows a group of lanes; `plain` leaves sines and the order of operations to the target."""
     g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
 
     def sincos(x: int) -> Pair:
@@ -142,7 +142,7 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
 
 
 class Follower:
-    """Follows lanes on a target, as many at a time as it has; all at once on arrays."""
+    """Follows lanes on a target: groups of vector width in native code, all at once in numpy."""
 
     def __init__(self, program: ClosingProgram, target: Target):
         self.program, self.loaded = program, Loaded(lambda many: follow(program, target.backend == "numpy"), target)
@@ -150,14 +150,14 @@ class Follower:
     def run(
         self, q: Floats, least: Floats, inputs: Floats, parameters: Floats, rows: Floats, threads: int = 1
     ) -> tuple[NDArray[np.integer[Any]], Floats]:
-        """Follow lanes from their guesses: samples closed before the first that was not (lanes,), and guards (lanes, G) at the end.
+        """Follow lanes from their guesses; return the number of closed samples (lanes,) and the final guards (lanes, G).
 
         Args:
             q: (lanes, n) guesses at the first samples.
-            least: (lanes, G).
+            least: (lanes, G) bounds of the guards.
             inputs: (lanes or 1, samples + 1, 3, K) values, rates, second rates; of the row after the last only the values count.
             parameters: (lanes, n_p).
-            rows: (any, R), filled by one lane after the other; the last lane ends where they end, though others reach as far.
+            rows: (any, R), filled by one lane after the other; the last lane is aligned with the end and may overlap.
         """
         lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
         x, bounds, p = (in_lanes(a, lanes) for a in (q, least, parameters))

@@ -1,15 +1,15 @@
-"""The samples of the lanes: one linkage cut into parts, or a linkage to each lane; and what happens to a lane that stops.
+"""Distribution of samples over lanes (one linkage cut into parts, or one linkage per lane), and recovery of stopped lanes.
 
-The samples of one linkage are cut into as many parts as there are lanes. Where the parts begin is found first, by one lane in
-strides of at most STRIDE; then all parts are followed side by side. Of many linkages each lane follows one, from a start that is
-reached from the file's own by changing the open numbers little by little, on the same side of every guard.
+The samples of one linkage are cut into as many parts as there are lanes. One lane first finds the positions where parts begin, in
+strides of at most STRIDE; then all parts are followed side by side. With many linkages each lane follows one. Its start is reached
+from the start of the file by changing the open parameters in small steps, with every guard keeping its sign.
 
-Where a lane stops, the way to that sample is divided; where that does not help either, the library's closure is asked. What it
-closes is taken over; where it finds a limit or a singular position, the motion ends, and no later sample is reported as closed.
+Where a lane stops, the step to that sample is subdivided; if that fails too, `kinematics.loop_closure` tries it. A sample that it
+closes is accepted; where it finds a limit or a singular position the motion ends, and no later sample is reported as closed.
 
-Starts of linkages with other dimensions than the file's, which are known for the file's alone. The numbers go from the one to the
-other little by little, in steps that grow, with a guess from the last two steps; every guard keeps its side on the way, so that the
-assembly stays the same. Source: Allgower and Georg, Introduction to Numerical Continuation Methods (2003), chapter 2.
+Linkages with other dimensions than the file's need their own start, found by continuation: the parameters change in small, growing
+steps, each with a guess extrapolated from the last two. Every guard keeps its sign on the way, so that the assembly is the same.
+Source: Allgower and Georg, Introduction to Numerical Continuation Methods (2003), chapter 2.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ APART = "with these numbers the linkage cannot be assembled where the file has i
 
 
 class Status(IntEnum):
-    """The way in which a sample was closed."""
+    """How a sample was closed: natively, by the library's loop closure, or not at all."""
 
     CLOSED = 0
     LIBRARY = 1  # by the library's closure
@@ -61,7 +61,7 @@ class Loss:
         linkage: row of the parameters; 0 for one linkage.
         sample: the first that could not be closed.
         kind: "limit of motion", "singular position" or "not assembled".
-        inputs: name -> value [rad, m] up to which it went.
+        inputs: name -> last value reached [rad, m].
         text: one sentence.
     """
 
@@ -74,12 +74,12 @@ class Loss:
 
 @dataclass(frozen=True, eq=False)
 class Linkages:
-    """Linkages at their starts.
+    """Start positions of some linkages of one structure.
 
     Attributes:
         p: (linkages, n_p) open numbers.
         q: (linkages, n) closed positions, NaN where there is none. u: (linkages, K) inputs there.
-        least: (linkages, G) what guards must not fall below.
+        least: (linkages, G) lower bounds of the guards.
         faults: (linkages,) why there is no start; "" where there is one.
     """
 
@@ -90,7 +90,7 @@ class Linkages:
     faults: NDArray[np.str_]
 
     def take(self, index: slice | NDArray[np.integer[Any]]) -> "Linkages":
-        """Some of them, or one several times."""
+        """Select linkages by index, also repeatedly."""
         return Linkages(self.p[index], self.q[index], self.u[index], self.least[index], self.faults[index])
 
 
@@ -105,15 +105,15 @@ class Tracker:
         self.per_stride = many / STRIDE / np.array(sizes)
 
     def linkage(self, p: Array) -> Mechanism:
-        """The linkage with the open numbers p (n_p,), or those of many (n_p, k)."""
+        """Return the mechanism with open parameters p (n_p,), or with arrays of them (n_p, k)."""
         return with_parameters(self.program.driven, dict(zip(self.program.open_names, p, strict=True)))
 
     def name(self, u: Array) -> dict[str, float]:
-        """Name -> value of inputs."""
+        """Return the inputs by name."""
         return {d.name: float(x) for d, x in zip(self.program.driven.drivers, u, strict=True)}
 
     def starts(self, q: Array, p: Array) -> Linkages:
-        """Linkages at assembled positions (linkages, n) with numbers p (linkages, n_p)."""
+        """Build `Linkages` from assembled positions (linkages, n) and parameters p (linkages, n_p)."""
         u = np.stack([np.broadcast_to(value(d.coordinate, q), len(q)) for d in self.linkage(p.T).drivers], axis=-1)
         rows = np.empty((len(q), self.program.width))
         closed, guards = self.follower.run(q, np.zeros((len(q), self.program.guards)), _at_rest(u[:, None], len(u)), p, rows)
@@ -121,7 +121,7 @@ class Tracker:
         return Linkages(p, np.where(closed[:, None], rows[:, : self.n], np.nan), u, LEAST * guards, faults)
 
     def deform(self, start: Linkages, p: Array) -> Linkages:
-        """The linkages with numbers p (linkages, n_p), from the one whose start is known."""
+        """Find the starts of linkages with parameters p (linkages, n_p) by continuation from a known start."""
         first = start.take(np.zeros(len(p), dtype=int))
         q, least = np.full_like(first.q, np.nan), first.least.copy()
         for steps in STEPS:
@@ -131,7 +131,7 @@ class Tracker:
         return Linkages(p, q, first.u, least, np.where(np.isfinite(q).all(axis=1), "", APART))
 
     def _deform(self, first: Linkages, p: Array, steps: int) -> tuple[Array, Array]:
-        """Positions (linkages, n), NaN where lost, and what guards must not fall below there."""
+        """Return positions (linkages, n), NaN where lost, and the lower bounds of the guards there."""
         signs, levels = SIGN * np.sign(first.least), _at_rest(first.u[:1, None], 1)
         before = q = first.q
         last, rows = 1.0, np.empty((len(p), self.program.width))
@@ -142,15 +142,15 @@ class Tracker:
         return q, LEAST * guards
 
     def strides(self, u: Array) -> float:
-        """Strides from one sample to the next where they are farthest apart, of samples (..., k, K)."""
+        """Return the largest distance of neighbouring samples (..., k, K), in strides."""
         return float((np.abs(u[..., 1:, :] - u[..., :-1, :]) * self.per_stride).max(initial=0.0))
 
     def track(
         self, some: Linkages, levels: Array, stride: float, rows: Array, status: NDArray[np.int8], threads: int = 1
     ) -> list[Loss]:
-        """Fill rows (linkages, k, R) and status (linkages, k): linkages side by side, or few of them one by one, in parts.
+        """Fill rows (linkages, k, R) and status (linkages, k): many linkages side by side, a few one by one in parts.
 
-        `stride` is the farthest way from one sample to the next, in strides.
+        `stride` is the largest distance of neighbouring samples, in strides.
         """
         count, k = status.shape
         every = np.broadcast_to(levels, (count, *levels.shape[1:]))
@@ -168,7 +168,7 @@ class Tracker:
         return [replace(loss, linkage=i) for i, loss in losses if loss is not None]
 
     def _walk(self, some: Linkages, u: Array) -> Array:
-        """Positions (linkages, m, n) at inputs u (linkages or 1, m, K), from everyone's start; NaN from where the way is lost."""
+        """Return positions (linkages, m, n) at inputs u (linkages or 1, m, K) from each start; NaN after the first failure."""
         way = u[:, 0] - some.u
         lead = max(1, ceil(float(np.abs(way * self.per_stride).max())))
         levels = _at_rest(u, len(way), lead)
@@ -180,23 +180,24 @@ class Tracker:
         return q
 
     def _follow_parts(self, one: Linkages, levels: Array, stride: float, rows: Array) -> int:
-        """Follow one linkage in parts, of which the last may overlap; samples closed before the first that was not."""
+        """Follow one linkage in parallel parts, the last of which may overlap; return the number of closed samples."""
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = -(-k // parts)
         begins = np.minimum(np.arange(parts) * count, k - count)
         each = min(count, max(1, ceil(count * stride)))
+        # one lane first walks to the beginning of every part, in `each` substeps per part
         nodes = (begins[:-1, None] + np.diff(begins)[:, None] * np.arange(each) // each).ravel()
         q = self._walk(one, levels[None, [*nodes, begins[-1]], 0])[0, ::each]
         ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)
         closed, _ = self.follower.run(q, one.least.repeat(parts, axis=0), ahead, one.p.repeat(parts, axis=0), rows)
         gaps = (rows[begins[1:]] - rows[begins[1:] - 1])[:, self.program.angles]
-        joined = np.append(True, (gaps * gaps).sum(axis=1) < (2 * TURN) ** 2)  # else in another assembly, or a turn off
+        joined = np.append(True, (gaps * gaps).sum(axis=1) < (2 * TURN) ** 2)  # else a part is in another assembly or a turn off
         first = int(np.argmin(joined & (closed == count)))
         return k if joined[first] and closed[first] == count else int(begins[first] + (closed[first] if joined[first] else 0))
 
     def _finish(self, one: Linkages, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
-        """Close what a lane left open from a sample on; the loss where the motion ends."""
+        """Close the samples from `at` on that a lane left open; return the loss if the motion ends before the last."""
         loss = Loss(0, 0, "not assembled", self.name(one.u[0]), str(one.faults[0])) if one.faults[0] else None
         while loss is None and at < len(rows):
             q, u = (rows[at - 1, : self.n], levels[at - 1, 0]) if at else (one.q[0], one.u[0])
@@ -214,7 +215,7 @@ class Tracker:
         return loss
 
     def _onward(self, one: Linkages, q: Array, u: Array, levels: Array, rows: Array) -> int:
-        """Follow one lane from q, u through samples, the way to the first of which is divided; samples closed."""
+        """Follow one lane from q, u with the step to the first sample subdivided; return the number of closed samples."""
         for parts in SUBDIVISIONS:
             way = u + _parts(parts) * (levels[0, 0] - u)
             ahead = np.concatenate([_at_rest(way[None], 1)[:, :-1], levels[None], levels[None, -1:]], axis=1)
@@ -226,7 +227,7 @@ class Tracker:
         return 0
 
     def _ask(self, p: Array, q: Array, levels: Array) -> Array | Loss:
-        """The row of numbers of the sample after q by the library's closure, or why it cannot get there either."""
+        """Close the sample after q by `loop_motion`; return its row of numbers, or the reason why it cannot be reached."""
         mechanism = replace(self.linkage(p), q0=q.copy())
         given = [replace(x, law=_hold(level)) for x, level in zip(self.inputs, levels.T, strict=True)]
         try:
@@ -240,17 +241,17 @@ class Tracker:
 
 
 def _parts(count: int) -> Array:
-    """Parts (count, 1) of a way, from its beginning."""
+    """Return the fractions 0, 1 / count, ... (count, 1) of a step."""
     return np.arange(count)[:, None] / count
 
 
 def _at_rest(u: Array, linkages: int, lead: int = 0) -> Array:
-    """Levels (linkages, lead + k + 1, 3, K) of inputs (linkages or 1, k, K), without rates; the last row is there twice."""
+    """Return levels (linkages, lead + k + 1, 3, K) of inputs (linkages or 1, k, K) with zero rates; the last row is repeated."""
     levels = np.zeros((linkages, lead + u.shape[1] + 1, 3, u.shape[2]))
     levels[:, lead:-1, 0], levels[:, -1, 0] = u, u[:, -1]
     return levels
 
 
 def _hold(levels: Array) -> MotionLaw:
-    """The law that has a value, rate and second rate (3,) at all times."""
+    """Return the law with a constant value, rate and second rate (3,)."""
     return MotionLaw("held", lambda t: (levels[0], levels[1], levels[2]))
