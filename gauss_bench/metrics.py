@@ -1,7 +1,7 @@
-"""Every number of the table except times, from a mechanism, a trajectory and a reference alone: no engine grades itself.
+"""Every number of the table except times, computed from a mechanism, a trajectory and a reference: no engine grades itself.
 
-Drift and energy are evaluated in absolute coordinates, so that a tree engine's exact joints count as exact and its cut pin as what
-it is. Errors are the larger of metres and radians over links unless said.
+Drift and energy are evaluated in absolute coordinates, so that the joints of a tree engine count as exact and the drift of its cut
+pin is seen. Errors are the larger of metres and radians over all links unless stated otherwise.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 CHECKPOINTS = (0.5, 1.0, 2.0)  # [s]
-REST = 1e-9  # [m/s^2, rad/s^2] a largest acceleration below it is what rounding leaves of none
+REST = 1e-9  # [m/s^2, rad/s^2] accelerations below it are rounding of a mechanism at rest
 CHUNK = 2000  # states evaluated at once: bounds the memory of long runs
 
 
@@ -38,7 +38,7 @@ class Drift:
 
 
 def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
-    """The three residuals at every sample."""
+    """Compute the residuals of position, velocity and acceleration at every sample."""
     blocks = []
     h = evaluator.constraints.holonomic
     for start in range(0, len(trajectory.t), CHUNK):
@@ -58,7 +58,7 @@ class RateGaps:
     Attributes:
         place, turn: (k,) |q - q(0) - int v dt| [m], [rad].
         speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
-        bars: of these four: what the integrals change by where every second sample is left out.
+        bars: error bars of these four: the change of the integrals when every second sample is left out.
         fastest: largest |v| of the motion [m/s] and [rad/s].
     """
 
@@ -71,12 +71,12 @@ class RateGaps:
 
 
 def rate_gaps(trajectory: Trajectory) -> RateGaps:
-    """Integrate velocities and accelerations through the samples and hold them against positions and velocities."""
+    """Integrate velocities and accelerations through the samples and compare with positions and velocities."""
     t, gaps, bars = trajectory.t, [], []
     half = np.unique([*range(0, len(t), 2), len(t) - 1])
     for level, rate in ((trajectory.q, trajectory.v), (trajectory.v, trajectory.a)):
         fine, coarse = integral(t, rate), integral(t[half], rate[half])
-        # two samples tell a straight line alone: what lies between them is known to the difference of its two ends' rectangles
+        # with only two samples no coarser integral exists: the bar is the difference of the left and right rectangle rules
         unknown = np.diff(rate, axis=0) * np.diff(t)[:, None] if len(t) == 2 else coarse - fine[half]
         for part in (places, angles):
             gaps.append(_largest(part(level - level[:1] - fine)))
@@ -86,19 +86,19 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
 
 
 def start_gaps(mechanism: Mechanism, trajectory: Trajectory) -> tuple[float, float, float, float]:
-    """Return how far the first sample is from the start: places [m], angles [rad], velocities [m/s], angular ones [rad/s]."""
+    """Return the distance of the first sample from the start: places [m], angles [rad], velocities [m/s], spins [rad/s]."""
     gaps = ((trajectory.q[:1] - mechanism.q0), (trajectory.v[:1] - mechanism.v0))
     place, turn, speed, spin = (float(np.abs(part(x)).max(initial=0.0)) for x in gaps for part in (places, angles))
     return place, turn, speed, spin
 
 
 def _largest(x: Array) -> Array:
-    """Largest |x| (k,) of each sample (k, ...)."""
+    """Return the largest |x| (k,) of each sample (k, ...)."""
     return np.asarray(np.abs(x).reshape(len(x), -1).max(axis=1, initial=0.0))
 
 
 def integral(t: Array, x: Array) -> Array:
-    """Integrals (k, n) from t[0] to each of the times t (k,) of x (k, n): trapezia with Gregory's correction of their ends.
+    """Integrate x (k, n) from t[0] to each of the times t (k,) by trapezia with Gregory's end correction.
 
     int x dt = h (x0 + x1) / 2 + h^2 (x0' - x1') / 12, the derivatives from differences of neighbours.
     """
@@ -129,7 +129,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 
 
 def _reactions_with_friction(evaluator: Evaluator, trajectory: Trajectory, J: Array, free: Array) -> Array:
-    """As `reactions`, weighted by M^(-1/2) so that the iteration is that of the motion, and settles where that does."""
+    """Return multipliers as `reactions` does, weighted by M^(-1/2): the iteration then converges where that of the motion does."""
     evaluator.check_loads()
     root = np.sqrt(evaluator.mass)
     inverse = np.linalg.pinv(np.swapaxes(J / root, -1, -2), rcond=1e-10)
@@ -138,7 +138,7 @@ def _reactions_with_friction(evaluator: Evaluator, trajectory: Trajectory, J: Ar
 
 
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
-    """Per pair of a joint, the constraint force (fx, fy) [N] on the second-named link and its moment [N m] about the joint's point.
+    """Return for each pair of a joint the force (fx, fy) [N] on the second-named link and its moment [N m] about the joint's point.
 
     The second link is the later one in `at`, or the block of a slide. Springs, damping and friction in the joint count as applied
     forces and are not included.
@@ -162,7 +162,7 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
 
 
 def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
-    """Per weld, the force (fx, fy) [N] on the link that is welded and the moment [N m] about the point where it is held.
+    """Return for each weld the force (fx, fy) [N] on the welded link and the moment [N m] about the point of the weld.
 
     That point is the first that the weld names, else the origin of the link's own frame. It is what the links beyond the weld lack
     of Newton's and Euler's equations, with all forces, joints and drivers that act on them:  M a - Q + J^T lambda.
@@ -190,13 +190,13 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
 
 
 def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
-    """Torque [N m] or force [N] that each driver exerts along its coordinate, (k, drivers)."""
+    """Return the torque [N m] or force [N] (k, drivers) that each driver exerts along its coordinate."""
     rows = evaluator.constraints
     return -reactions(evaluator, trajectory)[:, rows.joint_rows : rows.holonomic]
 
 
 def friction_power(evaluator: Evaluator, trajectory: Trajectory) -> Array:
-    """Power (k,) [W] of the dry friction in all joints; never positive."""
+    """Return the power (k,) [W] of the dry friction in all joints; never positive."""
     if not evaluator.friction:
         return np.zeros(len(trajectory.t))
     resisting = evaluator.friction.generalised(trajectory.q, trajectory.v, reactions(evaluator, trajectory))
@@ -207,8 +207,8 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     """Energy gained beyond the work done since the start (k,) [J], and the error bar of that work.
 
     Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, friction,
-    turning forces, a driver) is the integral of its power through the samples by a quintic spline; the same through every second
-    sample gives the bar, which is generous where the samples resolve the motion and honest where they do not.
+    turning forces, a driver) is the integral of its power through the samples by a quintic spline. The difference from the spline
+    through every second sample is the error bar: generous if the samples resolve the motion, and large if they do not.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
@@ -228,21 +228,21 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """The change that rounding may make in energies (k,) [J]."""
+    """Return the largest change of energies (k,) that rounding can cause [J]."""
     return 8 * float(np.finfo(float).eps) * (1.0 + float(np.abs(energy).max(initial=0.0)))
 
 
 def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
-    """The energy that moves [J]: the larger of the largest kinetic energy and the span of the potential energy."""
+    """Return the scale of a motion's energy [J]: the largest kinetic energy or the range of the potential energy, if larger."""
     kinetic = 0.5 * (trajectory.v * trajectory.v) @ evaluator.mass
     potential = evaluator.applied.potential(trajectory.q)
     return max(float(kinetic.max(initial=0.0)), float(np.ptp(potential)) if len(potential) else 0.0)
 
 
 def without_loss(t: Array, gain: Array, spacing: float) -> Array:
-    """Energy gained beyond the work done (k,) [J], less what is lost between samples further apart than `spacing` [s].
+    """Remove from the energy error (k,) [J] every loss between samples further apart than `spacing` [s].
 
-    There a damper may take energy in a time that no sample sees: the samples do not tell how much. What is gained stays.
+    Between such samples a damper may dissipate energy unseen, so a loss is no evidence of an error. Gains are kept.
     """
     change = np.diff(gain)
     unseen = (np.diff(t) > spacing) & (change < 0)
@@ -251,8 +251,8 @@ def without_loss(t: Array, gain: Array, spacing: float) -> Array:
 
 
 def work(t: Array, power: Array, at: Array) -> Array:
-    """Work [J] done since t[0] at times `at` (j,), of powers (k, ...) [W] at times t (k,), by a quintic spline."""
-    from scipy.interpolate import make_interp_spline  # which takes as long to import as everything else together
+    """Integrate powers (k, ...) [W] at times t (k,) by a quintic spline: the work [J] done from t[0] to the times `at` (j,)."""
+    from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
     spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
     primitive: Callable[[Array], Array] = spline.antiderivative()
@@ -261,14 +261,15 @@ def work(t: Array, power: Array, at: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """A trajectory against its reference at the reference's times.
+    """Errors of a trajectory relative to its reference, at the reference's times.
 
     Attributes:
         t: (k,) times compared.
         measured: (k,) |error| of the linkage's measured coordinate [rad or m, as its unit says].
         length, angle: (k, links) largest |error| of a link's centre of mass [m] and of its angle [rad].
         velocity: (k, links) largest |error| per link [m/s, rad/s].
-        position_bar, velocity_bar: below these errors say nothing: the reference's own error, or the floor of double precision.
+        position_bar, velocity_bar: errors below them are not significant: the reference's own error or the floor of double
+            precision.
     """
 
     t: Array
@@ -286,14 +287,14 @@ class Errors:
 
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Places in t (k,) of the times that `true` (j,) has too, and which of those they are, as a mask (j,); times increase."""
+    """Return the indices in t (k,) of the times that `true` (j,) has too, and a mask (j,) of these; times increase."""
     near = np.minimum(np.searchsorted(t, true - 1e-9), len(t) - 1)
     both = np.abs(t[near] - true) < 1e-9
     return near[both], both
 
 
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
-    """Errors at every time of the reference that the trajectory has sampled."""
+    """Compute the errors at every time of the reference that the trajectory has sampled."""
     mine, both = common_times(trajectory.t, reference.t)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
@@ -310,9 +311,9 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
 
 
 def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
-    """Largest |error| of a component of any joint's force (k,) [N], at every time of the reference that the trajectory has sampled.
+    """Return the largest error (k,) [N] of any joint's force components, at the times of the reference that were sampled.
 
-    NaN where redundant rows leave the forces open. Both forces follow from the accelerations by Newton's laws: `joint_forces`.
+    It is NaN if redundant rows leave the forces undetermined. `joint_forces` computes both from the accelerations by Newton's laws.
     """
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
@@ -326,7 +327,7 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:
-    """max |a - a_true| / max |a_true| per state (k,) of accelerations (k, n); absolute where nothing accelerates."""
+    """Return max |a - a_true| / max |a_true| (k,) of accelerations (k, n); the absolute error where the mechanism is at rest."""
     scale = np.abs(true).max(axis=-1)
     return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > REST, scale, 1.0))
 

@@ -12,10 +12,10 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """The end of a case; everything but OK carries a sentence that says why. Only OK and INVALID have a complete trajectory."""
+    """How a run ended. Every status but OK comes with a sentence that says why; only OK and INVALID have a complete trajectory."""
 
     OK = "ok"
-    INVALID = "invalid"  # it ended, and the judge objects to what it found
+    INVALID = "invalid"  # it ended, but the judge found an error
     SKIP = "skip"  # the engine cannot model it
     DIVERGED = "diverged"  # finite, but far off the constraints
     NOT_CONVERGED = "not_converged"  # an inner solver gave up
@@ -24,17 +24,17 @@ class Status(StrEnum):
     WARNING = "warning"  # the engine reported a warning or reset itself
     CRASHED = "crashed"
     TIMEOUT = "timeout"
-    INCOMPLETE = "incomplete"  # not the samples that were asked for
+    INCOMPLETE = "incomplete"  # samples are missing
     ERROR = "error"  # an exception of any other kind
 
 
-LONGEST = 500  # characters of a library's text in a sentence
+LONGEST = 500  # characters of a library's message that are kept
 
 
 def in_a_sentence(text: object) -> str:
-    """Put a library's message on one line, printable and no longer than a reader wants."""
-    said = "".join(c if c.isprintable() else " " for c in " ".join(str(text).split())).strip()
-    return said if len(said) <= LONGEST else f"{said[:LONGEST]} ..."
+    """Put a library's message on one line, printable and at most LONGEST characters long."""
+    message = "".join(c if c.isprintable() else " " for c in " ".join(str(text).split())).strip()
+    return message if len(message) <= LONGEST else f"{message[:LONGEST]} ..."
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class RunFailure(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A trajectory more exact than what it judges, with its own error bar.
+    """A trajectory more exact than the runs that it judges, with its own error bar.
 
     Attributes:
         t: (k,); q, v, a: (k, n) as in Trajectory.
@@ -121,7 +121,7 @@ class Group(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One number over time.
+    """One quantity over time.
 
     Attributes:
         of: the link, point, joint, driver or pair of links; key: which of its numbers.
@@ -176,7 +176,7 @@ class Told:
 
 
 def finite(*samples: Array) -> int:
-    """Count the samples (k, n) before the first that is no number, which a run has not reached or not survived."""
+    """Count the samples (k, n) before the first that contains NaN, where a run stopped or failed."""
     sound = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
     return len(sound) if sound.all() else int(sound.argmin())
 
@@ -190,7 +190,7 @@ def with_accelerations(
     evaluations: int | None = None,
     note: str = "",
 ) -> Trajectory:
-    """The samples q, v (k, n) with their accelerations (n,), by number, which are NaN from where the states are.
+    """Return the samples q, v (k, n) with accelerations, computed sample by sample; all are NaN from the first NaN state on.
 
     Raises:
         RunFailure: an acceleration fails; with the samples before it.

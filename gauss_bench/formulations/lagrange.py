@@ -39,7 +39,7 @@ def lagrange(terms: Terms) -> Solution:
 
 
 def solved(K: Array, b: Array) -> tuple[Array, float]:
-    """K^-1 b, and the reciprocal condition number of K: where that is nothing, neither is the solution."""
+    """Return K^-1 b and the reciprocal condition number of K; if that is zero the solution is meaningless."""
     norm = float(np.abs(K).sum(axis=0).max())
     lu, pivots, info = dgetrf(K)
     if info:
@@ -48,12 +48,12 @@ def solved(K: Array, b: Array) -> tuple[Array, float]:
 
 
 def even(terms: Terms) -> Array:
-    """Powers of two (n + m,), of both rows and columns: they bring masses, and then the largest entry of each row of J, near 1."""
+    """Return scale factors (n + m,) of rows and columns, powers of two: masses and the largest entries of J's rows come near 1."""
     light = near_one(np.sqrt(np.diagonal(terms.M)))
     return np.concatenate([light, near_one(np.abs(terms.J * light).max(axis=1))])
 
 
 def near_one(sizes: Array) -> Array:
-    """Powers of two that bring each size between 1/2 and 1."""
+    """Return the powers of two that scale each size to between 1/2 and 1."""
     scaled: Array = np.ldexp(1.0, -np.frexp(sizes)[1])
     return scaled

@@ -9,4 +9,4 @@ BAUMGARTE_RATE = 20.0  # [1/s] alpha = beta: twice the decay of a 10 rad/s linka
 
 
 class StepFailure(ArithmeticError):
-    """The error control could not continue."""
+    """The step size control could not continue."""

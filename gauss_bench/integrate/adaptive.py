@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating[Any]]
 
 
-MOST = 100_000  # steps: linkages take some hundred a second; one that locks takes ever smaller ones and would never end
+MOST = 100_000  # steps: a linkage needs some hundred per second; one that locks takes ever smaller steps and would never end
 
 
 def dop853(
     acceleration: Acceleration, times: Array, q: Array, v: Array, rtol: float, atol: float, kinks: Sequence[float] = ()
 ) -> tuple[int, int]:
-    """Fill the states q, v (k, n) at the times from their first rows on; number of steps, number of evaluations.
+    """Integrate from the first rows of q, v (k, n) and fill the others; return the numbers of steps and of evaluations.
 
-    At `kinks` [s], where an acceleration has a kink or jumps, the integration starts anew.
-    What is not reached, because an acceleration fails or the error control does, stays as it is.
+    At `kinks` [s], where an acceleration has a kink or jumps, the integration is restarted. Rows that are not reached, because an
+    acceleration or the step size control fails, keep their values.
 
     Raises:
         StepFailure: with scipy's own reason, or after MOST steps.
@@ -37,7 +37,7 @@ def dop853(
     n, done, steps, evaluations = q.shape[1], 1, 0, 0
     begin, finish, y = float(times[0]), float(times[-1]), np.concatenate([q[0], v[0]])
     for end in (*(t for t in kinks if begin < t < finish), finish):
-        last = np.inf if end == finish else np.nextafter(end, begin)  # what jumps at a kink jumps after it
+        last = np.inf if end == finish else np.nextafter(end, begin)  # up to the kink the old value of a jump holds
 
         def rate(t: float, y: Array, last: float = last) -> Array:
             return np.concatenate([y[n:], acceleration(min(t, last), y[:n], y[n:])])
@@ -57,7 +57,7 @@ def dop853(
 
 
 def _within(solver: "DOP853", times: Array) -> list[Array]:
-    """States at those of the next times that lie in the step just taken; only times inside it cost evaluations."""
+    """Return the states at those of the next times that lie in the step just taken; only times inside it cost evaluations."""
     passed = times[: np.searchsorted(times, solver.t, side="right")]
     inside = solver.dense_output() if len(passed) and passed[0] < solver.t else None
     return [solver.y if inside is None or t == solver.t else inside(t) for t in passed]

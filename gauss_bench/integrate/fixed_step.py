@@ -33,7 +33,7 @@ def rk4(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> t
 
 
 def semi_implicit_euler(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """Order 1, one evaluation: the new velocity moves the positions."""
+    """The semi-implicit Euler method, order 1, one evaluation: positions move with the new velocity."""
     v = v + h * acceleration(t, q, v)
     return q + h * v, v
 
@@ -50,7 +50,7 @@ def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: fl
 
 
 def tableau(name: str) -> tuple[list[float], list[Array], Array]:
-    """Nodes, rows and weights of an explicit method, as `dop853_tableau` has them."""
+    """An explicit Runge-Kutta method: nodes, rows of A and weights, as `dop853_tableau` returns them."""
     if name == "rk4":
         rows = [np.array(row) for row in ([], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0])]
         return [0.0, 0.5, 0.5, 1.0], rows, np.array([1.0, 2.0, 2.0, 1.0]) / 6
@@ -80,18 +80,20 @@ def dop853_estimates() -> tuple[Array, Array]:
 
 
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """Gauss's collocation with three stages, order 6, implicit: as stiff as springs and dampers may be, steps are stable.
+    """Gauss's collocation with three stages, order 6, implicit: steps stay stable with arbitrarily stiff springs and dampers.
 
     Newton's method for all stages at once, with one Jacobian by differences at the beginning of the step.
 
     Raises:
-        LinAlgError: it does not converge.
+        LinAlgError: Newton's method does not converge.
     """
     (c, A, b), n = gauss_tableau(), len(q)
     a = acceleration(t, q, v)
     moved = DIFFERENCE * np.eye(n)
     stiffness = np.transpose([(acceleration(t, q + d, v) - a) / DIFFERENCE for d in moved])
     damping = np.transpose([(acceleration(t, q, v + d) - a) / DIFFERENCE for d in moved])
+    # with K = da/dq and D = da/dv, stages z solve z = a(q + c h v + h^2 A A z, v + h A z):
+    # Newton's matrix is 1 - h^2 A A x K - h A x D (Kronecker products), Hairer and Wanner (1996), section IV.8
     matrix = np.eye(len(c) * n) - h * h * np.kron(A @ A, stiffness) - h * np.kron(A, damping)
     stages = np.tile(a, (len(c), 1))
     for _ in range(NEWTON_STEPS):
@@ -125,7 +127,7 @@ STEPS: dict[str, Step] = {
     "dop853_fixed": dop853_fixed,
     "gauss_legendre": gauss_legendre,
 }
-NATIVE_PASSES = 8  # of an implicit step in native code, which takes them all
+NATIVE_PASSES = 8  # of an implicit step in native code, where their number is fixed
 EVALUATIONS = {  # of accelerations in a step; of an implicit one without those of its Jacobian
     "rk4": 4,
     "semi_implicit_euler": 1,
@@ -135,9 +137,9 @@ EVALUATIONS = {  # of accelerations in a step; of an implicit one without those 
 
 
 def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
-    """(count, size) of the equal steps, none longer than `step`, between each two consecutive times.
+    """Return (count, size) of the equal steps, none longer than `step`, between each two consecutive times.
 
-    Where the times are multiples of `step`, as exactly as times can be told, the size is `step`; elsewhere a little less.
+    If the gap is a multiple of `step`, up to rounding of the times, the size is exactly `step`; else a little less.
     """
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
@@ -148,7 +150,7 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
 
 
 class Equal(NamedTuple):
-    """Samples between which equal steps are taken: the row of the one before, steps from one to the next, their size, how many."""
+    """Consecutive samples with equal steps between them: the row before the first, steps per sample, step size, sample count."""
 
     row: int
     steps: int
@@ -157,7 +159,7 @@ class Equal(NamedTuple):
 
 
 def equal_runs(times: Array, step: float) -> list[Equal]:
-    """The steps of `step_counts`, those of one size together."""
+    """Group the steps of `step_counts` by size."""
     runs: list[Equal] = []
     for (count, size), group in groupby(step_counts(times, step), key=lambda c: (c[0], round(c[1], 15))):
         runs.append(Equal(sum(x.samples for x in runs), count, size, len(list(group))))
@@ -168,9 +170,9 @@ class Stretch(NamedTuple):
     """Equal steps without a kink in them.
 
     Attributes:
-        begin: [s] where they begin; steps, size: how many, and how long [s].
-        last: [s] the last time at which accelerations are those of these steps: what jumps at the end of them jumps after it.
-        row: number of the sample that they end at; None where they end at a kink on the way to it.
+        begin: start time [s]; steps, size: number of steps and their size [s].
+        last: [s] the latest time for evaluations: a force that jumps at the end of the steps has its old value there.
+        row: index of the sample at their end; None if they end at a kink between samples.
     """
 
     begin: float
@@ -181,7 +183,7 @@ class Stretch(NamedTuple):
 
 
 def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
-    """The steps from sample to sample, none longer than `step`, of which one ends at every kink [s] between the first and last."""
+    """Yield the steps from sample to sample, none longer than `step`, such that a step ends at every kink [s] on the way."""
     for row, (begin, end) in enumerate(pairwise(times), start=1):
         near = ROUNDING * max(abs(end), abs(begin))
         ends = [*(t for t in kinks if begin + near < t < end - near), end]
@@ -194,5 +196,5 @@ def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterato
 
 
 def held_back(acceleration: Acceleration, last: float) -> Acceleration:
-    """The accelerations of steps that end where they jump."""
+    """Return the acceleration evaluated no later than `last`, so that a jump at the end of the steps is not seen."""
     return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

@@ -17,8 +17,8 @@ class Leg:
     """Equal steps without a kink in them.
 
     Attributes:
-        t: [s] where they begin. h: [s] their size. n: how many.
-        every: steps between samples. slots: samples before them, and with them.
+        t: start time [s]. h: step size [s]. n: number of steps.
+        every: steps between samples. slots: numbers of samples before and after these steps.
     """
 
     t: float
@@ -29,15 +29,15 @@ class Leg:
 
     @property
     def middle(self) -> float:
-        """A time at which the open numbers are those of all its steps."""
+        """A time in the interior, where the open parameters have the values of all steps of the leg."""
         return self.t + self.h * self.n / 2
 
 
 def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Iterator[Leg]:
-    """n steps of h from t0 on, with a sample after each `every` of them and after the last."""
+    """Divide n steps of h from t0 on at the kinks; there is a sample after every `every` steps and after the last."""
     at = 0
     for step, inside in _meet(t0, h, n, kinks):
-        yield from _whole(t0, h, at, step, every, n)
+        yield from _undivided(t0, h, at, step, every, n)
         at = step
         if inside:
             ends = [t0 + step * h, *inside, t0 + (step + 1) * h]
@@ -45,11 +45,11 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
                 last = k == len(inside)
                 yield Leg(begin, end - begin, 1, 1, (_slots(step, every, n), _slots(step + last, every, n)))
             at += 1
-    yield from _whole(t0, h, at, n, every, n)
+    yield from _undivided(t0, h, at, n, every, n)
 
 
 def _meet(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
-    """The kinks that the steps meet: the step that one begins, or the one that it is in, with all that are in it."""
+    """Return the steps that kinks affect, as (step, kinks inside it); the list is empty if a kink lies at the step's beginning."""
     met: dict[int, list[float]] = {}
     for kink in kinks:
         nearest = round((kink - t0) / h)
@@ -62,8 +62,8 @@ def _meet(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int
     return sorted(met.items())
 
 
-def _whole(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
-    """The steps from one to another: to the next sample, as far as samples go, and to the end."""
+def _undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
+    """Yield the legs of undivided steps from `begin` to `end`: up to the next sample, between samples, and after the last one."""
     first = min(-(-begin // every) * every, end)
     last = max(first, end // every * every)
     for a, b in ((begin, first), (first, last), (last, end)):
@@ -72,5 +72,5 @@ def _whole(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Ite
 
 
 def _slots(step: int, every: int, n: int) -> int:
-    """Count the samples after so many steps."""
+    """Count the samples within the first `step` steps."""
     return step // every + (step == n and n % every > 0)

@@ -1,6 +1,6 @@
 """How a linkage moves, without forces: loops, point coordinates, singular positions.
 
-Both ways start from the drivers of a scenario as `inputs`, give a `motion` and stop with the exceptions of `errors`.
+Both methods take the drivers of a scenario as `inputs`, return a `motion` and raise the exceptions of `errors`.
 - By loops: `topology` (links and pairs as a graph, its independent loops), `link_units` (what one link adds to a loop's equations),
   `loop_equations` (all loops as one system), `loop_closure` (the motion).
 - By points: `points` (which points carry a linkage, which are known), `point_equations` (what holds between them),

@@ -69,7 +69,7 @@ class OpenLoop:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """What came of putting a linkage together.
+    """The result of assembling a linkage.
 
     Attributes:
         q: (n,) the position with all loops closed, or with those before the open one.
@@ -87,7 +87,7 @@ class Assembly:
 
 
 def put_together(mechanism: Mechanism) -> Assembly:
-    """Close the loops of a linkage from where q0 has its links, be that drawn or closed; drivers and scenarios count for nothing.
+    """Close the loops of a linkage, starting from its drawn position q0; drivers are ignored.
 
     Raises:
         ValueError: the tree of its joints cannot be put together, which numbers that are not finite alone bring about.
@@ -120,7 +120,7 @@ def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
 
 
 def _open(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
-    """The pair at which a loop is opened: the last pin in the file that no loop before it needs, else the last pair."""
+    """Return the pair at which a loop is cut open: the last pin in the file that no earlier loop uses, else the last pair."""
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
     return next((x for x in reversed(own) if not x.slides), own[-1])
@@ -134,7 +134,7 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
 
 
 def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
-    """The place where the ends of a pair come nearest to each other, and how near [m]; 0 where they meet."""
+    """Return the position in which the ends of a pair are nearest to each other, and their distance there [m]."""
     part = replace(mechanism, joints=tuple(joints))
     if chord.slides:  # a loop of slides alone
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
@@ -179,7 +179,7 @@ def _describe(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: f
 
 
 def rank_about(mechanism: Mechanism, q: Array) -> int:
-    """Rank of the joint rows at a position of no special kind near q (n,); at q itself where the joints are not closed there."""
+    """Return the rank of the joint rows at a generic position near q (n,), or at q itself if the joints are open there."""
     bare = replace(mechanism, drivers=(), knife_edges=())
     place = Freedom(bare).close(q)
     if place is None:
@@ -188,10 +188,10 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
 
 
 def _rank(mechanism: Mechanism, place: Place) -> int:
-    """Rank of the joint rows at a position of no special kind: the largest at the place and beside it.
+    """Return the rank of the joint rows at a generic position: the largest of those at the place and beside it.
 
-    Bars in one line are free by the rank, and cannot move: nothing is found beside them. There the rank is that of the same joints
-    with links turned by a little, which is the one of a linkage whose lengths are not exactly so.
+    Bars in one line seem free by their rank but cannot move, so there is no position beside them. Then the rank is computed with
+    slightly rotated links: it is that of a linkage with slightly different lengths.
     """
     freedom, rng = Freedom(mechanism), np.random.default_rng(0)
     here = rank = mechanism.n - int(place.free.shape[1])

@@ -51,7 +51,7 @@ class BranchChange:
 
 
 def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, method: str = "gauss_newton") -> Motion:
-    """The motion at times (k,) [s] under inputs, one for each degree of freedom, from the assembled start q0.
+    """Compute the motion at times (k,) [s] under inputs, one for each degree of freedom, from the assembled start q0.
 
     Between two times the inputs are followed along the straight line of their values. `method` is a key of ROOT_FINDERS.
 
@@ -82,7 +82,7 @@ def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -
 
 
 def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Branch:
-    """Group of points -> +1 or -1, its side in the state q (n,): which assembly it is.
+    """Return for each group of points +1 or -1, its side in the state q (n,): these signs distinguish assemblies.
 
     The side is the sign of the determinant of the group's own equations, for a dyad the side of its middle point on the line of its
     ends. It changes at singular positions only. Assemblies with different sides differ; a group beyond dyads may have several with
@@ -100,7 +100,7 @@ def branch_changes(branches: Sequence[Branch]) -> tuple[BranchChange, ...]:
 
 
 class _Astray(ArithmeticError):
-    """A step whose result cannot be trusted."""
+    """A step was too long: its result may belong to another assembly."""
 
 
 class _Walk:
@@ -117,7 +117,7 @@ class _Walk:
         self.corrections = 0
 
     def to(self, goal: Array) -> None:
-        """Solve at the inputs `goal` (i,), in as many steps as it takes."""
+        """Move to the inputs `goal` (i,), halving steps where necessary."""
         if not np.isfinite(goal).all():
             raise ValueError(f"inputs are not finite: {goal}")
         start, gap = self.x, goal - self.x
@@ -133,7 +133,7 @@ class _Walk:
             raise self._failure(longest * gap) from error
 
     def _step(self, x: Array) -> None:
-        """Predict and correct; the walk moves on only where the result can be trusted."""
+        """Predict and correct once; raise _Astray and keep the old position if the result is doubtful."""
         model = self.model
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.filled(Z[0], self.p)
@@ -179,7 +179,7 @@ class _Walk:
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
 
     def _failure(self, step: Array) -> MotionError:
-        """The reason why no step leads on: no solution lies ahead, or one does, behind a position where assemblies meet."""
+        """Return the exception that describes the end: a limit if no solution lies ahead, else a singular position before it."""
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         near = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
         if ahead.flag == ExitFlag.CONVERGED and near:

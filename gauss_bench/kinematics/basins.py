@@ -1,8 +1,8 @@
-"""How far from the right assembly a first guess may be: random starts, three searches, any coordinates.
+"""Study of convergence: how far from the right assembly a first guess may be, for random starts and three root finders.
 
 Men, Feng, He (2009) start from the assembly as drawn and then from the last position, and call the search insensitive to its start.
-Whether it is depends on the distance: from starts as near as those every search finds the assembly, and from starts anywhere in the
-size of the linkage none finds it always.
+That depends on the distance: from starts as near as those every search finds the assembly; from starts anywhere within the size of
+the linkage none always does.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,13 +39,13 @@ class Basin:
 
 
 def point_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual, Array]:
-    """The equations in p (2 u,) at the start, and their solution there."""
+    """Return the point equations in p (2 u,) at the start, and their solution there."""
     model = PointModel(mechanism, inputs)
     return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0)
 
 
 def loop_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual, Array]:
-    """The loop equations in the unknown angles and slides at the start, and their solution there."""
+    """Return the loop equations in the unknown angles and slides at the start, and their solution there."""
     equations = LoopEquations(mechanism, inputs)
     start = equations.start()
     unknown, still = len(equations.unknown), np.zeros(len(start))
@@ -58,7 +58,7 @@ def loop_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual
 
 
 def whole_turns_apart(x: Array, y: Array) -> Array:
-    """Difference of two sets of loop variables, whole turns not counted; slides are shorter than half a turn."""
+    """Return the difference of two sets of loop variables modulo whole turns; slides [m] must be shorter than pi."""
     return np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -71,7 +71,7 @@ def basins(
     form: Form = point_form,
     difference: Callable[[Array, Array], Array] = np.subtract,
 ) -> tuple[Basin, ...]:
-    """Rate how far from the assembled start each method finds it: a row per spread and method, the same starts for all.
+    """Count how often each method finds the assembled start: a row per spread and method, the same random starts for all.
 
     `form` gives residual and solution in other coordinates; `difference` compares those (angles: but for whole turns).
     """

@@ -1,7 +1,7 @@
-"""In how many ways a linkage can be put together with its inputs where they are: found from starts by lot, each told once.
+"""All assemblies of a linkage with its inputs fixed, found from random starts, each listed once.
 
-From links turned and moved by lot Levenberg-Marquardt finds the way to the constraints, and Gauss-Newton ends on them. Nothing
-promises that all are found: a search ends when it has met nothing new for a while.
+From randomly moved links Levenberg-Marquardt approaches the constraints and Gauss-Newton converges onto them. It is not guaranteed
+that all assemblies are found: the search ends after a number of starts without a new one.
 Source: as in `root_finding`.
 """
 
@@ -25,9 +25,9 @@ SAME = 1e-5  # of the linkage's size, and [rad]: far above where searches end
 
 
 def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]:
-    """Positions (n,) of every assembly that was found: q itself first, then from the nearest to the farthest.
+    """Return the positions (n,) of all assemblies found: q itself first, then from the nearest to the farthest.
 
-    Held are the coordinates of the scenario's drivers where q has them, or the crank's angle. Angles are within half a turn of q's.
+    The coordinates of the scenario's drivers, or the crank's angle, keep their values in q. Angles are within half a turn of q's.
 
     Raises:
         ValueError: what is held leaves something free, or the joints are open at q.
@@ -58,7 +58,7 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
 
 
 def hold_at(mechanism: Mechanism, q: Array) -> Mechanism:
-    """The linkage with its inputs held where they are at q (n,)."""
+    """Return the linkage with its inputs fixed at their values in q (n,)."""
     if mechanism.drivers:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
         return replace(mechanism, drivers=still)
@@ -73,7 +73,7 @@ def _apart(freedom: Freedom, a: Array, b: Array) -> float:
 
 
 def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
-    """The same position with the angles within half a turn of others; links that a slide ties together turn as one."""
+    """Return the same position with angles within half a turn of given ones; links joined by a slide are shifted together."""
     q = q.copy()
     turns = 2 * np.pi * np.round(angles(q - near) / (2 * np.pi))
     for link, (root, _) in shared_angles(mechanism).items():

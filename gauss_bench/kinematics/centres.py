@@ -1,4 +1,4 @@
-"""Instant centres: for every two links the point at which both have one velocity.
+"""Instant centres: for every two links the point at which both have the same velocity.
 
 With z, u and omega the place, velocity and angular speed of the links' centres of mass, as complex numbers,
 
@@ -31,7 +31,7 @@ class Centre:
     Attributes:
         at: (2,) [m], or None: at infinity, or the links do not move relative to each other.
         along: unit vector (2,) of the relative translation where the centre is at infinity (across to `along`), else None.
-        pinned: whether a pin keeps it for good.
+        pinned: whether a pin fixes it permanently.
     """
 
     links: tuple[int, int]
@@ -41,7 +41,7 @@ class Centre:
 
 
 def free_motion(mechanism: Mechanism, q: Array) -> Array:
-    """The velocity (n,) that the joints leave free at q, of no special size.
+    """Return the velocity (n,) that the joints leave free at q, of arbitrary size.
 
     Raises:
         ValueError: there is none, or more than one; a velocity must then be given.
@@ -54,7 +54,7 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
 
 
 def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Centre, ...]:
-    """The centre of every two links (bodies, where some are welded) at q (n,) in the motion v (n,), or in the only free one.
+    """Return the centre of every two links (bodies, if some are welded) at q (n,), for the velocity v (n,) or the only free one.
 
     Raises:
         ValueError: no velocity is given, and more or less than one motion is free.

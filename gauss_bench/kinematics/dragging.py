@@ -1,4 +1,4 @@
-"""A linkage drawn along by one of its points: the least change that takes the point to where it is pulled, or as near as it comes.
+"""Dragging a linkage by one of its points: the smallest change that brings the point to its target, or as near as possible.
 
 With N a basis of the free motions, P = dp/dy how the point moves with them and r what it lacks of its target, each step solves
 
@@ -38,7 +38,7 @@ MARGIN = 1e-3  # of det P: what a linkage keeps from the singular position, abou
 
 @dataclass(frozen=True)
 class Locks:
-    """What a drag does not move.
+    """Parts that a drag must not move.
 
     Attributes:
         links: names of links that keep their angle.
@@ -55,12 +55,12 @@ class Locks:
 
 @dataclass(frozen=True, eq=False)
 class Dragged:
-    """Where a linkage was drawn.
+    """The result of a drag.
 
     Attributes:
         q: (n,) the position.
-        reached: whether the point is at its target. apart: how far from it [m].
-        note: why it is not, in a sentence; empty where it is.
+        reached: whether the point is at its target. apart: its distance from the target [m].
+        note: a sentence that says why the target was not reached, or empty.
     """
 
     q: Array
@@ -70,7 +70,7 @@ class Dragged:
 
 
 def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
-    """The linkage with what is locked held where it is at q (n,), and nothing driven.
+    """Return the linkage without drivers, with all locked parts fixed at their positions in q (n,).
 
     Raises:
         ValueError: there is no link, point, slide or joint of a name.
@@ -99,7 +99,7 @@ def _named(kind: str, name: str, found: list[Any]) -> list[Any]:
 
 
 def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
-    """A pin through the same two links, apart from the first: with both of them the links are one."""
+    """Return a second pin between the same two links, away from the first: together they rigidly connect the links."""
     at = position(q, joint.a) + np.array([mechanism.size, 0.0])
     ends = []
     for link in (joint.a.link, joint.b.link):
@@ -123,7 +123,7 @@ def name_link(mechanism: Mechanism, reference: str | Point) -> Point:
 
 
 class Drag:
-    """One drag of a point: keeps the position, and goes on from it."""
+    """One drag of a point: each call of `to` continues from the last position."""
 
     def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
         """From an assembled q (n,), by the point "link.point"; targets are places, or ways from the point `onto` of another link.
@@ -143,11 +143,11 @@ class Drag:
 
     @property
     def q(self) -> Array:
-        """(n,) where the linkage is."""
+        """(n,) the present position."""
         return self.place.q
 
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
-        """Toward a target (2,) [m], by at most so many steps."""
+        """Drag the point toward a target (2,) [m] in at most so many steps."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
         apart, last = self._apart(self.place, target), not self.place.free.shape[1]
         for _ in range(most):
@@ -164,7 +164,7 @@ class Drag:
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
-        """Take the best step that brings the point nearer than `apart`; tell whether another may be worth it."""
+        """Take the best step that brings the point nearer than `apart`; return whether another step may help."""
         bends = self._bends()
         for y in self._steps(self.at(self.place) - target, bends):
             place = self._go(y, bends)
@@ -189,7 +189,7 @@ class Drag:
         return bends
 
     def _steps(self, lacking: Array, bends: Array) -> Iterator[Array]:
-        """Steps y (f,) that bring the point nearer to first order, the best first, then ever shorter ones."""
+        """Yield steps y (f,) that bring the point nearer to first order: the best one first, then shorter ones."""
         P, N, limit = self._moves(self.place), self.place.free / self.freedom.scale[:, None], LARGEST_STEP * self.freedom.size
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
@@ -210,7 +210,7 @@ class Drag:
             y = y / 2
 
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
-        """The step y (2,), or the best one that stays on its side of det P = 0 to first order."""
+        """Return the step y (2,), or the nearest one that to first order stays on its side of det P = 0."""
         room = MARGIN - self.side * float(np.linalg.det(P))
         ahead = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
         if ahead @ y >= room or not ahead.any():
@@ -220,7 +220,7 @@ class Drag:
         return np.asarray(base - beside * float(beside @ (gradient + H @ base)) / max(curved, FLAT * float(beside @ beside)))
 
     def _go(self, y: Array, bends: Array) -> Place | None:
-        """The place a step y (f,) leads to, if the linkage surely moves there."""
+        """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly."""
         N, scale = self.place.free, self.freedom.scale
         way = N @ y
         guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
@@ -234,11 +234,11 @@ class Drag:
         return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 
     def _det(self, place: Place) -> float:
-        """det P where the point's place determines that of the linkage; 0 where P is not square."""
+        """Return det P if the point's position determines the linkage's; 0 if P is not square."""
         return float(np.linalg.det(self._moves(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
 
     def _side(self) -> float:
-        """On which side of the singular position of the point it is, 0 where that is near."""
+        """Return the sign of det P, the side of the point's singular position; 0 near it."""
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 

@@ -1,4 +1,4 @@
-"""What the joints leave free at a position: a basis of the free motions, how they bend, and the way back onto the constraints.
+"""Free motions at a position: a basis, their second derivatives, and the projection back onto the constraints.
 
 Coordinates are scaled, so that a turn of one radian counts as a way of the linkage's own size; a shortest change is shortest in
 that sense. With J of the joint rows in scaled coordinates and its singular values,
@@ -48,12 +48,12 @@ class Freedom:
         self.scale = np.tile([1.0, 1.0, self.size], len(mechanism.links))  # scaled coordinates are q * scale, all in metres
 
     def rows(self, q: Array) -> tuple[Array, Array]:
-        """The residual phi (m,), and J (m, n) in scaled coordinates."""
+        """Return the residual phi (m,), and J (m, n) in scaled coordinates."""
         rows = self.constraints(0.0, q, np.zeros_like(q))
         return rows.phi, rows.J / self.scale
 
     def at(self, q: Array) -> tuple[Array, Place]:
-        """The residual phi (m,) and the decomposition at any q (n,)."""
+        """Return the residual phi (m,) and the decomposition at any q (n,)."""
         phi, J = self.rows(q)
         if not len(J):
             return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
@@ -62,7 +62,7 @@ class Freedom:
         return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
     def close(self, q: Array) -> Place | None:
-        """The nearest place on the constraints by Gauss-Newton, or None where none is found."""
+        """Return the nearest position on the constraints by Gauss-Newton, or None if it does not converge."""
         before = np.inf
         for _ in range(CORRECTIONS):
             if not np.isfinite(q).all():
@@ -75,7 +75,7 @@ class Freedom:
         return None
 
     def bend(self, place: Place, directions: Array) -> Array:
-        """Second derivatives (k, n) of q along scaled directions (k, n) through a place, the free motion apart; in scaled terms."""
+        """Return second derivatives (k, n) of q along scaled directions (k, n), without their part along the free motions."""
         still = np.tile(place.q, (len(directions), 1))
         gamma = self.constraints(0.0, still, directions / self.scale).gamma
         return np.asarray(gamma @ place.inverse.T)

@@ -1,4 +1,4 @@
-"""What drives a linkage: prescribed angles of links, coordinates along slides, and lengths of active bars."""
+"""Inputs of a linkage: prescribed angles of links, coordinates along slides, and lengths of active bars."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ class Input:
     joint: str | None = None
 
     def coordinate(self, mechanism: Mechanism) -> Coordinate:
-        """The coordinate of a mechanism that this prescribes."""
+        """Return the coordinate of a mechanism that this input prescribes."""
         if self.link is not None:
             return Angle(GROUND, self.link)
         along = {j.name: j.motion for j in mechanism.slides}

@@ -36,7 +36,7 @@ class _State(NamedTuple):
 
 
 class _End(Stopped):
-    """The motion cannot be followed beyond the state x, however short the step."""
+    """The motion cannot be followed beyond the state x, even with the shortest step."""
 
     def __init__(self, text: str, singular: bool, x: Array):
         super().__init__(text, singular)
@@ -44,7 +44,7 @@ class _End(Stopped):
 
 
 def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> Motion:
-    """Positions, velocities and accelerations at the times (k,) [s] of a linkage with as many inputs as degrees of freedom.
+    """Compute the motion at the times (k,) [s] of a linkage with as many inputs as degrees of freedom.
 
     The first sample is reached from q0, so that angles are continuous from there. Open chains have no loops: everything is input.
     Source: Wang et al. (2010), eqs. (1)-(15).
@@ -77,7 +77,7 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
 
 
 def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
-    """The state with the inputs at `goal` (TK,), in as many parts as it takes."""
+    """Follow the inputs to `goal` (TK,), halving the steps where necessary, and return the closed state there."""
     TU, first, steps = len(equations.unknown), state.x, 0
     change = goal - first[TU:]
     size = float(np.abs(change).max(initial=0.0))
@@ -96,7 +96,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
 
 
 def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
-    """The next state, if it surely belongs to the same assembly.
+    """Return the next state if it certainly belongs to the same assembly.
 
     Raises:
         Stopped: the part is too long, or leads to no regular position.
@@ -117,7 +117,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
 
 
 def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
-    """Name what stops the motion after the last state: a limit, if the loops close nowhere near beyond it, else a singularity."""
+    """Return the exception for the end of a motion: a limit if the loops do not close just beyond it, else a singularity."""
     TU, x = len(equations.unknown), last.x
     gone = float(np.abs(x - first)[TU:].max())
     guess = x + (x - first) * (BEYOND / gone if gone else 0.0)
@@ -133,7 +133,7 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
 
 
 def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """The samples reached in absolute coordinates; `given` are rates and second rates of the inputs."""
+    """Convert the samples reached to absolute coordinates; `given` are rates and second rates of the inputs."""
     levels = [(s.x, *equations.rates(s.x, *level)) for s, *level in zip(states, *given, strict=False)]
     x = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

@@ -38,7 +38,7 @@ LARGEST_GROUP = 3  # loops; a larger group is not told apart from what follows i
 
 
 class Stopped(ArithmeticError):
-    """No closed state here, or (`singular`) one at which J has lost rank."""
+    """There is no closed state here, or (`singular`) J has lost rank at it."""
 
     def __init__(self, text: str, singular: bool):
         self.singular = singular
@@ -81,7 +81,7 @@ class PlacedWay:
 
 @dataclass(frozen=True, eq=False)
 class LoopGroup:
-    """Loops that only together determine their unknowns (an Assur group): rows and columns of J."""
+    """Loops whose unknowns can only be solved together (an Assur group): rows and columns of J."""
 
     rows: list[int]
     columns: list[int]
@@ -146,7 +146,7 @@ class LoopEquations:
         return matching[0]
 
     def _size(self) -> float:
-        """Longest way through a moving link [m]: what makes columns of J per metre comparable with those per radian."""
+        """Return the longest vector through a moving link [m]: it makes columns of J per metre comparable with those per radian."""
         ways = (p.way for loop in self.ways for p in loop if p.way.link != GROUND)
         return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
 
@@ -192,7 +192,7 @@ class LoopEquations:
         return np.array([values[key] for key in self.column])
 
     def at(self, x: Array, x_rate: Array) -> Matrices:
-        """A and all matrices at a state x and its rate (TU + TK,)."""
+        """Evaluate A and all matrices at a state x and its rate (TU + TK,)."""
         theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
         L, TU = len(self.ways), len(self.unknown)
         A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))
@@ -206,7 +206,7 @@ class LoopEquations:
         return Matrices(A, both[:, :TU], both[:, TU:], both_rate[:, :TU], both_rate[:, TU:])
 
     def close(self, x: Array) -> tuple[Array, Array, int]:
-        """The closed state near x with the inputs of x, its J, and the Newton steps taken.
+        """Return the closed state near x with the same inputs, its J, and the number of Newton steps.
 
         Raises:
             Stopped: Newton does not converge, or J has lost rank where it does.
@@ -225,14 +225,14 @@ class LoopEquations:
         return x, here.J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
-        """Raises Stopped where J has singular values below the tolerance, as a part of the largest."""
+        """Raise Stopped if J has singular values below the tolerance, relative to the largest."""
         sizes = np.linalg.svd(J * self.lengths, compute_uv=False) if J.size else np.zeros(0)
         rank = int((sizes > tolerance * sizes.max(initial=0.0)).sum())
         if rank < len(self.unknown):
             raise Stopped(f"the Jacobian has rank {rank} of {len(self.unknown)}", True)
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
-        """Rates and second rates of x (TU + TK,) for those of the inputs (TK,)."""
+        """Return rates and second rates of x (TU + TK,) for given ones of the inputs (TK,)."""
         here = self.at(x, np.zeros_like(x))
         x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])
         here = self.at(x, x_rate)
@@ -240,13 +240,13 @@ class LoopEquations:
         return x_rate, np.concatenate([solve_rows(here.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
-        """q, v, a (k, n) of states x (k, TU + TK)."""
+        """Return q, v, a (k, n) of states x (k, TU + TK)."""
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)
 
     def _groups(self) -> list[LoopGroup]:
-        """Smallest sets of loops with no more unknowns than equations, when those of the sets before are solved."""
+        """Return the smallest sets of loops that can be solved one after the other: no more unknowns than equations in each."""
         TU = len(self.unknown)
         needs = [{int(k) for p in ways for k in np.flatnonzero(p.factors[:, :TU].any(axis=0))} for ways in self.ways]
         left, groups = list(range(len(needs))), []

@@ -1,7 +1,7 @@
-"""Accelerations in absolute coordinates for linkages without a minimal coordinate of their own: any degree of freedom.
+"""Reference accelerations in absolute coordinates, for linkages that one crank angle cannot describe.
 
-In weighted coordinates b = M^(1/2) a the constraint J M^(-1/2) b = gamma is met by a pseudo-inverse and the rest of the space
-keeps the free acceleration; the singular value decomposition serves both, with the rank fixed by what the linkage is:
+In weighted coordinates b = M^(1/2) a a pseudo-inverse meets the constraint J M^(-1/2) b = gamma, and the null space keeps the free
+acceleration. One singular value decomposition gives both; the rank is that of the linkage, not decided from singular values:
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
@@ -47,7 +47,7 @@ class AbsoluteCoordinates:
         return np.asarray(b / self.root)
 
     def null_space(self, q: Array) -> Array:
-        """Basis (n, n - r) of the velocities the constraints allow at one state."""
+        """Return a basis (n, n - r) of the velocities that the constraints allow at one state."""
         J = self.evaluator.constraints(0.0, q, np.zeros_like(q)).J
         _, s, Vt = np.linalg.svd(J)
         rank = int((s > RANK_TOLERANCE * s.max(initial=0.0)).sum())

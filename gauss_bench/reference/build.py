@@ -1,7 +1,7 @@
 """References and reference accelerations of a mechanism in its scenario.
 
 Two integrators that share no code run the same equations; their disagreement at each time is the error bar. A driven linkage needs
-no integration: its motion is geometry, and the bar is what rounding leaves of the closure.
+no integration: its motion is geometry, and the error bar is the rounding of the loop closure.
 """
 
 from collections.abc import Callable, Iterable
@@ -28,9 +28,9 @@ ROUNDING = 4 * np.finfo(float).eps
 
 
 def sample_times(t_end: float) -> Array:
-    """Multiples of INTERVAL up to t_end, which is always the last."""
+    """Return the multiples of INTERVAL up to t_end, and t_end itself as the last."""
     count = int(np.floor(t_end / INTERVAL * (1 + 1e-12)))
-    times = np.arange(count + 1) * INTERVAL
+    times = np.arange(count + 1) * INTERVAL  # a product each: sums would accumulate rounding
     return times if t_end - times[-1] < 1e-9 else np.append(times, t_end)
 
 
@@ -41,11 +41,11 @@ def is_minimal(mechanism: Mechanism) -> bool:
 
 
 def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
-    """The reference from 0 to t_end.
+    """Build the reference from 0 to t_end.
 
     Raises:
-        ArithmeticError: an integrator cannot pass, such as at a limit of motion or a singular position, or friction has no
-            unique loads or does not settle.
+        ArithmeticError: an integrator cannot pass a limit of motion or a singular position, or the loads of friction are not
+            unique or do not converge.
     """
     times = sample_times(t_end)
     if mechanism.driver is not None and is_minimal(mechanism):
@@ -57,7 +57,7 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
 
 
 def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
-    """Pure geometry at the driver's angle."""
+    """Build the reference of a driven linkage from its geometry at the driver's angle."""
     assert mechanism.driver is not None
     law = mechanism.driver.law
     motion = MinimalCoordinate(mechanism)
@@ -67,7 +67,7 @@ def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
 
 
 def _join(parts: Iterable[Levels]) -> Levels:
-    """q, v, a (k, n) of parts (1, n) each."""
+    """Join parts of q, v, a, (1, n) each, to (k, n)."""
     q, v, a = (np.concatenate(level) for level in zip(*parts, strict=True))
     return q, v, a
 
@@ -81,10 +81,12 @@ def absolute_reference(mechanism: Mechanism, times: Array) -> Reference:
 
 
 def _integrate_twice(mechanism: Mechanism, times: Array, motion: Callable[..., Levels], coordinates: str) -> Reference:
-    """DOP853 against Gauss-Legendre collocation, both in the same coordinates."""
-    grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])  # both start anew where a force has a kink
+    """Integrate with DOP853 and with Gauss-Legendre collocation in the same coordinates; their disagreement is the error bar."""
+    # both integrators restart at every kink of a force; only the samples are kept
+    grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])
     kept = np.searchsorted(grid, times)
     first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
+    # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
     gaps = [np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)) for x, y in zip(first, second, strict=True)]
     bars, levels = (np.maximum.accumulate(gap)[kept] for gap in gaps), (x[kept] for x in second)
     return _with_bars(times, (*levels,), (*bars,), f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")  # type: ignore[arg-type]
@@ -100,13 +102,13 @@ def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: A
 
 
 def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
-    """scipy's DOP853, made to stop at every sample."""
-    from scipy.integrate import DOP853  # its import takes longer than most of what needs no such reference
+    """Integrate with scipy's DOP853, stopped at every sample; returns q, v (k, n)."""
+    from scipy.integrate import DOP853  # imported here because it takes longer than everything else a driven linkage needs
 
     n = len(q0)
 
     def rate(t: float, y: Array) -> Array:
-        before = min(t, last)  # what jumps at the end of an interval jumps in the next
+        before = min(t, last)  # a force that jumps at the end of an interval has its old value there
         return np.concatenate([y[n:], acceleration(np.array([before]), y[None, :n], y[None, n:])[0]])
 
     last = np.inf
@@ -125,7 +127,8 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
 
 
 def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
-    """q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
+    """Return q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
+    # one object each: the first guess of a closure is the last position closed, which must not jump between integration and reading
     integrated, read = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
     k = read.crank
 
@@ -137,7 +140,7 @@ def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _
 
 
 def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
-    """q, v, a (k, n) at the times, integrated in absolute coordinates and projected at the samples."""
+    """Return q, v, a (k, n) at the times, integrated in absolute coordinates and projected at the samples."""
     motion = AbsoluteCoordinates(mechanism)
     q, v = integrate(motion.acceleration, times, mechanism.q0, mechanism.v0)
     states = [motion.evaluator.project(t, *s) for t, *s in zip(times, q, v, strict=True)]
@@ -147,7 +150,7 @@ def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = 
 
 @dataclass(frozen=True, eq=False)
 class TrueStates:
-    """Consistent states with their true accelerations: t (k,), q, v, a (k, n)."""
+    """Consistent states with their reference accelerations: t (k,), q, v, a (k, n)."""
 
     t: Array
     q: Array
@@ -156,9 +159,9 @@ class TrueStates:
 
 
 def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> TrueStates:
-    """Seeded random states on the manifold, crank speeds uniform in +-`speed` [rad/s], with the accelerations they must have.
+    """Draw random states on the constraints, crank speeds uniform in +-`speed` [rad/s], with their reference accelerations.
 
-    What drivers prescribe is taken at random times of the scenario's duration.
+    Drivers are evaluated at random times within the scenario's duration.
     """
     if mechanism.driver is None or not is_minimal(mechanism):
         Evaluator(mechanism).check_loads()

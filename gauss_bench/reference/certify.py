@@ -1,4 +1,4 @@
-"""Certifies a motion: two pipelines that share neither integrator nor equations, and what their disagreement vouches for.
+"""Certification of a motion by two pipelines that share neither integrator nor equations; their disagreement is its error bar.
 
 Pipeline A, a Taylor series in 128 bit, gives the values; pipeline B, collocation in long double, the error bars, at a step that is
 halved until its own error no longer shows. Where the motion has a closed form that is the truth, and both pipelines are held
@@ -40,7 +40,7 @@ Report = Callable[[str, float], None]  # told the stage and the time reached [s]
 
 
 class Uncertified(ArithmeticError):
-    """Nothing of the motion can be vouched for."""
+    """No sample of the motion can be certified."""
 
 
 class Split(NamedTuple):
@@ -53,14 +53,14 @@ class Split(NamedTuple):
 def certify(
     linkage: str | Path, scenario: str | None = None, digits: int = DIGITS, until: float | None = None, report: Report | None = None
 ) -> Certificate:
-    """The certificate of a linkage in one scenario, from 0 to its duration, or to `until` [s].
+    """Certify a linkage in one scenario, from 0 to its duration or to `until` [s].
 
     Args:
         linkage: a file, or a name.
         scenario: of the file; the first with a start where not given.
         digits: to vouch for, of positions and velocities relative to their largest values.
         until: [s] instead of the scenario's duration.
-        report: told how far it is.
+        report: called with progress messages.
 
     Raises:
         LinkageError: the file has faults.
@@ -110,7 +110,7 @@ def certify(
 
 
 def sample_times(duration: float) -> list[str]:
-    """Decimal texts: multiples of a hundredth of a second, fewer for long motions and more for short ones, and the end."""
+    """Return sample times as decimal texts: multiples of 0.01 s (more for short motions, fewer for long ones), and the end."""
     end = Decimal(repr(float(duration)))
     spacing = SPACING
     while end / spacing > SAMPLES:
@@ -122,13 +122,13 @@ def sample_times(duration: float) -> list[str]:
 
 
 def split(values: NDArray[Any]) -> Split:
-    """Numbers of any type as high and low part."""
+    """Split numbers of any type into a high and a low double."""
     high = values.astype(float)
     return Split(high, (values - high.astype(values.dtype)).astype(float))
 
 
 def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """(k,) largest difference at each time that both have, right to far below double precision."""
+    """Return (k,) the largest difference at each common time, accurate to far below double precision."""
     k = min(len(one), len(other))
     a, b = split(one[:k]), split(other[:k])
     return np.asarray(np.abs((a.high - b.high) + (a.low - b.low)).max(axis=-1, initial=0.0))
@@ -144,20 +144,20 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
-    """(k,) error bars relative to the largest value so far, or to 1 where all are smaller."""
+    """Return (k,) error bars relative to the largest value up to each time, or to 1 if that is smaller."""
     largest = np.abs(split(getattr(motion, level)[: len(bars)]).high).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
 
 def off_states(truth: Motion, bars: dict[str, Array]) -> Array:
-    """(k,) larger of the relative error bars of positions and of velocities."""
+    """Return (k,) the larger of the relative error bars of positions and of velocities."""
     return np.asarray(np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v"))))
 
 
 def _collocation(
     document: dict[str, Any], mechanism: Mechanism, first: Motion, truth: Motion, said: Report
 ) -> tuple[Motion, float]:
-    """Pipeline B at the step from which halving no longer brings it nearer, and that step [s]."""
+    """Run pipeline B with halved steps until halving no longer reduces the disagreement; return the motion and its step [s]."""
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step
     for _ in range(1 if mechanism.dof == len(mechanism.drivers) else 1 + HALVINGS):
@@ -175,7 +175,7 @@ def _collocation(
 
 
 def _vouch(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
-    """Count the samples that have the digits asked for; their largest relative error bar, and why there are no more."""
+    """Count the samples with the digits asked for; return also their largest relative error bar and the reason for the end."""
     worst = off_states(truth, bars)
     lost = np.flatnonzero(~(worst <= 10.0**-digits))
     kept = int(lost[0]) if len(lost) else len(worst)
@@ -192,7 +192,7 @@ def _vouch(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], d
 
 
 def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, step: float) -> dict[str, Any]:
-    """The provenance of the certificate, as plain data."""
+    """Return the provenance of the certificate as plain data."""
     pipelines = []
     for motion in (first, second):
         entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}

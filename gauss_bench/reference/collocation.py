@@ -49,7 +49,7 @@ class Tableau:
     expansion: Array
 
     def forecast(self, ratio: Any = 1) -> Array:
-        """Matrix (s, s) that continues the polynomial through the stages of one step to those of the next, `ratio` as long."""
+        """Return the matrix (s, s) that extrapolates stage values to the next step, `ratio` times as long, by their polynomial."""
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 
@@ -110,7 +110,7 @@ def gauss_legendre(
 
 
 def step_count(span: Any, step: float) -> int:
-    """Equal steps no longer than `step`, up to rounding, that fill `span`."""
+    """Return the number of equal steps, none longer than `step` up to rounding, that fill `span`."""
     return max(1, int(np.ceil(float(span) / step * (1 - 1e-9))))
 
 

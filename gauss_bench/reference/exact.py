@@ -1,7 +1,7 @@
 """Motions known in closed form, to forty digits: a third source of certificates, next to the two pipelines.
 
 A pendulum and the N-four-bar are elliptic functions, Chaplygin's sleigh is a hyperbola and a quadrature, a free body is a parabola.
-Each belongs to one linkage of the suite; a linkage that merely bears the name has none.
+Each belongs to one linkage of the suite, recognised by its digest and not only by its name.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ States = tuple[Objects, Objects, Objects]  # q, v, a (k, n)
 
 
 def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
-    """The exact motion at times written as decimals, or None where none is known."""
+    """Return the exact motion at times given as decimals, or None if no closed form is known."""
     import mpmath
 
     name = "n_four_bar" if mechanism.name.startswith("n_four_bar_") else mechanism.name
@@ -66,7 +66,7 @@ def rotor(k: Any, t: Sequence[Any], speed: Any) -> States:
 
 
 def turning(arm: Any, theta: Any, w: Any, alpha: Any) -> Objects:
-    """Place, velocity and acceleration, as complex numbers, of the end of an arm that turns about the origin."""
+    """Return position, velocity and acceleration, as complex numbers, of the end of an arm that turns about the origin."""
     import mpmath
 
     e = arm * mpmath.expj(theta)
@@ -98,7 +98,7 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
 
 
 def start_of(name: str) -> dict[str, Any]:
-    """The start of a generated linkage's only scenario."""
+    """Return the start of a generated linkage's only scenario."""
     (scenario,) = document_of(name)[0]["scenarios"].values()
     start: dict[str, Any] = scenario["start"]
     return start

@@ -47,13 +47,13 @@ NEAR = 1e-3  # relative singular value worth a word where the nodes are not foun
 def extend_motion(
     document: dict[str, Any], scenario: str, times: Sequence[str], step: float, progress: Progress | None = None
 ) -> Motion:
-    """The motion at the sample times, up to where it has to stop.
+    """Integrate the motion at the sample times, until the end or until it has to stop.
 
     Args:
         document: with decimals as written (`decimal_document`) and the scenario's override merged.
         times: decimal texts [s], ascending from "0".
         step: largest step [s]; equal ones between two samples, halved where the motion needs it.
-        progress: told the sample time reached.
+        progress: called with each sample time reached.
 
     Raises:
         ArithmeticError: long double has no more digits than double here, dry friction acts, or the start is singular.
@@ -78,7 +78,7 @@ def extend_motion(
 
 
 def _breaks(scenario: dict[str, Any]) -> list[Any]:
-    """Times [s] at which the motion laws of a scenario are not smooth: the end of a rise, the knots of a table."""
+    """Return the times [s] at which the motion laws of a scenario are not smooth: the end of a rise, the knots of a table."""
     tables = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
     ends = [table["time"] for table in tables if "time" in table]
     knots = [row[0] for table in tables for row in table.get("rows", [])]
@@ -103,7 +103,7 @@ class Stepped:
 
 
 def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
-    """Positions and velocities at the times of a linkage that moves freely, at least in part."""
+    """Integrate positions and velocities at the times, for a linkage that drivers do not determine completely."""
     method = gauss_tableau(STAGES, LONG)
     a, _ = linkage.loads(times[0], q, v)
     state = Stepped(q, v, np.tile(a, (STAGES, 1)), LONG(step))
@@ -114,7 +114,7 @@ def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, ste
 
 
 def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Stepped, count: int) -> Stepped:
-    """From one sample to the next in `count` equal steps, or in twice as many until they resolve the motion."""
+    """Integrate from one sample to the next in `count` equal steps, doubled until they resolve the motion."""
     for halvings in range(max(0, state.halvings - (state.tail < SMOOTH)), HALVINGS + 1):
         try:
             h, moved, tail = (end - begin) / (count << halvings), state, 0.0
@@ -128,7 +128,7 @@ def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: St
 
 
 def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> Stepped:
-    """One step.
+    """Take one step.
 
     Raises:
         NoConvergence: its nodes are not found, or do not resolve the motion.
@@ -144,7 +144,7 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> 
 
 
 def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> Array:
-    """Accelerations (s, n) at the nodes of the step that begins at t.
+    """Solve for the accelerations (s, n) at the nodes of the step that begins at t.
 
     Multipliers start from zero, and so stay the shortest where rows are redundant; one more correction is all it costs.
 

@@ -35,7 +35,7 @@ def check_platform() -> None:
 
 @dataclass(eq=False)
 class Linkage:
-    """A mechanism with what its solves need, all in long double.
+    """A mechanism in long double, with the data that its linear solves need.
 
     Attributes:
         rank: of the constraint rows, as the linkage has it; singular values beyond are rounding.
@@ -51,7 +51,7 @@ class Linkage:
         return self.evaluator.constraints(t, q, v)
 
     def inverse(self, t: Any, J: Array) -> Saddle:
-        """The double inverse at rows J (..., m, n).
+        """Return the inverse in double precision at rows J (..., m, n).
 
         Raises:
             Unsolved: the position is singular.
@@ -68,7 +68,7 @@ class Linkage:
         return imbalance(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
 
     def loads(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
-        """Accelerations (n,) and multipliers (m,) at one state.
+        """Return accelerations (n,) and multipliers (m,) at one state.
 
         Raises:
             Unsolved: the position is singular.
@@ -80,7 +80,7 @@ class Linkage:
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
-        """The nearest positions, then velocities, that fit the constraints.
+        """Return the nearest positions, then velocities, that satisfy the constraints.
 
         Raises:
             Unsolved: there are none nearby, or the position is singular.
@@ -99,7 +99,7 @@ class Linkage:
 
 
 def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Array]:
-    """The linkage with q and v (n,) of its start.
+    """Return the linkage with q and v (n,) of its start.
 
     Raises:
         ArithmeticError: dry friction acts, or the start is singular.

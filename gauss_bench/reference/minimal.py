@@ -6,8 +6,8 @@ a = d w' + e w^2, and the virtual work of M a - Q along d vanishes:
 
     w' = d . (Q - M e w^2) / (d . M d)
 
-There is no multiplier, no drift and no rank decision in it. Only friction in joints needs lambda: R = Q - M a does no work along d,
-so the square matrix of the closure, transposed, gives lambda alone, u being the unit vector of the crank:
+It needs no multiplier and no rank decision, and has no drift. Only friction in joints needs lambda: R = Q - M a does no work along
+d, so the square matrix of the closure, transposed, gives lambda alone, u being the unit vector of the crank:
 
     [J^T u] (lambda, tau) = R,    tau = 0
 
@@ -63,19 +63,19 @@ class MinimalCoordinate:
         self.rest()
 
     def rest(self) -> None:
-        """Start the next closure from the assembled position, not from the last one closed."""
+        """Forget the last closed position: the next closure starts from the assembled one."""
         still = np.zeros(self.mechanism.n)
         self.last = (self.mechanism.q0, still, still)
 
     def _solve(self, J: Array, rhs: Array) -> Array:
-        """x (k, n) of J x = rhs; where rows are redundant, all of them are consistent."""
+        """Solve J x = rhs for x (k, n); redundant rows are consistent, so least squares is exact."""
         if self.redundant:
             Q, J = np.linalg.qr(J)
             rhs = (np.swapaxes(Q, -1, -2) @ rhs[..., None])[..., 0]
         return np.asarray(np.linalg.solve(J, rhs[..., None])[..., 0])
 
     def geometry(self, theta: Array) -> Closed:
-        """q, dq/dtheta and d2q/dtheta2 (k, n) at crank angles (k,), reached from the last closed position.
+        """Return q, dq/dtheta and d2q/dtheta2 (k, n) at crank angles (k,), starting from the last closed position.
 
         Raises:
             LostClosure: Newton does not converge.
@@ -108,16 +108,16 @@ class MinimalCoordinate:
         return q, d, self._solve(rows.J, self.constraints(theta, q, d).gamma)
 
     def state(self, theta: Array, w: Array, w_dot: Array) -> tuple[Array, Array, Array]:
-        """q, v, a (k, n) for crank angles, speeds and accelerations (k,)."""
+        """Return q, v, a (k, n) for crank angles, speeds and accelerations (k,)."""
         return _state(self.geometry(theta), w, w_dot)
 
     def free(self, theta: Array, w: Array) -> tuple[Array, Array, Array]:
-        """q, v, a (k, n) for crank angles and speeds (k,), with the accelerations that the forces cause."""
+        """Return q, v, a (k, n) for crank angles and speeds (k,), with a from the forces."""
         closed = self.geometry(theta)
         return _state(closed, w, self._acceleration(closed, w))
 
     def acceleration(self, theta: Array, w: Array) -> Array:
-        """Crank acceleration (k,) [rad/s^2]."""
+        """Return the crank acceleration (k,) [rad/s^2]."""
         return self._acceleration(self.geometry(theta), w)
 
     def _acceleration(self, closed: Closed, w: Array) -> Array:
@@ -129,7 +129,7 @@ class MinimalCoordinate:
         return np.asarray((d * force).sum(-1) / (d * d * self.mass).sum(-1))
 
     def _friction(self, q: Array, d: Array, v: Array, force: Array) -> Array:
-        """W N(lambda) (k, n) where everything else is `force` = Q - M e w^2."""
+        """Return the friction W N(lambda) (k, n), given all other forces `force` = Q - M e w^2."""
         W = self.friction.directions(q, v)
         parts = np.concatenate([force[..., None], W], axis=-1)
         inertia = d * self.mass / (d * d * self.mass).sum(-1, keepdims=True)
@@ -140,7 +140,7 @@ class MinimalCoordinate:
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
     def angles_reached(self) -> tuple[float, float]:
-        """Lowest and highest crank angle [rad], to a degree, within one turn either way that the linkage can be closed at."""
+        """Return the lowest and highest crank angle [rad] at which the linkage closes, to a degree, within one turn either way."""
         start = float(self.mechanism.q0[self.crank])
         ends = []
         for sign in (-1.0, 1.0):

@@ -1,4 +1,4 @@
-"""What both pipelines of a certificate begin and end with: a first guess in double precision, and a motion in their own numbers."""
+"""Input and output of both pipelines of a certificate: a first guess in double precision, and a motion in extended precision."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Motion:
 
 
 def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
-    """The linkage assembled in double precision, of a document whose override is merged: it tells a pipeline where to look.
+    """Assemble the linkage in double precision: the first guess of a pipeline. The scenario's override must be merged already.
 
     Raises:
         AssemblyError: it cannot be assembled.
@@ -48,7 +48,7 @@ def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
 
 
 def _doubles(value: Any) -> Any:
-    """A document with every Decimal as the nearest double."""
+    """Return a copy of the document with every Decimal as the nearest double."""
     if isinstance(value, dict):
         return {key: _doubles(x) for key, x in value.items()}
     if isinstance(value, list):

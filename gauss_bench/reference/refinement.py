@@ -23,7 +23,7 @@ CORRECTIONS = 30  # at worst; with a condition of 1e6 each takes off ten digits
 
 
 class Unsolved(ArithmeticError):
-    """Corrections that do not become small: the double inverse is useless, as at a singular position."""
+    """The corrections do not become small: the inverse in double precision is too inaccurate, as at a singular position."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Saddle:
 
 
 def saddle(mass: Array, J: Array, rank: int) -> Saddle:
-    """The inverse for masses (n,) and rows J (..., m, n), of which `rank` count."""
+    """Return the inverse for masses (n,) and rows J (..., m, n) of the given rank."""
     n, m = J.shape[-1], J.shape[-2]
     root = np.sqrt(mass.astype(float))
     U, s, Vt = np.linalg.svd(J.astype(float) / root, full_matrices=False)
@@ -57,7 +57,7 @@ def saddle(mass: Array, J: Array, rank: int) -> Saddle:
 
 
 def imbalance(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
-    """Residual [Q - M a - J^T lambda, gamma - J a] (..., n + m) of x = [a, lambda], in the type of its arguments."""
+    """Return the residual [Q - M a - J^T lambda, gamma - J a] (..., n + m) of x = [a, lambda], in the type of its arguments."""
     n = len(mass)
     a, multipliers = x[..., :n], x[..., n:]
     force = Q - mass * a - (multipliers[..., None, :] @ J)[..., 0, :]
@@ -65,12 +65,12 @@ def imbalance(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
 
 
 def correct(inverse: Array, residual: Array) -> Array:
-    """P r in double precision for a residual r (..., k) in long double; a correction needs no more digits."""
+    """Return P r in double precision for a residual r (..., k) in long double: a correction needs no more digits."""
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 
 def chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
-    """Root (..., n) of residual(x) = 0 near x in its type of number, `eps` apart from 1, by corrections with one inverse.
+    """Solve residual(x) = 0 near x by chord iteration with one inverse; `eps` is the precision of the type of x.
 
     Raises:
         Unsolved: the corrections do not become small.

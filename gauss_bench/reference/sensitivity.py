@@ -1,7 +1,7 @@
 """The floor of double precision: how far a motion moves when every parameter of its linkage moves by 1e-16 of itself.
 
-0.37 is not a double. An engine that rounds it to one solves a neighbouring linkage, and no two engines that round differently can
-be told apart below the distance of such neighbours. All numbers of the document are scaled by 1 + delta xi with random xi in
+0.37 is not a double. An engine that rounds it solves a neighbouring linkage, and two engines that round differently cannot be told
+apart below the distance of such neighbours. All numbers of the document are scaled by 1 + delta xi with random xi in
 -1..1; the change of the motion, divided by delta / 1e-16, is the floor. delta stands far above the rounding of the runs compared
 and far below where the change stops being proportional to it.
 """
@@ -27,7 +27,7 @@ STARTS = ("start", "driver", "drivers")
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Level -> (k,) largest change up to each time for a relative change of 1e-16; nan beyond what the runs reach.
+    """Return level -> (k,) the largest change up to each time for a relative change of 1e-16; NaN after the last common time.
 
     Where rows are redundant the geometry stays: a parallelogram of unequal bars would not be one.
     """
@@ -47,7 +47,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
 
 
 def perturb(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
-    """A copy of the document with every parameter scaled by 1 + DELTA xi, xi random in -1..1."""
+    """Return a copy of the document with every parameter scaled by 1 + DELTA xi, xi random in -1..1."""
     moved = copy.deepcopy(document)
     scenario = moved["scenarios"][mechanism.scenario]
     rigid = mechanism.redundant > 0

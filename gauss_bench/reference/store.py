@@ -1,4 +1,4 @@
-"""The store of a run's references: a certificate where one holds, else built and kept by what they need."""
+"""Cache of references: a certificate if one holds, else a built reference stored under a hash of its inputs."""
 
 import hashlib
 import os
@@ -20,14 +20,14 @@ FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor
 
 
 def reference_key(mechanism: Mechanism, t_end: float) -> str:
-    """Name, scenario and digest of everything a built reference depends on."""
+    """Return name, scenario and a hash of everything that a built reference depends on, joined by dots."""
     sources = source_digest("reference", "linkage", "mechanism", "terms.py")
     made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
     return f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
 
 
 def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
-    """The reference from 0 to t_end: certified if a certificate has a sample there, else kept in `folder`."""
+    """Return the reference from 0 to t_end: certified if a certificate has a sample there, else from the cache in `folder`."""
     certified = find_certified(mechanism, t_end)
     if certified:
         return certified
@@ -49,7 +49,7 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
 
 
 def read_reference(path: Path) -> Reference | None:
-    """The reference in a file, or None where it is not as it was written."""
+    """Read a reference; None if the file is missing or damaged."""
     try:
         with np.load(path) as data:
             reference = Reference(**{name: data[name] for name in FIELDS}, method=str(data["method"]))
@@ -59,8 +59,8 @@ def read_reference(path: Path) -> Reference | None:
 
 
 def _digest(reference: Reference) -> str:
-    told = hashlib.sha256(reference.method.encode())
+    hashed = hashlib.sha256(reference.method.encode())
     for name in FIELDS:
         x = np.ascontiguousarray(getattr(reference, name))
-        told.update(f"{name} {x.shape} {x.dtype}".encode() + x.tobytes())
-    return told.hexdigest()
+        hashed.update(f"{name} {x.shape} {x.dtype}".encode() + x.tobytes())
+    return hashed.hexdigest()

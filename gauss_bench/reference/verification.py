@@ -1,4 +1,4 @@
-"""Verifies a certificate in double precision, cheaply and without what made it.
+"""Verification of a certificate in double precision: cheap, and independent of the code that made it.
 
 Windows spread over the whole motion are integrated again by DOP853, each from the certified state at its beginning to the certified
 state at its end, so that errors cannot grow over the run. All samples must lie on the constraints and obey M a + J^T lambda = Q
@@ -83,7 +83,7 @@ def _off(computed: Array, stated: Array, scale: Array | None = None) -> float:
 
 
 def _balance(certificate: Certificate, mechanism: Mechanism) -> float:
-    """Largest relative residual of phi, J v + phi_t, J a - gamma and M a + J^T lambda - Q over all samples."""
+    """Return the largest relative residual of phi, J v + phi_t, J a - gamma and M a + J^T lambda - Q over all samples."""
     evaluator = Evaluator(mechanism)
     t, q, v, a = certificate.t, certificate.q, certificate.v, certificate.a
     rows = evaluator.constraints(t, q, v)
