@@ -25,7 +25,7 @@ SMALLEST = 1e-300  # [N, N m] of a force: one without a size has no direction ei
 
 
 def generalised_force(links: Links) -> dict[int, Node]:
-    """Q by coordinate; what is missing is zero."""
+    """Return Q by coordinate; missing entries are zero."""
     terms: dict[int, list[Node]] = {}
     steady, varying = (
         (equations.generalise(links, load) for load in links.loads()),
@@ -45,7 +45,7 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
-    """The generalised force of one that varies: its speed is its power over its size."""
+    """Return the generalised force of a varying force; the speed along it is its power divided by its magnitude."""
     (load,) = force.lowered()
     graph = links.graph
     entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
@@ -59,7 +59,7 @@ def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int,
 
 
 def _factor(factor: Factor, time: Node, line: tuple[Node, Node], along: Node) -> Node:
-    """A factor at a time, given level and slope of its line there, and the speed along the force."""
+    """Return the factor of a force at a time, from level and slope of its line there and the speed along the force."""
     graph = time.graph
     if factor.wave:
         of_time = graph.sin(time * factor.wave.turning + factor.wave.phase)
@@ -73,7 +73,7 @@ def _factor(factor: Factor, time: Node, line: tuple[Node, Node], along: Node) ->
 
 
 def tanh(graph: ExpressionGraph, x: Node) -> Node:
-    """The hyperbolic tangent, to rounding of 1."""
+    """Return the hyperbolic tangent with an absolute error at rounding level."""
     y = minimum(maximum(x, graph.constant(-FLAT)), graph.constant(FLAT)) * (2.0 / 2**DOUBLINGS)
     u = _series(graph, y, [1 / factorial(k) for k in range(1, TERMS + 1)]) * y
     for _ in range(DOUBLINGS):

@@ -59,7 +59,7 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
 
 
 def force_numbers(force: Force) -> dict[str, float | Array]:
-    """The numbers and vectors (2,) that a force has among its fields; the angle of an axis is geometry."""
+    """Return the fields of a force that are numbers or vectors (2,), except angles of axes, which are geometry."""
     return {x.name: getattr(force, x.name) for x in fields(force) if x.type in (float, Array) and x.name != "angle"}
 
 
@@ -86,7 +86,7 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
     )
 
     def change(x: Any) -> Any:
-        """Points where links have them, named numbers as given, and all that holds such things."""
+        """Replace named numbers and points in a value, and recursively in everything that contains such values."""
         if isinstance(x, tuple):
             return tuple(map(change, x))
         if isinstance(x, Point):
@@ -97,11 +97,9 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
             return x
         changes = {}
         for key, old in ((f.name, getattr(x, f.name)) for f in fields(x)):
-            names = [
-                name
-                for head in ("forces", "joints")
-                if {name := f"{head}.{getattr(x, 'name', '')}.{key}", f"{name}.x"} & known.keys()
-            ]
+            label = getattr(x, "name", "")
+            candidates = (f"forces.{label}.{key}", f"joints.{label}.{key}")
+            names = [name for name in candidates if name in known or f"{name}.x" in known]
             changes[key] = at(names[0], old) if names else change(old)
         return replace(x, **changes)
 
@@ -122,7 +120,7 @@ class Parameters:
         return np.array([self.all[name] for name in self.names])
 
     def node(self, graph: ExpressionGraph, name: str) -> Node:
-        """The number `name`: an entry of p, or a constant."""
+        """Return the number `name` as a node: an entry of p, or a constant."""
         value = self.all[name]
         if name not in self.names:
             return graph.constant(value)
@@ -156,7 +154,7 @@ class Tie:
 
 
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """For every link the angle it follows through slides."""
+    """Return for every link the `Tie` of its angle through slides."""
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
         guide, block = (Tie(GROUND, 0.0) if p.link == GROUND else ties[p.link] for p in (slide.guide, slide.block))
@@ -169,7 +167,7 @@ def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 
 def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Every link for itself: exact off the constraints too."""
+    """Return ties in which every link keeps its own angle: expressions are then valid off the constraints too."""
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
@@ -274,7 +272,7 @@ class Links(Given):
         return self._ends[key]
 
     def loads(self) -> tuple[Load, ...]:
-        """The loads that the steady forces come to, their numbers being nodes."""
+        """Lower the steady forces to loads whose numbers are nodes."""
         return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces if not factor_of(force)])
 
     def varying(self) -> list[tuple[Torque | PointForce, Factor]]:

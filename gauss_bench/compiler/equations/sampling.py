@@ -1,7 +1,7 @@
 """States on the constraints, spread over the motion: where pivots are chosen and programs are checked.
 
-An undriven linkage is walked along its free motion, from its start, a step of at most STEP at a time, until the walk has been round
-or has met a position where it cannot be closed; a driven one is followed in time. Velocities are random within the constraints.
+An undriven linkage is moved along its free motion from its start, in steps of at most STEP, for a full turn or up to a position
+where it cannot be closed; a driven one is followed in time. Velocities are random within the constraints.
 """
 
 from functools import lru_cache
@@ -37,14 +37,14 @@ def typical_length(mechanism: Mechanism) -> float:
 
 
 def scales(mechanism: Mechanism) -> Array:
-    """(n,) what a change of each coordinate is measured by: the typical length, and 1 rad."""
+    """Return (n,) the unit of each coordinate: the typical length [m] for positions, 1 rad for angles."""
     length = typical_length(mechanism)
     return np.tile([*[length] * PLANE.dimension, *[1.0] * PLANE.turns], len(mechanism.links))
 
 
 @lru_cache(maxsize=64)  # a walk takes longer than many a search, and pivots, checks and engines ask for the same ones
 def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
-    """`count` or fewer states spread over the motion, the start first."""
+    """Return at most `count` states spread over the motion, the start first."""
     rng = np.random.default_rng(seed)
     constraints, scale = Constraints(mechanism), scales(mechanism)
     path = _in_time(mechanism, constraints) if mechanism.drivers else _walk(mechanism, constraints, scale, count, rng)
@@ -61,9 +61,11 @@ Path = list[Pose]
 
 
 def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
-    """Poses along the free motion, forwards and, where that ends early, backwards too; in the order they are met."""
+    """Return poses along the free motion, forwards and, if that ends early, also backwards; ordered along the path."""
     heading = scale * rng.normal(size=mechanism.n)
-    freedom = 2 if mechanism.dof > 1 else 1  # several freedoms: the heading drifts, and both ways are different anyway
+    freedom = (
+        2 if mechanism.dof > 1 else 1
+    )  # with several degrees of freedom the heading is perturbed at random, and both directions are explored
     steps = int(WALK / STEP) if mechanism.n <= DENSE else count
     path: Path = []
     for sign in (1.0, -1.0):
@@ -106,7 +108,7 @@ def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
 
 
 def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array | None:
-    """The nearest position on the constraints, or None where Newton does not find one."""
+    """Return the nearest position on the constraints, or None if Newton's method fails."""
     h = constraints.holonomic
 
     def residual(x: Array) -> tuple[Array, Array]:
@@ -121,7 +123,7 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
 
 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
-    """A random velocity that meets all rows, no faster than SPEED beyond what drivers prescribe."""
+    """Return a random velocity that satisfies all rows; its free part is at most SPEED."""
     t, q = pose
     rows = constraints(t, q, np.zeros_like(q))
     J = rows.J * scale
@@ -130,14 +132,14 @@ def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random
 
 
 def _free_part(J: Array, x: Array) -> Array:
-    """x without its part across the constraints; twice, because the first pass leaves rounding behind."""
+    """Project x onto the free motions; twice, because one pass leaves rounding errors."""
     for _ in range(2):
         x = x - shortest(J, J @ x)
     return x
 
 
 def shortest(J: Array, r: Array) -> Array:
-    """The shortest x of J x = r; J (m, n) may have redundant rows."""
+    """Return the minimum-norm x of J x = r; J (m, n) may have redundant rows."""
     if not len(J):
         return np.zeros(J.shape[1])
     if J.shape[1] <= DENSE:
@@ -147,6 +149,6 @@ def shortest(J: Array, r: Array) -> Array:
 
 
 def _normal(S: sp.csc_matrix) -> "splu":
-    """Factors of J J^T, shifted by rounding so that redundant rows do not stop it."""
+    """Factorise J J^T with a shift of rounding size, so that redundant rows do not make it singular."""
     A = (S @ S.T).tocsc()
     return splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max()))

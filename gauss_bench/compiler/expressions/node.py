@@ -68,7 +68,7 @@ class Node:
 
     @property
     def at(self) -> Array:
-        """Values at the samples, followed by those at the random points."""
+        """Return the values at the samples, followed by those at the random points."""
         if self._at is None:
             left = [self]
             while left:
@@ -232,7 +232,7 @@ class ExpressionGraph:
         return self._of_one("COS", a)
 
     def _of_one(self, op: str, a: Node) -> Node:
-        """A function of the library's, whose last digit may depend on how many values it is given: all at once."""
+        """Apply a numpy function to all values at once: its last digit may depend on the length of the array."""
         old = self.known.get((op, a.index))
         if old is not None:
             return old
@@ -240,7 +240,7 @@ class ExpressionGraph:
         return self._make(op, a, at=at)
 
     def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
-        """By its form or by its values: an old node, a multiple of one, a constant, or a new node."""
+        """Return the node for an operation: an old one of the same form or values, a multiple of one, a constant, or a new one."""
         key = (op, *[a.index for a in args])
         old = self.known.get(key)
         if old is not None:
@@ -347,7 +347,7 @@ def maximum(a: Node, b: Node) -> Node:
 
 
 def factor_out(x: Node) -> tuple[float, Node]:
-    """x as a number times a node without a constant factor."""
+    """Write x as a number times a node without a constant factor."""
     sign = 1.0
     if x.op == "NEG":
         sign, x = -1.0, x.args[0]
@@ -388,13 +388,13 @@ def _ratio_key(g: Generic) -> str:
 
 
 def _round(x: float) -> float:
-    """x, or the number of few digits that it is up to rounding."""
+    """Return x, or the number of few digits that it equals up to rounding."""
     short = float(f"{x:.12g}")
     return short if abs(short - x) <= SAME * abs(x) and len(f"{x:.12g}") < 9 else x
 
 
 def _sum_ready(a: Node, b: Node) -> float:
-    """When a + b is ready, a product among the two fused with the addition."""
+    """Return the time at which a + b is ready if a product among the two is fused with the addition."""
     fused = [max(_operands_ready(x), y.ready) for x, y in ((a, b), (b, a)) if x.op == "MUL"]
     return min([max(a.ready, b.ready), *fused]) + STEP
 

@@ -5,11 +5,11 @@ are moved outwards, so that a - b and b - a are one value too. Operands are alwa
 the values are an order in which they can be computed.
 Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Experience 27 (1997).
 
-When values can be ready decides how the same arithmetic is regrouped into shorter chains, and in which order it is written.
+The time at which each value can be ready decides how sums and products are regrouped and in which order operations are written.
 
-A processor that reorders looks a few hundred instructions ahead, less than a step of a linkage has. So the text should already
-stand in an order that keeps the chain of dependent operations moving: each instruction as late as the end of the loop allows, the
-most urgent first (list scheduling by height; Hennessy and Patterson, Computer Architecture, appendix H).
+An out-of-order processor looks a few hundred instructions ahead, fewer than a step of a linkage has. The instructions must
+therefore be written in an order that keeps the critical path moving: the most urgent first (list scheduling by
+height; Hennessy and Patterson, Computer Architecture, appendix H).
 
 Before that, sums and products are regrouped by when their parts are ready, and products fused into sums. Every rewriting is done
 here, on the graph, and none is left to a compiler: one lane and eight lanes then compute the same bits.
@@ -19,10 +19,10 @@ here, on the graph, and none is left to a compiler: one lane and eight lanes the
   a b + c     one operation with one rounding, wherever a product is used in sums only
   a / b       a (1/b) where b is ready long before a, or where several values are divided by b
 
-Routines: what a machine runs, in no machine's words.
+Routines: functions with loops and branches, independent of the target machine.
 
-A routine is statements over the values of one graph. Values are computed where a statement needs them first; `Compute` only says
-in which order. Whatever a loop needs that does not change in it is computed before it.
+A routine is a list of statements over the values of one graph. Values are computed where a statement first needs them; `Compute`
+only gives the order. Values that do not change in a loop are computed before it.
 
     Compute(values)                      values in this order
     Load(array, rows, start)             rows of an array become leaves
@@ -31,8 +31,8 @@ in which order. Whatever a loop needs that does not change in it is computed bef
     Loop(carried, body, again, after)    body; if again: after, and once more, with the next values of what is carried
     If(condition, body, merged)          leaves that have one value after the body, and another without it
 
-A value is a double or a mask for each trajectory, and a routine is written for one trajectory or for a vector of them without a
-difference; counts and truths are one for all. An array has rows, the trajectories of a group last in memory; each group of
+A value is a double or a mask for each trajectory; the same routine serves one trajectory or a vector of them. Counts and truths are
+shared by all trajectories. An array has rows, the trajectories of a group last in memory; each group of
 trajectories has its own part of it. The emitters are `llvm.py` and `source.py`.
 """
 
@@ -60,7 +60,7 @@ class Graph:
     Integers: bits (of a real), and, plus, shl (each with a number as payload), xor. Masks: lt, le, nonzero (of an integer), both,
     not, all (True or False as payload), mask (a leaf), everywhere (of a truth).
 
-    What is one for all lanes, and steers: counts, which are whole numbers: count (a leaf), whole (a number as payload), sum, least,
+    Control values, shared by all lanes. Counts, which are integers: count (a leaf), whole (a number as payload), sum, least,
     times (with a number as payload); their value as a real is number. Truths: below and same (of counts), any and
     nowhere (of a mask), also.
     """
@@ -73,7 +73,7 @@ class Graph:
         self._known: dict[tuple[str, tuple[int, ...], Payload], int] = {}
 
     def make(self, operation: str, *operands: int, payload: Payload = None) -> int:
-        """The value of an operation, the same number for the same operation."""
+        """Return the value of an operation; equal operations give the same value."""
         key = (operation, operands, payload)
         value = self._known.get(key)
         if value is None:
@@ -85,19 +85,19 @@ class Graph:
         return value
 
     def leaf(self, name: str) -> int:
-        """A value from outside, by its name."""
+        """Return the input value with a name."""
         return self.make("leaf", payload=name)
 
     def const(self, x: float) -> int:
         return self.make("const", payload=float(x) + 0.0)  # adding 0.0 turns -0.0 into 0.0
 
     def number(self, a: int) -> float | None:
-        """The number a constant holds, else None."""
+        """Return the number of a constant, None for any other value."""
         x = self.payload[a]
         return x if self.operation[a] == "const" and isinstance(x, float) else None
 
     def unsigned(self, a: int) -> tuple[int, bool]:
-        """A value without its sign, and whether it had one."""
+        """Return a value without its leading minus, and whether it had one."""
         if self.operation[a] == "neg":
             return self.operands[a][0], True
         x = self.number(a)
@@ -151,18 +151,18 @@ class Graph:
         return self.neg(ratio) if minus_a != minus_b else ratio
 
     def fma(self, a: int, b: int, c: int) -> int:
-        """A b + c with one rounding, never taken apart."""
+        """Return a b + c with one rounding; later passes never split it."""
         return self.make("fma", a, b, c)
 
     def abs(self, a: int) -> int:
         return self.make("abs", self.unsigned(a)[0])
 
     def all(self, holds: bool) -> int:
-        """The mask that holds everywhere, or nowhere."""
+        """Return the mask that is true everywhere, or false everywhere."""
         return self.make("all", payload=holds)
 
     def both(self, masks: Sequence[int]) -> int:
-        """The mask that holds where all masks hold; everywhere without any."""
+        """Return the conjunction of masks; true everywhere if there are none."""
         every = self.all(True)
         for mask in dict.fromkeys(masks):
             if mask != self.all(True):
@@ -190,7 +190,7 @@ class Graph:
         return self.total([self.mul(x, x) for x in values])
 
     def largest(self, values: Sequence[int]) -> int:
-        """The largest size; what is not a number is passed over."""
+        """Return the largest absolute value; NaN is ignored."""
         most = self.const(0.0)
         for size in map(self.abs, values):
             most = self.make("select", self.make("lt", most, size), size, most)
@@ -198,7 +198,7 @@ class Graph:
 
 
 def depending(g: Graph, on: Iterable[int]) -> set[int]:
-    """Values that depend on some leaves."""
+    """Return the values that depend on some leaves."""
     dependent = set(on)
     for x, operands in enumerate(g.operands):
         if not dependent.isdisjoint(operands):
@@ -252,7 +252,7 @@ ROUNDS = 6  # of the feedback from the end of a loop to its beginning; urgency s
 
 
 def live(g: Graph, roots: Iterable[int]) -> list[int]:
-    """The values that the roots need, oldest first."""
+    """Return the values that the roots depend on, oldest first."""
     needed: set[int] = set()
     waiting = list(roots)
     while waiting:
@@ -264,7 +264,7 @@ def live(g: Graph, roots: Iterable[int]) -> list[int]:
 
 
 def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -> dict[int, float]:
-    """When each value is ready on a machine without limits [cycles]; leaves arrive as given, or at 0."""
+    """Return the time [cycles] at which each value is ready with unlimited execution units; leaves arrive as given, or at 0."""
     times: dict[int, float] = {}
     for x in values:
         if g.operation[x] == "leaf":
@@ -275,7 +275,7 @@ def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -
 
 
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
-    """Cycles that a turn of a loop needs without limits; `carried` maps the name of a leaf to the value that becomes it."""
+    """Return the cycles per loop turn with unlimited execution units; `carried` maps a leaf's name to its next value."""
     arrival = dict.fromkeys(carried, 0.0)
     turn = 0.0
     for _ in range(ROUNDS):
@@ -286,7 +286,7 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
 
 
 def order(g: Graph, values: list[int], carried: Mapping[str, int]) -> list[int]:
-    """The values in the order of their urgency: the longest way from them to the end, through further turns of the loop."""
+    """Order the values by urgency: the length of the longest path from each to the end, through further turns of the loop."""
     leaves = {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
     turn = period(g, values, carried)
     late = dict.fromkeys(carried.values(), 0.0)
@@ -338,7 +338,7 @@ class _Rewriter:
                 self.get(x)
 
     def _strip(self, x: int) -> tuple[int, bool]:
-        """A value without a change of sign, and whether there was one."""
+        """Return a value without its change of sign, and whether there was one."""
         return (self.old.operands[x][0], True) if self.old.operation[x] == "neg" else (x, False)
 
     def _inside(self, x: int, users: list[str]) -> bool:
@@ -348,7 +348,7 @@ class _Rewriter:
         return operation == "mul" and bool(users) and (summed or users == ["mul"])
 
     def get(self, x: int) -> int:
-        """A value in the new graph."""
+        """Return the value in the new graph that corresponds to an old one."""
         base, negative = self._strip(x)
         if base not in self.known:
             self.known[base] = self._write(base)
@@ -382,7 +382,7 @@ class _Rewriter:
         return terms
 
     def _last_two(self, x: int) -> Pair:
-        """A product up to its last multiplication, the factors that are ready first multiplied first."""
+        """Multiply the factors of a product, earliest ready first, down to two; the last multiplication may be fused into a sum."""
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:
             y = waiting.pop()
@@ -411,7 +411,7 @@ class _Rewriter:
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
     def _join(self, early: Summand, late: Summand) -> Summand:
-        """The sum of two terms; of two products the earlier is multiplied out."""
+        """Add two terms; if both are products, the earlier one is multiplied and the other fused into the addition."""
         g = self.new
         if early.factor is not None and late.factor is None:
             early, late = late, early
@@ -432,7 +432,7 @@ class _Rewriter:
 
 
 def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, list[int]]:
-    """The roots in a new graph, or in one that others were written into before; leaves count as ready at the beginning."""
+    """Rewrite the roots into a new graph, or into a given one; leaves count as ready at the beginning."""
     rewriter = _Rewriter(g, roots, Graph() if into is None else into)
     return rewriter.new, [rewriter.get(x) for x in roots]
 
@@ -534,7 +534,7 @@ class Routine:
 
 
 def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
-    """All statements, also those within others."""
+    """Yield all statements, including nested ones."""
     for s in statements:
         yield s
         match s:
@@ -545,7 +545,7 @@ def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
 
 
 def list_needed(r: Routine) -> set[int]:
-    """Values that anything depends on: what is loaded or carried and not among them may be left out."""
+    """Return all values that the routine uses; loads and carried values outside this set can be omitted."""
     roots = [r.sound]
     for s in nest(r.body):
         match s:
@@ -561,7 +561,7 @@ def list_needed(r: Routine) -> set[int]:
 
 
 def changing(g: Graph, loop: Loop) -> set[int]:
-    """Values that may differ from turn to turn of a loop."""
+    """Return the values that may change between turns of a loop."""
     defined = set(loop.carried)
     for s in nest([*loop.body, *loop.after]):
         match s:
@@ -575,7 +575,7 @@ def changing(g: Graph, loop: Loop) -> set[int]:
 
 
 class Emitter:
-    """The common part of emitters: a name in the text for every value, found where it is needed first.
+    """Base class of emitters: it gives every value a name in the text, where it is first needed.
 
     Attributes:
         graph, names: of the function that is being written. needed: values of the function.
@@ -588,7 +588,7 @@ class Emitter:
         self.first: list[str] = []
 
     def value(self, x: int) -> str:
-        """Write a value whose operands have names; its own."""
+        """Write a value whose operands have names already; return its name."""
         raise NotImplementedError
 
     def statement(self, s: Statement) -> None:
@@ -605,7 +605,7 @@ class Emitter:
                 self.statement(s)
 
     def _before(self, s: Loop) -> None:
-        """First values, and what is the same in every turn; what is not is forgotten where an earlier loop has computed it."""
+        """Write first values and loop invariants before a loop; names that an earlier loop gave to changing values are dropped."""
         self.first = self.compute([a for a, _ in self.carried(s).values()])
         changed = changing(self.graph, s)
         inner = nest([*s.body, *s.after])
@@ -621,11 +621,11 @@ class Emitter:
         return {x: row for x, row in load.rows.items() if x in self.needed}
 
     def compute(self, values: Sequence[int]) -> list[str]:
-        """Names of values, which are written if they are not there yet."""
+        """Return the names of values; write those that are missing."""
         return [self.need(x) for x in values]
 
     def need(self, x: int) -> str:
-        """The name of a value, which is written with all it needs if it is not there yet."""
+        """Return the name of a value; write it and its operands first if necessary."""
         waiting = [x]
         while x not in self.names:
             missing = [k for k in self.graph.operands[waiting[-1]] if k not in self.names]
@@ -639,7 +639,7 @@ class Emitter:
 
     @contextmanager
     def within(self) -> Iterator[None]:
-        """Forget the names of everything written within, once it ends."""
+        """Context in which names are local: at its end all names given inside are dropped."""
         before = dict(self.names)
         yield
         self.names = before

@@ -1,8 +1,8 @@
 """Text of LLVM becomes machine code of this host: parse, optimise, emit an object, load it.
 
 The only file that knows llvmlite. Object code is kept in the user's cache folder (user_cache.py), so that a linkage compiles
-once on a machine. What the graph has rewritten already is not optimised again: code generation alone does the work, and no pass
-may touch rounding.
+once on a machine. The graph has optimised the arithmetic already, so only code generation runs, without passes that could change
+rounding.
 """
 
 import ctypes
@@ -89,7 +89,7 @@ def best_lanes() -> int:
 
 
 def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
-    """The function of a module given as text."""
+    """Compile a module given as text, or load it from the cache, and return its function."""
     start, text, operations = time.perf_counter(), listing.text, listing.operations
     level = 0 if os.environ.get(QUICK) else 3 if operations <= LARGE else 1
     machine = _target_machine(level)
@@ -126,7 +126,7 @@ def _linker() -> Any:
 
 
 def _load(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, Any, Any]:
-    """The function of object code, the one that takes its arguments packed, and what keeps both in memory."""
+    """Load object code; return its function, the variant with packed arguments, and the object that keeps both in memory."""
     unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(name)
     if packed:
         unit.export_symbol(packed)
@@ -141,20 +141,20 @@ _kept = lru_cache(KEPT)(_load)
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
-    """(k, rows) as (groups, rows, lanes); the last state is repeated to fill the last group."""
+    """Rearrange (k, rows) to (groups, rows, lanes); the last state is repeated to fill the last group."""
     missing = -len(x) % lanes
     full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
     return np.ascontiguousarray(full.reshape(len(full) // lanes, lanes, x.shape[1]).transpose(0, 2, 1))
 
 
 def out_of_lanes(x: Array, count: int) -> Array:
-    """(groups, ..., rows, lanes) as (k, ..., rows)."""
+    """Rearrange (groups, ..., rows, lanes) to (k, ..., rows)."""
     moved = np.moveaxis(x, -1, 1)
     return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
 
 
 def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
-    """Call part(low, high) for all groups, cut into as many runs as there are threads."""
+    """Call part(low, high) for consecutive ranges of groups, one range per thread."""
     if min(threads, groups) < 2:  # to divide nothing by numpy takes as long as following a hundred samples
         part(0, groups)
         return
@@ -168,7 +168,7 @@ def address(x: Array) -> int:
 
 
 def align(size: int) -> Array:
-    """Zeros (size,) that begin at a multiple of 64 bytes, so that no vector straddles two lines of the cache."""
+    """Return zeros (size,) aligned to 64 bytes, so that no vector straddles two cache lines."""
     room = np.zeros(size + 8)
     start = -(address(room) // room.itemsize) % 8
     return room[start : start + size]
@@ -236,7 +236,7 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
 
 
 def in_plain_c(*routines: Routine) -> str:
-    """Routines as one file for any compiler of C, each for one trajectory."""
+    """Return routines as one C source file, each for a single trajectory."""
     return C_HEADER + "\n".join(map(in_c, routines))
 
 

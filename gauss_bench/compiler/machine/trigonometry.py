@@ -72,7 +72,7 @@ def sincos(g: Graph, x: int) -> Pair:
 
 
 def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
-    """The one or the other, with bit 1 of k moved to the sign bit."""
+    """Select one of two values and set its sign, by the low bits of k: bit 1 becomes the sign bit."""
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
     return g.make("real", g.make("xor", chosen, sign))
