@@ -1,4 +1,4 @@
-"""The points that carry a linkage, those of them that pivots and inputs place, and everything else of a link by its points.
+"""Basic points of a linkage: which of them pivots and inputs determine, and how all other points of a link follow from two.
 
 Points and directions of the plane are complex numbers. All that a position needs stands in one vector
 
@@ -80,7 +80,7 @@ def link_size(points: list[BasicPoint]) -> float:
 
 
 class Points:
-    """The vector z of a mechanism with given inputs, and rows (N,) of what is linear in it.
+    """The vector z of a mechanism with given inputs, and rows (N,) of quantities linear in z.
 
     Attributes:
         points: all of them; those that no link of known direction carries have the entries `unknown` (u,) in z.
@@ -177,7 +177,7 @@ class Points:
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
-        """Link and two points that show the direction of a root: placed points first, then the longest distance."""
+        """Return a link and two of its points that give the direction of a root: known points first, then the longest distance."""
         members = [link for link, (r, _) in self.frames.items() if r == root]
         pairs = [(link, A, B) for link in members for A, B in permutations(self.of[link], 2)]
 

@@ -1,4 +1,4 @@
-"""Three searches for a root of F(x) = 0 with one signature: what they were given, how they ended, what it took.
+"""Three methods for a root of F(x) = 0 with one signature; each returns its last x, an exit flag and its iterations.
 
 With the Jacobian J at x, the step h of each is
 
@@ -64,7 +64,7 @@ def largest(x: NDArray[np.inexact[Any]]) -> float:
 
 
 def at_rest(x: Array, h: Array) -> bool:
-    """Tell whether a step is lost in the rounding of x."""
+    """Tell whether a step is smaller than the rounding of x."""
     eps = np.finfo(float).eps
     return bool(largest(h) <= eps * (largest(x) + eps))
 
@@ -77,7 +77,7 @@ def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | N
 
 
 def full_step(F: Array, J: Array) -> Array | None:
-    """h (n,) of J h = -F in least squares, or None where the columns of J are dependent."""
+    """Solve J h = -F for h (n,) in least squares; None if the columns of J are dependent."""
     if not J.size:
         return None if J.shape[1] else np.zeros(0)
     h, _, rank, _ = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)
@@ -98,7 +98,7 @@ def gauss_newton(residual: Residual, x: Array, tolerance: float = 1e-13, limit: 
 
 
 def search_along(residual: Residual, x: Array, tolerance: float, limit: int, halvings: int) -> Root:
-    """Steps of J h = -F, each halved up to so many times, or taken in full where none is."""
+    """Iterate with steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; 0 means full steps."""
     F, J = residual(x)
     for iteration in range(limit):
         if end := end_search(x, F, tolerance, iteration):

@@ -182,13 +182,13 @@ def singular_positions(mechanism: Mechanism, coordinates: list[Measured] | None 
 
 
 def _describe(driving: Measured, q: Array) -> str:
-    """Name the place of the driving coordinate, in words."""
+    """Describe the position of the driving coordinate in words."""
     x = float(value(driving.coordinate, q))
     return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f"{driving.name} = {x:.4g} m"
 
 
 def _distance(q: Array, other: Array) -> float:
-    """Between two positions, whole turns not counted."""
+    """Return the distance between two positions modulo whole turns."""
     gap = q - other
     angles(gap)[:] = np.angle(np.exp(1j * angles(gap)))
     return float(np.linalg.norm(gap))

@@ -150,13 +150,13 @@ def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
 
 
 def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
-    """Links that no chain of joints holds to the frame."""
+    """Return the links that no chain of joints connects to the frame."""
     reached = nx.node_connected_component(_net(pairs_of(mechanism), len(mechanism.links)), GROUND)
     return tuple(i for i in range(len(mechanism.links)) if i not in reached)
 
 
 def held_coordinates(mechanism: Mechanism) -> Mechanism:
-    """With a pin to the frame for every group of links that no joints hold to it; that closes no loop."""
+    """Add a pin to the frame for every group of links that no joint connects to it; such a pin closes no loop."""
     while loose := loose_links(mechanism):
         name = f"loose {loose[0]}"
         pin = Revolute(name, name, Point(GROUND, np.zeros(2), "ground."), Point(loose[0], np.zeros(2), ""))
@@ -165,7 +165,7 @@ def held_coordinates(mechanism: Mechanism) -> Mechanism:
 
 
 def _path(tree: dict[int, TreeEdge], link: int) -> list[int]:
-    """The links from one to the frame, both included."""
+    """Return the links on the tree's path from one link to the frame, both included."""
     path = [link]
     while path[-1] != GROUND:
         path.append(tree[path[-1]].parent)
@@ -173,7 +173,7 @@ def _path(tree: dict[int, TreeEdge], link: int) -> list[int]:
 
 
 def _loop(tree: dict[int, TreeEdge], chord: Pair, pairs: Sequence[Pair]) -> Loop:
-    """The loop that a pair outside the tree closes."""
+    """Return the loop that a pair outside the tree closes."""
     first, second = (_path(tree, link) for link in chord.links)
     while len(first) > 1 and len(second) > 1 and first[-2] == second[-2]:
         first.pop()

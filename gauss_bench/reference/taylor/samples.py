@@ -20,7 +20,7 @@ ROUNDING = 2.0**-112  # of those numbers; the limit is in proportion where they 
 
 
 class Inconsistent(ArithmeticError):
-    """Loops that came open, or forces that do not balance: the motion is worthless."""
+    """Loops have opened or forces do not balance: the motion cannot be used."""
 
 
 @dataclass(frozen=True, eq=False)
