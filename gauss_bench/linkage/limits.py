@@ -1,4 +1,4 @@
-"""How much and how large a linkage file may be: counts, magnitudes and characters; `limits.toml` has each bound with its reason.
+"""Limits on counts, magnitudes and characters of a linkage file; `limits.toml` has each limit with its reason.
 
 The limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once and with
 the place. Values in a scenario's override have the limits of the values that they replace.

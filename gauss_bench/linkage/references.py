@@ -1,7 +1,7 @@
 """Checks that the schema cannot make: names that must resolve, points that must be determined, keys that belong together.
 
-Works on a document in which the schema has put None for every value that it refused: what is None is passed over, so that all
-faults of a file come at once. `grammar.toml` has what can be told of names by their places.
+In the document, the schema has replaced every value that it refused by None. Checks skip None, so that all faults of a file are
+reported at once. `grammar.toml` lists the places of names, and the kind of thing that each must name.
 """
 
 from collections.abc import Callable, Iterator
