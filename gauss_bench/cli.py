@@ -1,8 +1,8 @@
 """The command line: verbs, exit codes, stdout for results and stderr for everything else.
 
 Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 74
-stdout is closed or full, 130 interrupted. What a verb calls stands in `api/verbs.toml` and is imported when it is asked for: help
-answers at once.
+stdout is closed or full, 130 interrupted. `api/verbs.toml` names the function of every verb, which is imported only when the verb
+is used, so that help is printed at once.
 """
 
 import argparse
@@ -23,10 +23,10 @@ from gauss_bench.api.telling import no_longer, plain, render, tell, tell_if_long
 from gauss_bench.untrusted import BadInput, harmless
 
 BAD_INPUT, OWN_FAULT, NO_OUTPUT = 2, 70, 74  # the latter two as sysexits.h has them
-EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # and its digits: seconds that libraries which write files take for now
-LEAST_MEMORY = 700 << 20  # bytes of address space: with less, OpenBLAS may look for memory for ever while it is imported
+EPOCH, LONGEST_EPOCH = "SOURCE_DATE_EPOCH", 12  # libraries write this time [s] into files; largest number of digits
+LEAST_MEMORY = 700 << 20  # bytes of address space: with less, the import of OpenBLAS may hang
 FILES = "gauss_bench.api.files:describe_files"
-TRACE = "GAUSS_BENCH_TRACEBACK"  # set, faults of the program are told with all that led to them
+TRACE = "GAUSS_BENCH_TRACEBACK"  # environment variable: if set, a fault of the program shows its traceback
 
 
 class OutputLost(Exception):
@@ -34,7 +34,7 @@ class OutputLost(Exception):
 
 
 class Results(io.TextIOWrapper):
-    """Stdout; what its encoding lacks is escaped, and a failure to write is OutputLost, not a faulty file of the user's.
+    """Stdout that escapes characters outside its encoding; a failed write raises OutputLost, to tell it from a faulty input file.
 
     Raises:
         OutputLost: from write and flush.
@@ -54,7 +54,7 @@ class Results(io.TextIOWrapper):
 
 
 class Remarks(io.TextIOWrapper):
-    """Stderr; where it is full or closed, remarks are lost, and the exit code of the verb stays."""
+    """Stderr; if it is full or closed, remarks are lost without an error, so that the exit code of the verb stays."""
 
     def write(self, text: str) -> int:
         with contextlib.suppress(OSError):
@@ -67,15 +67,16 @@ class Remarks(io.TextIOWrapper):
 
 
 def command() -> int:
-    """`gauss-bench`: stdout is for results alone, and what libraries print there themselves goes to stderr."""
-    if sys.stderr is None:  # closed by whoever calls
+    """Run `gauss-bench`: stdout is for results alone, and output that libraries print there is sent to stderr."""
+    if sys.stderr is None:  # the caller closed it
         sys.stderr = open(os.devnull, "w")
-    # Unbuffered: what could not be written is not tried again at the end of the process, whose exit code would then be 120.
+    # Unbuffered: otherwise Python flushes a failed write again at exit, and the exit code becomes 120.
     unbuffered = os.fdopen(sys.stderr.fileno(), "wb", buffering=0, closefd=False)
     sys.stderr = Remarks(unbuffered, encoding=sys.stderr.encoding, errors="backslashreplace", write_through=True)
     if sys.stdout is None:
         print("error: stdout is closed: results have nowhere to go", file=sys.stderr)
         return NO_OUTPUT
+    # keep the real stdout under a new descriptor, and let descriptor 1, to which libraries print, lead to stderr
     results = os.dup(sys.stdout.fileno())
     with contextlib.suppress(OSError):  # stderr is closed
         os.dup2(2, 1)
@@ -92,7 +93,7 @@ def command() -> int:
 
 
 def lose_output(error: OutputLost) -> int:
-    """Say that results were lost, and let nothing try to write them again."""
+    """Report that results were lost, and redirect stdout so that nothing tries to write them again."""
     print(f"error: stdout: {error}: results are lost", file=sys.stderr)
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -148,7 +149,7 @@ def memory_limit() -> int:
 
 
 def is_argument(text: str) -> bool:
-    """Tell whether a text can be given on a command line, and so be the name of a file."""
+    """Tell whether a text can be the name of a file: it encodes, and has no null character."""
     try:
         return b"\0" not in os.fsencode(text)
     except UnicodeError:
@@ -156,16 +157,15 @@ def is_argument(text: str) -> bool:
 
 
 def perform(name: str, options: argparse.Namespace) -> int:
-    """Call what a verb names, with the options that it has arguments for, print its answer and return the exit code."""
+    """Call the function of a verb, print its answer and return the exit code."""
     verb, given = VERBS[name], vars(options)
-    kinds = verb.get("files", {})
+    kinds = verb.get("files", {})  # options that name files; one that equals `printed` goes to stdout instead
     printed = {x: given[x] for x in kinds if str(given[x]) == verb.get("printed")}
     asked = {x: given[x] for x in kinds if given[x] and x not in printed}
     files = printed | (resolve_name(FILES)(asked, kinds, options.replace, options.linkage) if asked else {})
-    function, offered = (
-        resolve_name(verb["call"]),
-        given | {"options": options, "told": tell_if_long if verb.get("quick") else tell},
-    )
+    function = resolve_name(verb["call"])
+    offered = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell}
+    # a function takes the options that it has parameters for
     answer = function(**{x: offered[x] for x in inspect.signature(function).parameters if x in offered})
     if files:
         resolve_name(verb["write"])(answer, files)

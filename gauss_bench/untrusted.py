@@ -1,4 +1,4 @@
-"""Files, TOML and words of other people: opened without waiting, measured before they are parsed, printed without harm."""
+"""Untrusted files and texts: opened without blocking, measured before they are parsed, printed without control characters."""
 
 import os
 import re
@@ -8,11 +8,11 @@ import unicodedata
 from pathlib import Path
 from typing import Any
 
-DEEPEST = 20  # levels of one key, and brackets in each other; the grammar of linkage files needs 6
+DEEPEST = 20  # largest nesting of keys or brackets; the grammar of linkage files needs 6
 UNPRINTABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")
 TURNING = ("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
 
-# Strings and comments are skipped whole. A quote that nothing closes ends the search: the parser refuses it too.
+# Strings and comments are skipped. An unclosed quote ends the search: the parser refuses it too.
 TOKEN = re.compile(
     r'''
     (?P<skipped> """(?:[^"\\]|\\.|"(?!""))*+"{3,5} | \'\'\'(?:[^']|'(?!''))*+'{3,5} | \#[^\n]*+ )
@@ -26,24 +26,24 @@ TOKEN = re.compile(
 
 
 class BadInput(Exception):
-    """What the user can mend: a faulty file, an unknown name, a number that cannot be used, a folder that cannot be written."""
+    """An error that the user can correct: a faulty file, an unknown name, an unusable number, a folder that cannot be written."""
 
 
 class TooDeep(tomllib.TOMLDecodeError):
-    """Tables or lists that lie deeper in each other than any file of this suite needs."""
+    """Tables or lists nested deeper than any file of this suite needs."""
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file. Nothing is waited for.
+    """Return the bytes of a regular file without ever blocking.
 
     Raises:
-        OSError: it cannot be opened, is a folder, a pipe, a socket or a device, or longer than `most`.
+        OSError: the file cannot be opened, is no regular file, or has more than `most` bytes.
     """
-    # a pipe that nobody writes would be waited for, and a terminal would become this process's own
+    # O_NONBLOCK: opening a pipe without a writer would block; O_NOCTTY: a terminal would become the controlling one
     with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC), "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(None, "no regular file", str(path))
-        content = file.read(most + 1) or b""  # nothing at all where a file of the system has nothing to say yet
+        content = file.read(most + 1) or b""  # None: some files in /proc have no data yet
     if len(content) > most:
         raise OSError(None, f"larger than {most} bytes", str(path))
     return content
@@ -59,17 +59,17 @@ def parse_toml(text: str, parse_float: Any = float) -> dict[str, Any]:
     """Return the document of a TOML text.
 
     Raises:
-        TOMLDecodeError: it is none; TooDeep before it is parsed, since the parser takes memory by the square of the depth.
+        TOMLDecodeError: the text is not TOML. TooDeep is raised before parsing, since the parser's memory is quadratic in depth.
     """
     check_depth(text)
     return tomllib.loads(text, parse_float=parse_float)
 
 
 def check_depth(text: str) -> None:
-    """Let a text pass whose keys have at most DEEPEST dots and whose brackets lie at most DEEPEST deep.
+    """Check that keys have at most DEEPEST dots and that brackets are nested at most DEEPEST deep.
 
     Raises:
-        TooDeep: naming the line.
+        TooDeep: they do not; the message names the line.
     """
     dots = brackets = 0
     for token in TOKEN.finditer(text):
@@ -90,10 +90,10 @@ def check_depth(text: str) -> None:
 
 
 def unprintable(x: str) -> bool:
-    """Tell whether a character drives a terminal, turns the direction of what follows, or stands for none."""
+    """Tell whether a character controls a terminal, changes the writing direction, or is not assigned."""
     return x not in "\n\t" and (unicodedata.category(x) in UNPRINTABLE or unicodedata.bidirectional(x) in TURNING)
 
 
 def harmless(text: str) -> str:
-    """Return a text for people, with what drives a terminal written out."""
+    """Return a text in which unprintable characters are replaced by escape sequences."""
     return "".join(x.encode("unicode_escape").decode() if unprintable(x) else x for x in text)

@@ -24,18 +24,18 @@ def compare(
     budget: float | None = None,
     settings: str | None = None,
 ) -> pd.DataFrame:
-    """Accuracy and drift of engines on a linkage (a built-in name or a file), one row per engine, setting and step.
+    """Compare engines on a linkage by accuracy and drift: one row per engine, setting and step.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         engines: names; all where not given.
         scenario: of the file; the first with a start where not given.
-        steps: integration steps [s]. A row's step is the step taken; where it does not divide `t_end`, the last one is shorter and
-            the note says so. Errors are judged at the times of the truth that whole steps reach; `compared` counts them.
+        steps: integration steps [s]. A row's step is the step taken; if it does not divide `t_end`, the last step is shorter and
+            the note says so. Errors are evaluated at the reference's times that whole steps reach; `compared` counts them.
         t_end: [s]; the scenario's duration where not given.
         jobs: worker processes.
         budget: seconds that one row may take.
-        settings: of the engines, in the place of those usually shown: a name, KEY=VALUE,... of their own options, or both.
+        settings: of the engines, instead of their standard settings: a name, KEY=VALUE,... of their own options, or both.
 
     Raises:
         LinkageError: the file has faults.

@@ -24,26 +24,26 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference
 
 BUDGET = 120.0  # [s] for everything
-USUAL = 1.0  # [s] of motion where nothing else is asked for: longer runs only let errors grow beyond what adds up
-LEAST = 1.0  # [s] that a run is given, however late it is
-KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] how well the truth is to be known: errors below 1e-6 have no cause
+USUAL = 1.0  # [s] of motion by default: in longer runs errors grow until they no longer add up linearly
+LEAST = 1.0  # [s] that every run may take, even after the deadline
+KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] error bars that the reference must have: errors below 1e-6 are not diagnosed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis(OneRun):
-    """The diagnosis of one engine on one linkage, with the fields of OneRun: what was asked for.
+    """The diagnosis of one engine on one linkage; the fields of OneRun say what was asked for.
 
     Attributes:
-        until: [s] how long.
-        cause: that dominates, in the words of `diagnosis.causes.Cause`; part: of the error that it belongs to, or None.
-        verdict: a sentence.
+        until: end of the run [s].
+        cause: the dominant cause, a `diagnosis.causes.Cause`; part: the part of the error that it belongs to, or None.
+        verdict: the diagnosis in one sentence.
         parts: [m, rad] how much of the error each part accounts for: model, constraint softness, integrator, drift, round-off and
             output sampling.
-        numbers: `diagnosis.diagnosis.Numbers`, or None where there was no run to look at.
-        explanations: of accelerations that are off, the best first: cause, what, amount, share and a sentence.
+        numbers: `diagnosis.diagnosis.Numbers`, or None without a run.
+        explanations: of wrong accelerations, the best first: cause, what, amount, share and a sentence.
         candidates: the explanations that reproduce the accelerations within their noise, each with its amount and residual.
-        runs: status and message of each.
-        reference: how the truth was made.
+        runs: status and message of each run.
+        reference: how the reference was made.
     """
 
     until: float
@@ -76,9 +76,9 @@ def diagnose(
 ) -> Diagnosis:
     """Split an engine's error on a linkage (a built-in name or a file) by its causes, and name the one that dominates.
 
-    The engine runs in a worker, by the step that is asked for, its half and its quarter (by finer tolerances where it chooses its
-    own steps). "No dominant cause" means that the largest error of a position is below 1e-6 m or rad, or three times the error bar
-    of the reference, and that the accelerations it tells are the linkage's to 1e-3: `diagnosis.diagnosis`.
+    The engine runs in a worker with the step asked for, half of it and a quarter of it (with finer tolerances if it chooses its own
+    steps). "No dominant cause" means that the largest position error is below 1e-6 m or rad, or below three times the error bar of
+    the reference, and that the reported accelerations agree with the linkage's to 1e-3: `diagnosis.diagnosis`.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -88,11 +88,11 @@ def diagnose(
         step: integration step [s].
         until: [s]; one second, or the scenario's duration where that is shorter, where not given.
         budget: seconds for everything (120).
-        told: is told how far things are.
+        told: called with each sentence of progress.
 
     Raises:
         LinkageError: the file has faults.
-        ChoiceError: the engine does not offer what was asked for, the run has too few steps, or the linkage has no truth.
+        ChoiceError: the engine does not offer what was asked for, the run has too few steps, or no reference can be made.
         KeyError: unknown engine.
     """
     offered = offer(engine)
@@ -103,13 +103,13 @@ def diagnose(
     countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
 
-    def described(verdict: Verdict, reference: str) -> Diagnosis:
+    def make_diagnosis(verdict: Verdict, reference: str) -> Diagnosis:
         fields = ("cause", "parts", "numbers", "explanations", "candidates", "runs")
         found = {x: getattr(verdict, x) for x in fields} | {"part": verdict.cause.part, "verdict": verdict.sentence}
         return Diagnosis(**name_run(mechanism, engine, choice), **found, until=end, reference=reference)
 
     if not offered.usable:
-        return described(nothing_to_see(Ended(offered.status, offered.reason)), "")
+        return make_diagnosis(nothing_to_see(Ended(offered.status, offered.reason)), "")
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
@@ -119,17 +119,18 @@ def diagnose(
             left = max(LEAST, deadline - time.monotonic())
             return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left, worker)
 
-        offers_it = choice.stabilization == "none" and "projection" in offered.stabilizations
-        projected = replace(choice, stabilization="projection") if offers_it and not adaptive else None
+        # drift is recognised by what projection takes off the error of the same setting
+        can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
+        projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
         verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
-    return described(verdict, reference.method)
+    return make_diagnosis(verdict, reference.method)
 
 
 def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
-    """The certified motion, or one found by smaller and smaller steps before the deadline, as for a recommendation.
+    """Return the certified motion, or a reference by smaller and smaller steps before the deadline, as for a recommendation.
 
     Raises:
-        ChoiceError: there is none.
+        ChoiceError: no reference is known well enough in time.
     """
     if certified := find_certified(mechanism, until):
         return certified

@@ -2,8 +2,8 @@
 
     doctor() -> Checkup
 
-Only the interpreter and the suite's own formulations are needed. Everything else may be missing: what it is needed for still works
-without it or says what it lacks, and so does the checkup.
+Only the interpreter and the suite's own formulations are required. Anything else may be missing; the checkup then says what does
+not work without it.
 """
 
 import os
@@ -30,24 +30,23 @@ from gauss_bench.trajectory import Status
 
 TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # [s] the slowest engine generates and compiles C first
 DURATION, STEP = 0.01, 1e-3  # [s] of the trial
-EXTENDED = 63  # bits of a mantissa, from which on long double is more than double
+EXTENDED = 63  # bits of a mantissa from which long double counts as extended precision
 OLDEST = (3, 11)
 NEEDED = (
     "gauss",
     "lagrange",
-)  # two formulations of our own that must agree with the principle; one of the others is wrong as published
+)  # own formulations that must work here; `yuan_ge_eq16`, for one, is wrong as published
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """One item of the checkup.
 
     Attributes:
-        name: what.
-        value: what it is here.
-        status: "ok", "missing" where something optional is not there, "invalid" where an engine runs and the judge objects, or
-            "broken".
-        message: what follows from it, or an empty text.
+        name: of the item, such as "processor".
+        value: what was found.
+        status: "ok", "missing" for an absent optional part, "invalid" for an engine whose run the judge rejects, or "broken".
+        message: the consequence, or an empty text.
     """
 
     name: str
@@ -58,13 +57,13 @@ class Finding:
 
 @dataclass(frozen=True)
 class Checkup(Result):
-    """Everything that was looked at.
+    """The result of the checkup.
 
     Attributes:
         verdict: one sentence.
-        usable: whether the suite's own formulations and files are sound here.
-        findings: of the machine and the installation.
-        engines: every engine, tried for a hundredth of a second of the crank-slider.
+        usable: whether the suite's own formulations and files work here.
+        findings: items on the machine and the installation.
+        engines: one item per engine, from a run of the crank-slider over 0.01 s.
     """
 
     verdict: str
@@ -78,7 +77,7 @@ class Checkup(Result):
 
 
 def doctor(told: Callable[[str], None] = lambda sentence: None) -> Checkup:
-    """Look at this machine and this installation; `told` hears of each engine before it is tried."""
+    """Check this machine and this installation; `told` is called with a sentence before each engine is tried."""
     there = offers()
     findings = (*_machine(), _linkages(), _cache(), _compiler(), *_builds(there))
     tried = []
@@ -108,7 +107,7 @@ def _machine() -> Iterator[Finding]:
 
 
 def _linkages() -> Finding:
-    """All linkages that come with the package, each read and assembled."""
+    """Read and assemble every built-in linkage."""
     names = sorted(built_in())
     for name in names:
         try:
@@ -119,7 +118,7 @@ def _linkages() -> Finding:
 
 
 def _cache() -> Finding:
-    """The place of machine code between runs."""
+    """Find the cache in which compiled code is kept between runs."""
     path = user_cache.is_trusted()
     if path is None:
         why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
@@ -136,7 +135,7 @@ def _compiler() -> Finding:
 
 
 def _builds(there: Iterable[Offer]) -> Iterator[Finding]:
-    """Libraries that are built once for a user: built, not yet, or the reason why they cannot be."""
+    """Report for each engine with code that is compiled once per user: built, not built yet, or why it cannot be built."""
     for offer in (x for x in there if x.name in FOREIGN and x.usable and hasattr(get(x.name), "build_once")):
         engine: Any = get(offer.name)
         name, choices = f"{offer.name}, compiled", [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
@@ -150,7 +149,7 @@ def _builds(there: Iterable[Offer]) -> Iterator[Finding]:
 
 
 def _try_all(offer: Offer) -> Finding:
-    """An engine on the crank-slider for a hundredth of a second, judged as any other run."""
+    """Run an engine on the crank-slider for DURATION, judged like any other run."""
     if not offer.usable:
         missing = offer.status is Status.SKIP
         return Finding(offer.name, offer.version, "missing" if missing else "broken", offer.reason)
@@ -160,7 +159,7 @@ def _try_all(offer: Offer) -> Finding:
 
 
 def _broken(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> list[str]:
-    """List the missing things that the suite cannot do without."""
+    """List the broken or missing items that the suite requires."""
     wrong = [x.name for x in engines if x.name in NEEDED and x.status != "ok"]
     return [*(x.name for x in findings if x.status == "broken"), *wrong]
 

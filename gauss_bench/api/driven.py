@@ -1,4 +1,4 @@
-"""A linkage that is moved without forces: its file, a driver and what is held -> the driven mechanism."""
+"""Build the mechanism for kinematics from a linkage file, a driver and the held links, slides and pins."""
 
 import copy
 from collections.abc import Iterator, Sequence
@@ -22,15 +22,15 @@ from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.untrusted import read_bytes
 
-TURN = {"constant": {"speed": 2 * np.pi}}  # what a law does where only its name is given: one turn in a second
+TURN = {"constant": {"speed": 2 * np.pi}}  # [rad/s] default of a law given by its name alone: one turn in a second
 RISE = {"travel_deg": 360.0, "time": 1.0}
 
 
 def driver_table(text: str) -> dict[str, Any]:
-    """The driver table of "LAW" or "LAW:key=value,...", with the keys of a scenario's driver.
+    """Parse "LAW" or "LAW:key=value,..." into a driver table with the keys of a scenario's driver.
 
     Raises:
-        ChoiceError: what stands after the colon is not of that form.
+        ChoiceError: the part after the colon is not of that form.
     """
     law, _, rest = text.partition(":")
     table: dict[str, Any] = {"law": law}
@@ -52,7 +52,7 @@ def _read(value: str) -> Any:
 
 
 def _rows(path: Path) -> list[list[float]]:
-    """Rows t, value of a text file; commas or blanks between them, # before remarks."""
+    """Read rows (t, value) from a text file; numbers are separated by commas or blanks, and # starts a comment."""
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
         lines = [line.partition("#")[0].replace(",", " ").split() for line in content.splitlines()]
@@ -62,13 +62,13 @@ def _rows(path: Path) -> list[list[float]]:
 
 
 def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None) -> Mechanism:
-    """The linkage in a driven scenario: the one named, or its first driven one, with the driver replaced where one is given.
+    """Return the mechanism of a driven scenario: the named or the first driven one; a given driver replaces the scenario's own.
 
-    What is held (`hold`, else the scenario's own) is a driver too, one that stands still; a pin that is held is a weld.
+    A held link or slide (`hold`, else the scenario's own list) becomes a driver at rest; a held pin becomes a weld.
 
     Raises:
         LinkageError: faults of the file or of the driver, by table and field.
-        ChoiceError: nothing can be held by a name, or not at a value.
+        ChoiceError: a name in `hold` cannot be held, or its value is not a number.
     """
     document, digest, path = document_of(linkage)
     held = _hold_start(document, scenario, hold)
@@ -88,7 +88,7 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
 
 
 def _undriven(mechanism: Mechanism) -> str:
-    """The reason why a linkage without drivers has no kinematics, and what to do."""
+    """Say why a linkage without drivers has no kinematics, and what to do instead."""
     if not mechanism.knife_edges:
         return "drives nothing; name a driven scenario, or give a driver"
     names = ", ".join(x.name for x in mechanism.knife_edges)
@@ -99,7 +99,7 @@ def _undriven(mechanism: Mechanism) -> str:
 
 
 def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
-    """The table of a driver; of the crank where it names nothing, from where that stands where it names no start."""
+    """Parse a driver; by default it drives the crank, and starts where its coordinate is at the scenario's start."""
     table = driver_table(driver)
     if not {"link", "joint", "between"} & table.keys():
         if "crank" not in document:
@@ -113,10 +113,10 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
 
 
 def _hold_start(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | None) -> dict[str, float | None]:
-    """Name of a link or joint -> where it is held [degrees or m], None for where it stands.
+    """Return name of a link or joint -> value at which it is held [degrees or m], None for its value at the start.
 
     Raises:
-        ChoiceError: what stands after the name is no number.
+        ChoiceError: the value after the name is not a number.
     """
     if hold is None:
         named = scenario or next(_driven_scenarios(document), "")
@@ -140,11 +140,11 @@ def _motion_held(
     digest: str,
     stem: str,
 ) -> Mechanism:
-    """The driven linkage with some of its freedoms held; what the scenario's start says of them is where they stand."""
+    """Return the driven mechanism with some coordinates held, by default at their values in the scenario's start."""
     scenario = scenario or next(_driven_scenarios(document), None)
     try:
         own = load_document(document, scenario, source, digest, stem)
-    except LinkageError as error:  # too little may be held for a start; what the sketch says is enough here
+    except LinkageError as error:  # a start may leave freedoms open that are held here: the sketch is enough
         try:
             own = load_document(document, scenario, source, digest, stem, sketched)
         except LinkageError:
@@ -155,6 +155,7 @@ def _motion_held(
     tables = tables if driver is None else [_place_driver(document, own, driver)]
     if not tables:
         raise LinkageError(source, [Fault(f"scenarios.{own.scenario}", "drives nothing; name a driven scenario, or give a driver")])
+    # a new scenario: its start holds the coordinates, and drivers at rest keep them there
     start: dict[str, Any] = {"angles": {}, "slides": {}}
     for name, value in held.items():
         _hold(moved, own, name, value, start)
@@ -174,10 +175,10 @@ def _motion_held(
 
 
 def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
-    """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links.
+    """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links; changes `moved` and `start`.
 
     Raises:
-        ChoiceError: there is no such link or joint, or it is a pin through several links.
+        ChoiceError: there is no such link or joint, or it is a pin through more than two links.
     """
     joints = moved.get("joints", {})
     slide = next((x for x in own.slides if x.name == name), None)
@@ -192,7 +193,7 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
     else:
         near, far = joints[name]["at"]
         one, other = (x.partition(".")[0] for x in (near, far))
-        if "ground" in (one, other):
+        if "ground" in (one, other):  # a pin on the ground: hold its link by the angle; the ground cannot be welded
             turn = None if value is None else value if one == "ground" else -value
             _hold(moved, own, other if one == "ground" else one, turn, start)
             return
@@ -207,7 +208,7 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
 
 
 def _angle(mechanism: Mechanism, name: str) -> float:
-    """The angle [rad] of a link of the file at the start."""
+    """Return the angle [rad] of a link of the file at the start."""
     body, turn = mechanism.placed(name)
     return float(angle_at(mechanism.q0, body) + turn)
 
@@ -217,9 +218,9 @@ def _driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
 
 
 def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """The place [rad, m] of a driver table's coordinate at the start of a scenario; None where it names none there.
+    """Return the value [rad, m] of a driver table's coordinate at the start of a scenario; None if it has no such coordinate.
 
-    That is where the scenario's own driver of it starts, and without one where the linkage is assembled.
+    The scenario's own driver of the coordinate decides; without one, the assembled position does.
     """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
     named = {AngleDriver: link, SlideDriver: joint, LengthDriver: "-".join(between)}
@@ -233,6 +234,6 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
 
 
 def free_at_start(mechanism: Mechanism) -> list[str]:
-    """Angles and slides that joints and drivers leave free at the start, as few as fix it."""
+    """Return names of angles and slides that, held together, fix the freedom left by joints and drivers at the start."""
     rows = Constraints(replace(mechanism, knife_edges=()))(0.0, mechanism.q0, mechanism.v0)
     return free_coordinates(mechanism, mechanism.q0, rows.J)

@@ -28,7 +28,7 @@ from gauss_bench.tables import write_text
 WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
 BUDGET = 60.0  # [s] to look for a step
 STEP = 1e-3  # [s] of a file where nothing is measured
-OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad]: what a step is to hold, by half
+OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad] requirements on a tuned step, which must need only half of them
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
 
 
@@ -41,8 +41,8 @@ class Tuning(Result):
         step: [s]; until: how long was measured [s].
         loops_open: largest gap of any joint [m, rad].
         motion_error: largest error of any link's place or angle [m, rad].
-        truth: how the motion is known that it is measured against; known: how far that may be off [m, rad].
-        loops_wanted, motion_wanted: what was aimed at; a step is taken that needs half of it.
+        truth: how the reference was made; known: its error bar [m, rad].
+        loops_wanted, motion_wanted: requirements on both errors [m, rad]; the step needs half of them.
     """
 
     computed = ("met",)
@@ -59,13 +59,13 @@ class Tuning(Result):
 
     @property
     def met(self) -> bool:
-        """True if half of the aim is reached, and the truth is known to a tenth of it."""
+        """True if the errors are at most half of the requirements, and the reference is known to a tenth of them."""
         known = self.known <= self.motion_wanted / 10
         return known and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """For the head of a file."""
+        """Sentences for the head of the exported file."""
         how = f"settings {self.settings}, {self.integrator}, step {self.step:g} s"
         held = "held with half of it" if self.met else "NOT HELD by any step that was tried"
         return (
@@ -81,11 +81,11 @@ class Export(Result):
     """A linkage, written for another program.
 
     Attributes:
-        engine: kind of the file; what: in words.
-        mechanism, scenario: that it holds.
-        file: that was written; bytes: its size.
-        step: that it is written with [s].
-        left_out: what of the linkage file it does not hold.
+        engine: kind of the file; what: the kind in words.
+        mechanism, scenario: names of the exported linkage and scenario.
+        file: path that was written; bytes: its size.
+        step: integration step in the file [s].
+        left_out: parts of the linkage file that the exported file lacks.
         tuning: how the step was found, or None.
     """
 
@@ -112,7 +112,7 @@ class Import(Result):
         model: the file that was read; kind: "MJCF" or "URDF".
         file: that was written; name: of the linkage.
         links, dof: how many it has.
-        left_out: what of the model it does not hold, or has otherwise.
+        left_out: parts of the model that the linkage file lacks or represents in another way.
     """
 
     model: str
@@ -146,13 +146,13 @@ def export(
             measured.
         step: of the file's integration [s] where it is not tuned (0.001).
         replace: whether a file that is there already may be replaced.
-        budget: seconds to look for a step (60), but for those in which others had the processor.
-        told: is told how far things are.
+        budget: seconds to look for a step (60); time in which other programs had the processor does not count.
+        told: called with each sentence of progress.
 
     Raises:
         LinkageError: the linkage file has faults.
-        ExchangeError: the format cannot hold the linkage, naming what; or a file is there already.
-        ChoiceError: an unknown kind, or a step that is none.
+        ExchangeError: the format cannot express a named part of the linkage; or the file exists already.
+        ChoiceError: an unknown kind, or a step that is not positive.
         MissingExtra: the library that builds the model is not installed.
         OSError: the file cannot be written.
     """
@@ -179,7 +179,7 @@ def export(
 
 
 def write_file(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...] = ()) -> dict[str, Any]:
-    """The text and what is left out, made in a process of its own: libraries may crash or hang.
+    """Return the text of the file and what it leaves out; both are made in a worker, since libraries may crash or hang.
 
     Raises:
         ExchangeError, MissingExtra: as `export`.
@@ -191,7 +191,7 @@ def write_file(linkage: str, scenario: str, engine: str, step: float, remarks: t
 def answer_in_worker(
     worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], limit: float, file: str
 ) -> dict[str, Any]:
-    """Ask a function of this room in a worker, within `limit` seconds; `file` is named where it does not answer.
+    """Call a function of this room in a worker, within `limit` seconds; an error names `file`.
 
     Raises:
         ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
@@ -211,12 +211,12 @@ def answer_in_worker(
 
 
 def write_there(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...]) -> dict[str, Any]:
-    """`exported` as plain data."""
+    """Run `export_linkage` in the worker and return plain data."""
     return tell_plainly(lambda: asdict(export_linkage(load(linkage, scenario), engine, step, tuple(remarks))))
 
 
 def tell_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Put a result, or the reason why there is none, into plain data for the way out of a worker."""
+    """Return a result, or the reason for its failure, as plain data that a worker can send."""
     try:
         return made()
     except ExchangeError as error:
@@ -233,12 +233,12 @@ def import_model(
     Args:
         model: the file, which is read by MuJoCo's own compiler where it is MJCF.
         out: the linkage file to write; the linkage is called as it is, without the ending.
-        close: LINK.FRAME=LINK.FRAME, the loops of a URDF.
+        close: the loops of a URDF, each as LINK.FRAME=LINK.FRAME.
         replace: whether a file that is there already may be replaced.
-        told: is told how far things are.
+        told: called with each sentence of progress.
 
     Raises:
-        ExchangeError: what is not planar, or no linkage can have: with file, element and reason; or a file is there already.
+        ExchangeError: an element is not planar or cannot be part of a linkage, with file and reason; or the file exists already.
         MissingExtra: MuJoCo is not installed.
         OSError: the file cannot be written.
     """
@@ -251,19 +251,20 @@ def import_model(
 
 
 def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
-    """`imported` as plain data."""
+    """Run `import_file` in the worker and return plain data."""
     return tell_plainly(lambda: asdict(import_file(Path(model), name, close)))
 
 
 def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:
-    """The largest step that holds OPEN and MOTION by half, or else the one that comes nearest, by the search of `recommend`.
+    """Find the largest step whose errors are at most half of OPEN and MOTION, else the nearest step, as `recommend` does.
 
-    A motion that cannot be known for so long, as a chaotic one, is judged over a quarter of the time, and a quarter of that.
+    If no reference is exact enough over the whole time, as for a chaotic motion, a quarter of it is tried, then a sixteenth.
 
     Raises:
-        ExchangeError: no run comes to an end, or the motion is not known well enough to judge by.
+        ExchangeError: no run ends, or no reference is known well enough.
     """
-    until, own = min(max(mechanism.duration, SHORTEST), LONGEST), Budget(budget / SEARCHED)  # what is for the race is searched too
+    until = min(max(mechanism.duration, SHORTEST), LONGEST)
+    own = Budget(budget / SEARCHED)  # no race follows, so the search may use all of the budget
     shortest, named = until / 16, f"{mechanism.source}: {mechanism.name}"
     space = {kind.engine: [Variant(kind.settings, kind.integrator, kind.stabilization, {})]}
     wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}

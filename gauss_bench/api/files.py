@@ -1,4 +1,4 @@
-"""The files that a verb may write: looked at before anything is run."""
+"""Checks of the files that a verb is to write, made before anything is run."""
 
 import os
 import re
@@ -7,12 +7,12 @@ from pathlib import Path
 
 from gauss_bench.untrusted import BadInput, read_start
 
-LOOKED_AT = 65_536  # bytes of a file, which tell its kind
+LOOKED_AT = 65_536  # bytes at the start of a file by which its kind is recognised
 STARTS = {".png": rb"\x89PNG", ".gif": rb"GIF8", ".npz": rb"PK\x03\x04"}
-ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # elements, and the document types of the first two
+ROOTS = {b"svg": ".svg", b"html": ".html", b"mujoco": ".xml"}  # root elements; SVG and HTML may have a doctype before
 ROOT = re.compile(rb"\s*<(?:[?!].*?<)*?!?(?:doctype\s+)?(svg|html|mujoco)\b", re.DOTALL | re.IGNORECASE)
 TABLE = re.compile(rb"^[ \t]*\[\[?[\w.\"' -]+\]\]?[ \t]*(?:#.*)?\r?$", re.MULTILINE)
-NUMBERS = re.compile(rb"[^\n]+,[^\n]+\n[-+.,\d][-+.,\denaif]*\r?\n")  # a head, and a row
+NUMBERS = re.compile(rb"[^\n]+,[^\n]+\n[-+.,\d][-+.,\denaif]*\r?\n")  # a header line and a row of numbers
 
 
 class FileRefused(BadInput, ValueError):
@@ -22,21 +22,23 @@ class FileRefused(BadInput, ValueError):
 def writable(
     out: str | Path, replace: bool, option: str = "--out", usual: Path | None = None, suffix: str = "", source: str | Path = ""
 ) -> Path:
-    """Return the path of a file that may be written; the folder that is usual for it need not be there yet.
+    """Return the path of a file that may be written.
 
     Args:
-        suffix: of the kind of file that is written; a file of another kind is never replaced.
-        source: that it is made from, which is never replaced either.
+        option: the command-line option that named it, for error texts.
+        usual: the default folder, which need not exist yet.
+        suffix: ending of the kind of file to write; an existing file of another kind is never replaced.
+        source: the file that is read, which is never replaced either.
 
     Raises:
-        FileRefused: it is a folder, lies in none that may be written, or is there already and may not be replaced.
+        FileRefused: the path is a folder, its folder cannot be written, or a file exists there and may not be replaced.
     """
     path = Path(out)
     if path.is_dir() or not path.name:
         raise FileRefused(f"{out}: is a folder; {option} takes a file")
     if not path.parent.is_dir() and not (path.parent == usual and usual.parent.is_dir()):
         raise FileRefused(f"{out}: there is no folder {path.parent}")
-    if os.path.lexists(path) and not replace:  # a link to nothing is there too
+    if os.path.lexists(path) and not replace:  # lexists: a dangling symbolic link counts as a file
         raise FileRefused(f"{out}: is there already, and may hold changes of yours; --replace writes over it")
     if path.exists() and not path.is_file():
         raise FileRefused(f"{out}: it is no ordinary file")
@@ -51,7 +53,7 @@ def writable(
 
 
 def is_of_kind(path: Path, suffix: str) -> bool:
-    """Tell whether a file holds what files with this ending hold, or what its first bytes do not tell."""
+    """Tell whether the content of a file fits its ending; content of an unknown kind fits every ending."""
     start = read_start(path, LOOKED_AT)
     kind = next((x for x, pattern in STARTS.items() if re.match(pattern, start)), "")
     if root := ROOT.match(start):
@@ -64,10 +66,10 @@ def is_of_kind(path: Path, suffix: str) -> bool:
 
 
 def usable_folder(out: Path, usual: Path | None = None) -> Path:
-    """The path of a folder that may be written: those above it are there, but for that which is usual.
+    """Return a folder that may be written; its parent must exist, unless it is the default folder `usual`.
 
     Raises:
-        FileRefused: it is a file, lies in no folder, or may not be written.
+        FileRefused: the path is a file, its parent does not exist, or it may not be written.
     """
     if out.exists() and not out.is_dir():
         raise FileRefused(f"--out {out}: is a file; it takes a folder")
@@ -79,7 +81,7 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
 
 
 def _check(folder: Path, asked: str) -> None:
-    """Refuse a folder in which nothing can be made: else it would be found out after the work."""
+    """Refuse a folder without write permission now, rather than after a long computation."""
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileRefused(f"{asked}: nothing may be written into the folder {folder}")
 
@@ -87,14 +89,14 @@ def _check(folder: Path, asked: str) -> None:
 def describe_files(
     asked: Mapping[str, Path], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
-    """Option -> path of the files that are asked for.
+    """Return option -> path of the files that are asked for, each checked by `writable`.
 
     Args:
-        kinds: option -> endings that it knows.
-        source: that they are made from, which is never replaced.
+        kinds: option -> file endings that it accepts.
+        source: the file that is read, which is never replaced.
 
     Raises:
-        FileRefused: an ending that is not known, a file that is asked for twice, or as `writable`.
+        FileRefused: an unknown ending, a file named twice, or as `writable`.
     """
     files: dict[str, Path] = {}
     for name, path in asked.items():

@@ -1,7 +1,8 @@
-"""A run as curves: what `simulate --plot` draws and `--out` writes, and a user may plot by himself.
+"""The curves of a run, which `simulate --plot` draws and `--out` writes as a table.
 
-The order is that of `Group`: observed links, observed points, energies, joint forces, motors, transmission angles; in a group that
-of the linkage file. Where a file observes nothing, all links are told. Signs and reference points are those of `Simulation`.
+Groups come in the order of `Group`: observed links, observed points, energies, joint forces, motors, transmission angles; within a
+group, curves have the order of the linkage file. If the file observes nothing, all links are included. Signs and reference points
+are those of `Simulation`.
 """
 
 import csv
@@ -25,20 +26,20 @@ DIGITS = 10  # of a number in a CSV file
 
 
 def history(result: Simulation) -> History:
-    """The curves of a run at all its samples, about a millisecond apart; without any where it reached none.
+    """Return the curves of a run at all its samples, about a millisecond apart; a run without samples has none.
 
-    Joint forces are worked out from the accelerations at every sample: seconds for tens of thousands.
+    Joint forces are computed from the accelerations at every sample, which takes seconds for tens of thousands of samples.
     """
     mechanism, x = result.model, result.trajectory
     if x is None:
         return History(np.zeros(0), ())
-    with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
+    with np.errstate(all="ignore"):  # a diverged run overflows; its curves then hold infinities
         sound = len(x.t) if result.trusted_until is None else int(np.searchsorted(x.t, result.trusted_until, "right"))
         return History(x.t, tuple(curves(mechanism, x, sound)))
 
 
 def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
-    """Every curve in its order; behind the first `sound` samples the work done is not worth integrating."""
+    """Yield every curve in order; the work done is integrated over the first `sound` samples only, which may be trusted."""
     whole, links = mechanism.whole, spread(mechanism, x)
     turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
     yield from turn(whole, links, turning)
@@ -50,14 +51,14 @@ def curves(mechanism: Mechanism, x: Trajectory, sound: int) -> Iterator[Curve]:
 
 
 def turn(whole: Mechanism, links: Trajectory, which: Iterable[int]) -> Iterator[Curve]:
-    """Angles of links, with their rates."""
+    """Yield angles of links, with their rates."""
     for i in which:
         for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
             yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", angle_at(level, i))
 
 
 def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
-    """Places of observed points, with their rates."""
+    """Yield positions of observed points, with their rates."""
     for point in whole.observed_points:
         for letter, unit, level in zip(("", "v", "a"), LEVELS, point_levels(point, links), strict=True):
             for j, axis in enumerate("xy"):
@@ -65,7 +66,7 @@ def observe(whole: Mechanism, links: Trajectory) -> Iterator[Curve]:
 
 
 def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]:
-    """Kinetic and potential energy, and what was gained beyond the work done since the start, NaN behind `sound` samples [J]."""
+    """Yield kinetic energy, potential energy, and the energy gained beyond the work done, NaN after `sound` samples [J]."""
     potential, gained = evaluator.applied.potential(x.q), np.full(len(x.t), np.nan)
     if sound:
         part = Trajectory(x.t[:sound], x.q[:sound], x.v[:sound], x.a[:sound], 0)
@@ -76,7 +77,7 @@ def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]
 
 
 def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
-    """Joint forces, then what drivers and constant torques exert."""
+    """Yield joint and weld forces, then the forces and torques of drivers, then constant torques."""
     mechanism = evaluator.mechanism
     slides = {joint.name for joint in mechanism.slides}
     joints = metrics.joint_forces(evaluator, x)
@@ -95,10 +96,10 @@ def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
 
 
 def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
-    """The transmission angle [deg] of every dyad that closes on the crank or on driven links: 90 is best, 0 is a dead centre.
+    """Yield the transmission angle [deg] of every dyad that closes on the crank or on driven links: 90 is best, 0 a dead centre.
 
-    Of two links on a pin it is the angle between them, of a rod on a slide that between the rod and the normal of the guide; either
-    way folded into 0 to 90 degrees. A slide between two pinned links has none.
+    It is the angle between two links on a pin, or between a rod and the normal of its slide's guide, folded into 0 to 90 degrees.
+    A slide between two pinned links has no such angle.
     Source: Alt, Der Uebertragungswinkel und seine Bedeutung fuer das Konstruieren periodischer Getriebe (1932).
     """
     given = {driver.link for driver in mechanism.drivers if isinstance(driver, AngleDriver)}
@@ -107,15 +108,17 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
     for dyad in closed_from(mechanism, given)[0] if given else ():
         if dyad.kind != "RPR":
             names = "-".join(mechanism.link_name(k) for k in dyad.links)
+            # the opening of a dyad is the sine of the transmission angle
             angle = np.degrees(np.arcsin(np.clip(np.abs(dyad.opening(at)), 0.0, 1.0)))
             yield Curve(Group.TRANSMISSION, names, "transmission", "deg", angle)
 
 
 def table(history: History) -> str:
-    """The curves as CSV: a row per time, and a header that gives every column's unit."""
+    """Return the curves as CSV with one row per time and the units in the header."""
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
     writer.writerow(["t [s]", *(f"{x.name} [{x.unit}]" for x in history.curves)])
     for row in np.column_stack([history.t, *(x.values for x in history.curves)]):
+        # NaN, the only value that differs from itself, is an empty cell
         writer.writerow(["" if value != value else f"{value:.{DIGITS}g}" for value in row.tolist()])
     return lines.getvalue()

@@ -1,4 +1,4 @@
-"""One linkage moved through a law, without forces: the object that `gauss-bench kinematics --json` prints."""
+"""The motion of a linkage whose coordinates are all driven: the object that `gauss-bench kinematics --json` prints."""
 
 import warnings
 from collections.abc import Callable
@@ -25,23 +25,23 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 MOST_INTERVALS = 100_000
-LONGEST_WAY = 2e4  # [rad, m] of a driver: it is followed in parts of a fraction of a radian, some thousand a second
+LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: it is followed in fractions of a radian, some thousand a second
 
 
 @dataclass(frozen=True, eq=False)
 class Kinematics(Result):
-    """One linkage moved through a law, at k times.
+    """The motion of a driven linkage at k times.
 
     Attributes:
-        status: "ok", or "stopped" where the motion ends before the law does; message: why.
+        status: "ok", or "stopped" if the motion ends before its law; message: why.
         method: "loop", "basic" or "native".
         t: (k,) [s].
-        driver: of the first driver: angle [rad] (or distance [m]), speed, acceleration, each (k,); drivers: of each by name.
+        driver: angle [rad] or distance [m], speed and acceleration of the first driver, each (k,); drivers: the same by name.
         links, points: as in Simulation.
-        link_types: per link unit, how its pose follows from those before it.
+        link_types: type of each link and of the ground in Wang's notation of link units.
         loops: joints around each loop.
-        branch: how the linkage is assembled; branch_changes: where along the motion that changes.
-        iterations: (k,) of the search at each time, or None where they are not counted.
+        branch: assembly branch at the start; branch_changes: where along the motion it changes.
+        iterations: (k,) iterations of the solver at each time, or None if the method counts none.
         singular: limits and dead centres, or why they cannot be listed.
         observed: {"points": names, "links": names} that are shown.
         model: the driven linkage; trajectory: states of its links; shown: the points. They are not in dictionaries.
@@ -78,7 +78,7 @@ class Kinematics(Result):
 
 
 def observe(mechanism: Mechanism, names: list[str] | None) -> tuple[Point, ...]:
-    """The points named "link.point", or those the file observes, each on its own link.
+    """Return the points named "link.point", or the observed points of the file, each on its own link.
 
     Raises:
         ChoiceError: there is no such point.
@@ -108,21 +108,21 @@ def kinematics(
     steps: int | None = None,
     told: Told = nobody,
 ) -> Kinematics:
-    """Positions, velocities and accelerations over the scenario's duration.
+    """Compute positions, velocities and accelerations of a driven linkage over the scenario's duration.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         scenario: a driven one; the first where not given.
-        driver: "LAW" or "LAW:key=value,..." in the keys of a scenario's driver, instead of the scenario's own. It starts where that
-            does, or where the linkage is assembled, unless it names its own start.
-        intervals: equal parts of the duration; one more position than that.
+        driver: "LAW" or "LAW:key=value,..." with the keys of a scenario's driver, instead of the scenario's own. Unless it names
+            its own start, it starts where the scenario's driver does, or where the linkage is assembled.
+        intervals: number of equal parts of the duration; there is one more position.
         points: "link.point" to report; those the file observes where not given.
         method: "loop" (link units), "basic" (point coordinates) or "native" (compiled loops; needs the extra "kernel").
-        hold: "NAME" or "NAME=VALUE" of links (angle in the world), slides and pins of two links (their relative angle) that are not
-            to move, VALUE in degrees or metres; they stand where the scenario's start or the sketch has them. Where not given, what
-            the scenario says.
+        hold: "NAME" or "NAME=VALUE" of links (angle in the world), slides and pins of two links (their relative angle) that must
+            not move, VALUE in degrees or metres; by default they keep their value in the scenario's start or the sketch. Without
+            `hold`, the scenario's own list.
         steps: the former name of `intervals`, for one release.
-        told: is told that it begins, once the file and the driver are sound.
+        told: called with a sentence when the motion begins, after all arguments were checked.
 
     Raises:
         LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, or the driver goes too far.
@@ -177,26 +177,26 @@ def kinematics(
 
 
 def _follow(mechanism: Mechanism, times: Array) -> None:
-    """No driver goes further between these times (k,) than can be followed.
+    """Check that no driver travels further over the times (k,) than LONGEST_WAY.
 
     Raises:
         ChoiceError: one does.
     """
     for driver in mechanism.drivers:
         with np.errstate(all="ignore"):
-            way = float(np.abs(np.diff(driver.law(times)[0])).sum())
-        if not way <= LONGEST_WAY:
+            travel = float(np.abs(np.diff(driver.law(times)[0])).sum())
+        if not travel <= LONGEST_WAY:  # NaN is refused too
             raise ChoiceError(
-                f"{mechanism.name}: driver {driver.name} goes {way:.3g} (rad or m) in {mechanism.duration:g} s; {LONGEST_WAY:g} "
+                f"{mechanism.name}: driver {driver.name} goes {travel:.3g} (rad or m) in {mechanism.duration:g} s; {LONGEST_WAY:g} "
                 f"are the most that are followed: take a slower law, or a shorter duration in scenario {mechanism.scenario}"
             )
 
 
 def _all_driven(mechanism: Mechanism) -> None:
-    """Nothing is left free.
+    """Check that the drivers leave no coordinate free.
 
     Raises:
-        ChoiceError: the drivers leave something free, with what would hold it.
+        ChoiceError: they do; the message says what to hold.
     """
     if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
         names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]
@@ -208,29 +208,31 @@ def _all_driven(mechanism: Mechanism) -> None:
 
 
 def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
-    """Link, and the ground -> its type in Wang's notation of link units."""
+    """Return link, or "ground" -> its type in Wang's notation of link units."""
     types = {x.name: link_type(graph.elements(k)) for k, x in enumerate(mechanism.links)}
     return types | {"ground": link_type(graph.elements(GROUND), frame=True)}
 
 
 def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[dict[str, Any]]:
-    """The changes of assembly along the motion: the first time [s] after each, the group, and its side before and after."""
+    """Return the changes of assembly branch: the first time [s] after each, the group of links, and its side before and after."""
     changes = branch_changes([branch_of(mechanism, inputs, q) for q in states.q])
     return [{"t": float(states.t[x.index]), "group": x.group, "before": x.before, "after": x.after} for x in changes]
 
 
 def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> Trajectory:
-    """The motion at times (k,) [s], as from `loop_motion`.
+    """Compute the motion at times (k,) [s] by compiled loop closure, with the result of `loop_motion`.
 
     Raises:
         ValueError: the inputs do not fit the linkage, or there is no compiler.
-        LimitOfMotion, SingularPosition: with the motion up to there.
+        LimitOfMotion, SingularPosition: the motion ends early; the error holds the part before.
     """
     from gauss_bench.compiler.closure import compile_closure
 
     closure = compile_closure(mechanism, backend="llvm", inputs=inputs)
+    # value, rate and second rate of every input; a constant law returns scalars
     laws = [[np.broadcast_to(x, np.shape(times)) for x in given.law(times)] for given in inputs]
-    sweep = closure.sweep(*np.array(laws).reshape(len(inputs), 3, len(times)).transpose(1, 2, 0))
+    levels = np.array(laws).reshape(len(inputs), 3, len(times)).transpose(1, 2, 0)  # (3, k, inputs)
+    sweep = closure.sweep(*levels)
     if not sweep.losses:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     loss = sweep.losses[0]
@@ -246,7 +248,7 @@ METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_mo
 
 
 def table(result: Kinematics) -> pd.DataFrame:
-    """The result as one row per time: t, the drivers' values, then every coordinate of links and points."""
+    """Return the result as a table with one row per time: t, the drivers' values, then every coordinate of links and points."""
     columns: dict[str, Any] = {"t": result.t}
     for group in (result.drivers, result.links, result.points):
         for name, values in group.items():
@@ -255,7 +257,7 @@ def table(result: Kinematics) -> pd.DataFrame:
 
 
 def describe_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
-    """Limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
+    """Return the limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
     try:
         positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:

@@ -1,4 +1,4 @@
-"""The command line's options: every verb of `verbs.toml` with all that it takes, and nothing of what it does."""
+"""Build the parser of the command line from `verbs.toml`; the functions behind the verbs are not imported here."""
 
 import argparse
 import math
@@ -21,14 +21,14 @@ Verb = Callable[[argparse.Namespace], int]
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose sentences are harmless, whatever was typed."""
+    """A parser that escapes control characters in its messages, which repeat what the user typed."""
 
     def _print_message(self, message: str, file: Any = None) -> None:
         super()._print_message(harmless(message), file)
 
 
 def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
-    """All verbs with their options; `actions` maps the name of a verb to what it does."""
+    """Return the parser of all verbs; `actions` maps the name of a verb to its function."""
     top = Parser(prog="gauss-bench", description=DESCRIPTION, epilog=EXIT_CODES)
     top.add_argument("--version", action="version", version=f"gauss-bench {__version__}")
     verbs = top.add_subparsers(title="verbs", required=True, metavar="VERB")
@@ -56,14 +56,14 @@ def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> Non
 
 
 def jobs(text: str) -> int:
-    """Return a number of workers."""
+    """Parse a number of workers."""
     if not text.isdecimal() or not 1 <= int(text) <= MOST_JOBS:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is no number of workers from 1 to {MOST_JOBS}")
     return int(text)
 
 
 def numbers(text: str) -> list[float]:
-    """Return the numbers between commas."""
+    """Parse numbers separated by commas."""
     try:
         return [float(x) for x in text.split(",")]
     except ValueError as error:
@@ -71,7 +71,7 @@ def numbers(text: str) -> list[float]:
 
 
 def numbers_that(hold: Callable[[float], bool], said: str) -> Callable[[str], list[float]]:
-    """Return a reader of numbers between commas that are finite, and of which `hold` is true."""
+    """Return a parser of finite numbers separated by commas that all satisfy `hold`; else its error is `said`."""
 
     def read(text: str) -> list[float]:
         if not all(math.isfinite(x) and hold(x) for x in numbers(text)):
@@ -82,7 +82,7 @@ def numbers_that(hold: Callable[[float], bool], said: str) -> Callable[[str], li
 
 
 def names(text: str) -> list[str]:
-    """Return the names between commas."""
+    """Parse names separated by commas."""
     return text.split(",")
 
 

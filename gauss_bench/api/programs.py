@@ -1,4 +1,4 @@
-"""Programs for a report's settings: each choice as a program in its engine's own language, written where the engine is."""
+"""Programs for a report's settings: each choice becomes a program for its engine, written in a worker that has the engine."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,14 +14,14 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
 LIMIT = 300.0  # [s] for all programs of an engine
-LARGEST = 30_000  # characters: what is longer is a file for `gauss-bench export`, not for a page
-BEATS = 50
+LARGEST = 30_000  # characters: a longer program is left to `gauss-bench export`
+BEATS = 50  # samples of a run whose integrator chooses its own steps
 
 
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
-    """Choice -> its program; those that cannot be written, or whose engine is not here, are left out.
+    """Return choice -> program; choices whose engine is not installed, or that cannot be written, are left out.
 
-    A choice is linkage, scenario, engine, settings, integrator, stabilisation, step, tolerance and end of the run [s].
+    A choice is (linkage, scenario, engine, settings, integrator, stabilisation, step [s], tolerance, end of the run [s]).
     """
     written: dict[tuple[Any, ...], str] = {}
     with Worker() as worker:
@@ -36,7 +36,7 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
 
 
 def write_there(wanted: list[list[Any]]) -> list[str]:
-    """The programs of one engine; empty where there is none."""
+    """Return the programs of one engine; an empty text for each that cannot be written."""
     return [_write(*x) for x in wanted]
 
 

@@ -21,7 +21,7 @@ from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, 
 from gauss_bench.runs.worker import WorkerFailure
 
 BUDGET = 60.0  # [s]
-FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators that answer early, of an engine that names no variants
+FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators tried first in engines without variants of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +29,14 @@ class Recommendation(Result):
     """For every engine the cheapest setting that holds the requirement, or why there is none.
 
     Attributes:
-        mechanism, scenario: what was run; until: how long [s].
-        required: kind -> the largest error that is allowed [m], [rad], [N]; settings hold half of it.
-        truth: how the motion is known that errors are measured against; certified: whether by a certificate.
-        known: kind -> how far that may be off [m], [rad], [N].
-        answers: from the fastest engine on; then those that do not hold it.
+        mechanism, scenario: names of the linkage and scenario; until: end of the run [s].
+        required: kind -> largest allowed error [m], [rad], [N]; settings hold half of it.
+        truth: how the reference was made; certified: whether it is a certificate.
+        known: kind -> error bar of the reference [m], [rad], [N].
+        answers: one per engine, the fastest first, then those that do not hold the requirement.
         advice: one sentence.
-        remarks: what has to be known besides.
-        complete: whether every variant of every engine was tried to its end.
+        remarks: sentences on limits of the answers.
+        complete: whether the search of every variant of every engine was finished.
     """
 
     mechanism: str
@@ -74,29 +74,29 @@ def recommend(
     told: Told = nobody,
     better: Better = lambda answer: None,
 ) -> Recommendation:
-    """The cheapest setting of each engine whose error over the whole run is at most half of what is required.
+    """Find the cheapest setting of each engine whose error over the whole run is at most half of the requirement.
 
-    Candidates and their errors are the same in every run; only what the budget leaves untried depends on the clock, and who is
-    faster of those that hold.
+    Candidates and their errors are the same in every call. Only two things depend on the clock: which candidates the budget leaves
+    untried, and which of the settings that hold is faster.
 
     Args:
         linkage: name of a built-in linkage, or a path.
-        position, angle, force: the largest error that is allowed of any link's centre of mass [m] or angle [rad], or of any joint's
-            force [N]; at least one of them, and all that are given hold together.
+        position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N]. At
+            least one is needed; a setting must hold all that are given.
         until: end of the run [s]; the scenario's duration where not given.
         engines: names; all where not given.
         scenario: of the file; the first with a start where not given.
-        settings: of the only engine that is asked, as in `simulate`: which step holds with them.
-        budget: seconds that all of it may take (60), but for those in which others had the processor; however busy the machine,
-            it ends after 1.45 times as many by the clock on the wall.
-        told: is told how far things are, a sentence at a time.
-        better: is given an answer of an engine as soon as there is one, and every one that needs less work; not raced yet.
+        settings: as in `simulate`, only with a single engine; the search then varies integrator, stabilization and step.
+        budget: seconds for everything (60). Time in which other programs had the processor does not count, but the search ends
+            after 1.45 times the budget of wall time.
+        told: called with each sentence of progress.
+        better: called with the first answer of an engine and with every cheaper one, before they are raced.
 
     Raises:
         LinkageError: the file has faults.
         ChoiceError: a requirement, time or setting that cannot be used.
         KeyError: unknown engine.
-        NoTruth: the motion is not known well enough to judge by.
+        NoTruth: no reference is known well enough.
     """
     wanted = list_requirements(position=position, angle=angle, force=force)
     seconds = Budget(check_budget(budget, BUDGET))
@@ -128,7 +128,10 @@ def recommend(
 
 
 def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
-    """The answer with its program, or with why there is none; where the engine is, if it needs its library to be written."""
+    """Add to an answer the program that runs its setting, or the reason why there is none.
+
+    Some programs need the engine's library to be written; these are written in the engine's worker.
+    """
     if answer.status != "ok":
         return answer
     run, limits = recommender.run, " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in recommender.wanted.items())
@@ -150,16 +153,16 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
 
 
 def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remark: str) -> dict[str, Any]:
-    """`snippet` as plain data."""
+    """Run `snippet` in a worker and return plain data."""
     mechanism = replace(load(linkage, scenario), duration=until)
     return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})
 
 
 def list_requirements(**limits: float | None) -> dict[str, float]:
-    """The requirements, by kind.
+    """Return the given requirements by kind.
 
     Raises:
-        ChoiceError: nothing is, or an error that is no positive number.
+        ChoiceError: none is given, or one is not a positive number.
     """
     wanted = {kind: x for kind, x in limits.items() if x is not None}
     if not wanted:
@@ -171,13 +174,13 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
 
 
 def order_kinds() -> list[str]:
-    """All engines, those first that answer first."""
+    """Return the names of all engines, the quickest to answer first."""
     first, last = [*COMPILED, *DERIVED, *FOREIGN], [*OWN]
     return [*first, *(x for x in all_names() if x not in first + last), *last]
 
 
 def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
-    """The variants of an engine that are tried, in order."""
+    """Return the variants of an engine in the order in which they are tried."""
     if not engine.usable:
         return []
     if settings is not None:
@@ -196,7 +199,7 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
 
 
 def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
-    """Sentences on what the answers do not say: that motion is prescribed, and of which engines not every variant was tried."""
+    """Return sentences on limits of the answers: prescribed motion, loops in Python, and variants that were not tried."""
     sentences = []
     if run.mechanism.drivers:
         names = ", ".join(d.name for d in run.mechanism.drivers)
@@ -204,8 +207,8 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
         sentences.append(f"the motion of {names} is prescribed, {free}: errors tell how well engines follow it")
     for x in answers:
         if x.loops:
-            told = ", ".join(f"{loop} {times:.3g}" for loop, times in x.loops.items())
-            sentences.append(f"{x.engine} by who runs its loop, in times of the fastest engine: {told}")
+            ratios = ", ".join(f"{loop} {times:.3g}" for loop, times in x.loops.items())
+            sentences.append(f"{x.engine} by who runs its loop, in times of the fastest engine: {ratios}")
         if x.in_python and x.engine not in OWN:
             sentences.append(f"the time of {x.engine} holds of this suite's own in Python: {x.in_python}")
     short = [x.engine for x in answers if not x.complete]
@@ -215,7 +218,7 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
 
 
 def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
-    """One sentence to act on."""
+    """Return the advice: which setting to take, or what to do if none holds the requirement."""
     limit, more = " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items()), "raise --budget or the limit"
     held = [x for x in answers if x.status == "ok"]
     if not held:
@@ -234,12 +237,12 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
 
 
 def setting_of(answer: Answer) -> str:
-    """A setting in words."""
+    """Return a setting in words."""
     size = f"tolerance {answer.tolerance:.2g}" if answer.step is None else f"step {answer.step:.4g} s"
     return f"{setting_said(answer.settings, answer.integrator, answer.stabilization)}, {size}"
 
 
 def duration_of(seconds: float) -> str:
-    """Seconds in the unit that suits them."""
+    """Return a duration in s, ms or us."""
     scale, unit = next(((x, u) for x, u in ((1.0, "s"), (1e-3, "ms")) if seconds >= x), (1e-6, "us"))
     return f"{seconds / scale:.3g} {unit}"

@@ -10,11 +10,11 @@ from gauss_bench.runs.offers import ChoiceError
 
 
 def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
-    """Plant known faults in memory and see whether the suite's own checks speak, and are silent where there is none.
+    """Plant known faults in memory, and test that the suite's checks report each of them and report nothing without a fault.
 
     Args:
         only: kinds of faults; all where not given.
-        told: is told how far things are.
+        told: called with each sentence of progress.
 
     Raises:
         ChoiceError: an unknown kind.
@@ -26,6 +26,6 @@ def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
 
 
 def plant(only: Sequence[str], told: Told) -> Answer:
-    """Answer the command line."""
+    """Run the self-test for the command line."""
     found = selftest(only, told)
     return Answer(asdict(found) | {"planted": found.planted, "detected": found.detected, "passed": found.passed}, found.passed)

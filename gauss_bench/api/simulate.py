@@ -34,9 +34,9 @@ from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Told, Trajectory
 
-RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # what half the step can tell something of
-QUICKEST = 2e-8, 1e-4  # [s] of a step, compiled and interpreted, of the smallest linkage on a fast machine
-LIMIT = 600.0  # [s] that a worker may take where nothing else is asked for
+RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
+QUICKEST = 2e-8, 1e-4  # [s] least time of a step, compiled and interpreted: smallest linkage, fast machine
+LIMIT = 600.0  # [s] that a worker may take by default
 STATES = (("x", "y", "theta"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
 States = dict[str, dict[str, Array]]
 
@@ -60,33 +60,33 @@ class OneRun(Result):
 
 
 def name_run(mechanism: Mechanism, engine: str, choice: Choice) -> dict[str, Any]:
-    """The fields of OneRun."""
+    """Return the fields of OneRun."""
     what = {"engine": engine, "mechanism": mechanism.name, "scenario": mechanism.scenario}
     return what | {name: getattr(choice, name) for name in ("settings", "integrator", "stabilization", "step")}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Simulation(OneRun):
-    """A run at the k times asked for, with the fields of OneRun.
+    """A run, sampled at the k times asked for, with the fields of OneRun.
 
     Attributes:
-        status: how it ended: "ok", "skip", "invalid" where it ended and the judge objects, else what went wrong.
-        message: why, or a remark on the run.
-        t: (k,) [s]; where the run failed, those that it reached and the last that it reached; empty, as all that follows, where it
-            reached none.
+        status: "ok", "skip", "invalid" for a run that ended but that the judge rejects, else the kind of failure.
+        message: reason of the status, or a remark on the run.
+        t: (k,) times [s]; of a failed run those that it reached, and its last time. If it reached none, this and all fields of
+            samples are empty.
         links: per link x, y [m] of its centre of mass, theta [rad], vx, vy, omega, ax, ay, alpha, each (k,).
         points: per observed point x, y [m], vx, vy, ax, ay.
         joints: per joint the constraint force fx, fy [N] on its second link and the moment [N m].
-        metrics: figures that need no truth, of the run until `until` [s], and its costs.
-        valid: whether the run came to its end and the judge has no objection.
-        objections: the judge's, each with its subject, value, limit and sentence; of a run that failed, to what it reached.
-        trusted_until: [s] up to where the judge has none; None where there is nothing to judge.
-        advice: what may mend a run that is not to be trusted, or an empty text.
-        observed: {"points": names, "links": names} that the file asks to look at.
+        metrics: figures that need no reference, over the run until `until` [s], and its costs.
+        valid: whether the run ended and the judge has no objection.
+        objections: of the judge, each with subject, value, limit and sentence; of a failed run, to the part that it reached.
+        trusted_until: [s] the end of the part without objections; None if there is nothing to judge.
+        advice: what may make an invalid run valid, or an empty text.
+        observed: {"points": names, "links": names} that the file observes.
         drivers: per driver the torque [N m] or force [N] it exerts; left out of dictionaries where nothing is driven.
         welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
             out of dictionaries where there are none.
-        warnings: what the loader says of the file; left out of dictionaries where it says nothing.
+        warnings: of the loader on the file; left out of dictionaries if there are none.
         asked_until: the last time asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They are
             not in dictionaries; `gauss_bench.history` makes curves of them.
     """
@@ -119,7 +119,7 @@ class Simulation(OneRun):
         return tuple(f"warning: {x}" for x in self.warnings)
 
     def told(self) -> Told:
-        """The sentences of plots and animations on the run."""
+        """Return the sentences on the run that plots and animations show."""
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else "; ".join(filter(None, (f"{self.status}: {self.message}", self.advice)))
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
@@ -139,10 +139,10 @@ def simulate(
     limit: float = LIMIT,
     told: Hearing = nobody,
 ) -> Simulation:
-    """The motion of a linkage (a built-in name or a file) in one engine, judged.
+    """Simulate a linkage (a built-in name or a file) in one engine, and judge the run.
 
-    Own formulations run in this process, every other engine in a worker: one that crashes, hangs or cannot be imported is a result
-    with a status and a sentence. What it computed is judged in this process. A run that fails on its way is told up to there.
+    Own formulations run in this process, every other engine in a worker: an engine that crashes, hangs or cannot be imported
+    gives a result with a status and a sentence. Every run is judged in this process. A failed run is returned up to its failure.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -150,10 +150,10 @@ def simulate(
         scenario: of the file; the first with a start where not given.
         settings: of the engine: a name, KEY=VALUE,... of its own options, or both; its defaults where not given.
         integrator, stabilization: of the engine; its defaults where not given.
-        step: integration step [s]. A time of `at` that whole steps miss is met by shorter ones, and the message says so.
+        step: integration step [s]. A time of `at` that is no multiple of it is reached by a shorter step, and the message says so.
         at: times [s] to report; 0 and the scenario's duration where not given.
         limit: seconds after which a worker is stopped.
-        told: is told that the run begins, once nothing is left to be refused.
+        told: called with a sentence when the run begins, after all arguments were checked.
 
     Raises:
         LinkageError: the file has faults.
@@ -180,19 +180,19 @@ def simulate(
         tell(f"warning: {warning}")
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {at[-1]:g} s")
     build_first(engine, [choice.settings], told)
-    worker = keep(engine)  # which has described it already
+    worker = keep(engine)  # the worker that already answered what the engine offers
     try:
         run = run_of(request, mechanism, limit, worker)
         trajectory, truth, finer = run.trajectory or run.reached, None, None
         if trajectory is not None and run.status in RAN:
-            with suppress(OSError, ValueError):
+            with suppress(OSError, ValueError):  # a damaged certificate is none: the run is then judged by its repetition
                 truth = find_certified(mechanism, at[-1])
             if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
                 again = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
                 finer = at_samples(again, trajectory.t)
     finally:
         worker.stop()
-    with np.errstate(all="ignore"):  # what grows beyond bounds is told as that
+    with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
         return Simulation(**asked, **_judge(mechanism, choice, run, at, truth, finer, adaptive))
 
 
@@ -205,9 +205,9 @@ def _judge(
     finer: Run | None,
     adaptive: bool,
 ) -> dict[str, Any]:
-    """The fields of a run that was made: at the times asked for or, where it failed, at those that it reached and at its last.
+    """Return the fields of a run: at the times asked for, or for a failed run at those that it reached and at its last time.
 
-    It is judged by the truth where that is known, else by what its repetition found.
+    The run is judged by the certified motion if there is one, else by its repetition `finer` at half the step.
     """
     trajectory = run.trajectory or run.reached
     if trajectory is None:
@@ -233,20 +233,20 @@ def _judge(
             "trajectory": trajectory,
         }
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        said = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
-        return _unjudged(mechanism, Status.ERROR if run.trajectory else run.status, said)
+        message = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
+        return _unjudged(mechanism, Status.ERROR if run.trajectory else run.status, message)
 
 
 def _unjudged(mechanism: Mechanism, status: Status, message: str) -> dict[str, Any]:
-    """The fields of a run without a trajectory; its lists are empty."""
+    """Return the fields of a run without a trajectory; its lists are empty."""
     none = np.zeros((0, mechanism.n))
     nothing = Trajectory(np.zeros(0), none, none, none, 0)
-    told = {"status": status, "message": message, "metrics": {}, "valid": False, "objections": (), "trusted_until": None}
-    return states_at(mechanism, nothing) | told | {"advice": ""}
+    verdict = {"status": status, "message": message, "metrics": {}, "valid": False, "objections": (), "trusted_until": None}
+    return states_at(mechanism, nothing) | verdict | {"advice": ""}
 
 
 def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """The fields that tell states and forces at the samples of a trajectory."""
+    """Return the fields with states and forces at the samples of a trajectory."""
     evaluator, links = Evaluator(mechanism), spread(mechanism, x)
     exerted = metrics.driving_forces(evaluator, x).T if mechanism.drivers else ()
     return {
@@ -260,14 +260,14 @@ def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
 
 
 def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
-    """The points and links to look at: those named, else those the file observes."""
+    """Return the names of the observed points and links; `points` replaces the points that the file observes."""
     whole = mechanism.whole
     chosen = whole.observed_points if points is None else points
     return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
 def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> dict[str, Any]:
-    """The figures that need no truth, of what was computed, and the costs."""
+    """Return the figures of a run that need no reference, and its costs."""
     return {
         "until": float(trajectory.t[-1]),
         "position_drift": float(evidence.drift.position.max()),
@@ -290,18 +290,18 @@ def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> dict[str, A
 
 
 def at_times(trajectory: Trajectory, at: list[float]) -> Trajectory:
-    """The samples nearest to the times."""
+    """Return the samples nearest to the times `at` [s]."""
     k = [int(np.abs(trajectory.t - x).argmin()) for x in at]
     return Trajectory(trajectory.t[k], trajectory.q[k], trajectory.v[k], trajectory.a[k], trajectory.steps)
 
 
 def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (k, 2) of a point."""
+    """Return position, velocity and acceleration (k, 2) of a point [m, s]."""
     return position(x.q, point), velocity(x.q, x.v, point), acceleration(x.q, x.v, x.a, point)
 
 
 def link_states(mechanism: Mechanism, x: Trajectory) -> States:
-    """Per link: centre of mass, angle (unwrapped) and their rates."""
+    """Return for each link its centre of mass, angle (unwrapped) and their rates, each (k,)."""
     states: States = {}
     for i, link in enumerate(mechanism.links):
         states[link.name] = {}
@@ -311,7 +311,7 @@ def link_states(mechanism: Mechanism, x: Trajectory) -> States:
 
 
 def point_states(points: tuple[Point, ...], x: Trajectory) -> States:
-    """Per point: position, velocity, acceleration."""
+    """Return for each point its position, velocity and acceleration, each component (k,)."""
     states: States = {}
     for point in points:
         states[point.name] = {}

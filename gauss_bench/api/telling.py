@@ -1,6 +1,6 @@
-"""How verbs answer: an object as JSON or in words on stdout; progress, told at once or once it takes long, on stderr.
+"""Output of verbs: an object as JSON or as text on stdout; progress on stderr, at once or only when a step takes long.
 
-The words for people are templates, `text/VERB.txt`, which are given the very object that `--json` prints.
+The text comes from a template `text/VERB.txt`, which is given the same object that `--json` prints.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 from gauss_bench.untrusted import harmless
 
-LONG = 2.0  # [s] after which what takes so long says what it is
+LONG = 2.0  # [s] after which `tell_if_long` prints its sentence
 HIDDEN = {"told": "never"}  # metadata of a field that dictionaries leave out
 UNLESS_EMPTY = {"told": "unless empty"}
 Told = Callable[[str], None]
@@ -26,7 +26,7 @@ class Result:
     """The answer of a public function, a dataclass: read by attribute, by key, as a dictionary and as JSON.
 
     Attributes:
-        computed: properties that dictionaries have too.
+        computed: names of properties that are part of the dictionary.
         succeeded: whether the command ends with exit code 0.
         notices: sentences for stderr.
     """
@@ -47,16 +47,16 @@ class Result:
         return self.as_dict()
 
     def as_dict(self) -> dict[str, Any]:
-        """The fields by name, in order; what they hold is plain but for arrays."""
+        """Return the fields by name, in order, as plain data and arrays."""
         by_name = {}
         for x in fields(self):  # type: ignore[arg-type]
-            value, told = getattr(self, x.name), x.metadata.get("told")
-            if told is None or (told == "unless empty" and value):
+            value, shown = getattr(self, x.name), x.metadata.get("told")
+            if shown is None or (shown == "unless empty" and value):
                 by_name[x.name] = _as_data(value)
         return by_name | {name: getattr(self, name) for name in self.computed}
 
     def to_json(self) -> str:
-        """As `--json` prints it; what is not finite becomes null, because JSON has no word for it."""
+        """Return the JSON that `--json` prints; numbers that are not finite become null, because JSON has none."""
         return json.dumps(plain(self))
 
     def __getitem__(self, key: str) -> Any:
@@ -65,10 +65,11 @@ class Result:
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a verb that is no public function; `data` is what --json prints, None where nothing is printed.
+    """The answer of a verb that is not a public function.
 
     Attributes:
-        text: for people, where the verb's template does not say it.
+        data: printed by --json; None prints nothing.
+        text: printed without --json instead of the verb's template.
     """
 
     data: Any
@@ -90,7 +91,7 @@ def _as_data(item: Any) -> Any:
 
 
 def plain(item: Any) -> Any:
-    """Return what JSON knows: arrays and tuples as lists, dataclasses as dictionaries, None for what is not finite."""
+    """Return JSON data: arrays and tuples become lists, dataclasses dictionaries, numbers that are not finite None."""
     item = _as_data(item)
     if hasattr(item, "tolist"):
         item = item.tolist()
@@ -102,8 +103,8 @@ def plain(item: Any) -> Any:
 
 
 def render(name: str, data: Any, **more: Any) -> str:
-    """Return the words of the template `text/NAME.txt` for data, which the template calls x."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # which JSON does without
+    """Fill the template `text/NAME.txt`, in which the data is called x."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # imported late: JSON output does not need it
 
     loader = PackageLoader("gauss_bench.api", "text")
     environment = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -112,16 +113,16 @@ def render(name: str, data: Any, **more: Any) -> str:
 
 
 def tell(sentence: str) -> None:
-    """Tell people; names of theirs may hold what drives a terminal."""
+    """Print a sentence on stderr; control characters in names from files are escaped."""
     print(harmless(sentence), file=sys.stderr, flush=True)
 
 
 def nobody(sentence: str) -> None:
-    """Tell nobody."""
+    """Ignore a sentence of progress."""
 
 
 def tell_if_long(sentence: str) -> None:
-    """Tell people, unless `no_longer` is called within LONG seconds: what ends soon needs no words."""
+    """Print a sentence on stderr after LONG seconds, unless `no_longer` is called before."""
     timer = threading.Timer(LONG, tell, (sentence,))
     timer.daemon = True
     with contextlib.suppress(RuntimeError):  # a machine that has no thread left can still do what was asked for
@@ -130,6 +131,6 @@ def tell_if_long(sentence: str) -> None:
 
 
 def no_longer() -> None:
-    """Withdraw a message that was to be told only if it took long."""
+    """Cancel the sentences that `tell_if_long` has not printed yet."""
     while _later:
         _later.pop().cancel()

@@ -1,15 +1,15 @@
-"""What a file says in short is written out before anything is computed: cylinders as links and joints, welded links as one body.
+"""Expands shorthand of a file before anything is computed: cylinders become links and joints, welded links become one body.
 
 Between the points P and Q a cylinder C is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them,
 along the line of both pins: its coordinate is the length of the cylinder. The x axes of barrel and rod run from P to Q.
 
-The frame of a body is that of one of its links, its root, after which it is called; a point P of another link L of it is its point
-L.P. With m_i, c_i and I_i of the parts, in the frame of the body,
+A body has the frame and the name of one of its links, its root; a point P of another link L becomes the point L.P of the body.
+With mass m_i, centre c_i and inertia I_i of the parts, in the frame of the body,
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
-Point masses are parts without inertia of their own. Results are told by the links of the file again (`spread`), and what a weld
-carries follows from what the links beyond it lack (`weld_forces` in metrics.py).
+Point masses are parts without inertia of their own. Results are reported for the links of the file again (`spread`). The force in a
+weld is what the links beyond it need besides their other forces (`weld_forces` in metrics.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,11 +26,11 @@ Welds = Mapping[str, Mapping[str, Any]]  # tables by name
 
 BARREL, ROD = "barrel", "rod"
 PIN, END = "pin", "end"  # points of either part of a cylinder
-SAME = 1e-6  # of their distance: points of two links that are said to coincide
+SAME = 1e-6  # relative: largest mismatch of the distances between two pairs of points that a weld makes coincide
 
 
 def write_out(document: dict[str, Any]) -> dict[str, Any]:
-    """The document with links and joints instead of cylinders; itself where it has none."""
+    """Return the document with links and joints in place of cylinders."""
     cylinders = document.get("cylinders")
     if not cylinders:
         return document
@@ -45,7 +45,7 @@ def write_out(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
-    """A uniform bar from the pin along the cylinder, +1 towards the other pin's side along x, -1 against it."""
+    """Return the table of a uniform bar from its pin along x, in the direction `sense`: +1 for the barrel, -1 for the rod."""
     link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
     if "com" in part:
         link["com"] = [sense * part["com"], 0]
@@ -53,7 +53,7 @@ def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
 
 
 class Mass(NamedTuple):
-    """Mass, centre (2,) and inertia about it."""
+    """Mass [kg], centre of mass (2,) [m], and inertia about the centre of mass [kg m^2]."""
 
     mass: Any
     com: Array
@@ -69,7 +69,7 @@ class Pose(NamedTuple):
 
 
 def together(parts: Sequence[Mass]) -> Mass:
-    """Rigidly connected parts as one."""
+    """Return mass, centre and inertia of rigidly connected parts, by the parallel-axis theorem."""
     mass = sum((x.mass for x in parts[1:]), start=parts[0].mass)
     com = sum((x.mass * x.com for x in parts[1:]), start=parts[0].mass * parts[0].com) / mass
     inertia = [x.inertia + x.mass * length(x.com - com) ** 2 for x in parts]
@@ -77,21 +77,24 @@ def together(parts: Sequence[Mass]) -> Mass:
 
 
 def poses(links: Mapping[str, Link], welds: Welds, first: Sequence[str], number: Number) -> dict[str, Pose]:
-    """The pose of every link in its body; the root is the body's link that comes first in `first`, else the one welded to none.
+    """Return the pose of every link in its body.
+
+    The root of a body is its link that comes first in `first`, else the link that is not welded to another one.
 
     Raises:
-        BuildError: points that a weld says to coincide lie at different distances.
+        BuildError: two pairs of points of a weld have different distances, so that they cannot coincide.
     """
     zero = number("0")
     own = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
     waiting = dict(welds)
-    while waiting:  # in a forest, some weld leads to a link whose own are done
+    while waiting:  # welds form a forest: take a weld whose `to` is not itself waiting for a pose
         key, weld = next((k, x) for k, x in waiting.items() if all(x["to"] != other["link"] for other in waiting.values()))
         del waiting[key]
         origin, turn = _on(links[weld["to"]], links[weld["link"]], key, weld, number)
         base = own[weld["to"]]
         own[weld["link"]] = Pose(base.root, base.origin + turn_vector(origin, base.turn), base.turn + turn)
     poses = dict(own)
+    # express the poses of a body in the frame of its chosen root
     for root in {x.root for x in own.values()}:
         members = [name for name, x in own.items() if x.root == root]
         chosen = next((x for x in first if x in members), root)
@@ -104,7 +107,7 @@ def poses(links: Mapping[str, Link], welds: Welds, first: Sequence[str], number:
 
 
 def _on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number) -> tuple[Array, Any]:
-    """Origin (2,) and angle of a link's frame in that of the link it is welded to."""
+    """Return origin (2,) [m] and angle [rad] of a link's frame in the frame of the link that it is welded to."""
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
@@ -120,7 +123,7 @@ def _on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number)
 
 
 def bodies(links: Mapping[str, Link], placed: Mapping[str, Pose]) -> tuple[Link, ...]:
-    """One link for each body, in the order of the file."""
+    """Return one link for each body, in the order of the file."""
     roots = list(dict.fromkeys(placed[name].root for name in links))
     return tuple(_body(links[root], {k: x for k, x in placed.items() if x.root == root}, links) for root in roots)
 
@@ -132,36 +135,36 @@ def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) ->
     bars, masses = [], []
     for name, pose in members.items():
         link = links[name]
-        said = {key: key if name == root.name else f"{name}.{key}" for key in link.points}
-        points |= {said[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
-        bars += [(said[a], said[b]) for a, b in link.bars]
+        renamed = {key: key if name == root.name else f"{name}.{key}" for key in link.points}
+        points |= {renamed[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
+        bars += [(renamed[a], renamed[b]) for a, b in link.bars]
         masses.append(Mass(link.mass, pose.origin + turn_vector(link.com, pose.turn), link.inertia))
     whole = together(masses)
     return Link(root.name, whole.mass, whole.inertia, whole.com, points, tuple(bars))
 
 
 def parts(links: Mapping[str, Link], placed: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
-    """Every link of the file as part of its body."""
+    """Return every link of the file as a part of its body."""
     index = {body.name: i for i, body in enumerate(bodies)}
-    told = []
+    parts = []
     for name, link in links.items():
         pose = placed[name]
         i = index[pose.root]
-        told.append(Part(name, i, pose.origin + turn_vector(link.com, pose.turn) - bodies[i].com, pose.turn))
-    return tuple(told)
+        parts.append(Part(name, i, pose.origin + turn_vector(link.com, pose.turn) - bodies[i].com, pose.turn))
+    return tuple(parts)
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
-    """Read welds: the links of the file that each holds, and where its moment is told."""
+    """Read welds: the links beyond each weld, and the point about which its moment is reported."""
     names = list(links)
-    told = []
+    read = []
     for key, weld in welds.items():
-        beyond = {weld["link"]}
+        beyond = {weld["link"]}  # grows to every link that is held through this weld
         while more := {x["link"] for x in welds.values() if x["to"] in beyond} - beyond:
             beyond |= more
         link = links[weld["link"]]
         point = weld["points"][0][1].partition(".")[2] if "points" in weld else None
         at = link.points[point] if point else 0 * link.com
         place = Point(names.index(link.name), at - link.com, f"{link.name}.{point or ''}")
-        told.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
-    return tuple(told)
+        read.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
+    return tuple(read)

@@ -1,6 +1,6 @@
-"""A checked document becomes frozen data: points resolved, masses worked out, names turned into indices.
+"""Turn a checked document into frozen data: resolve points, work out masses, turn names into indices.
 
-All of it in numbers of one type, double unless asked otherwise, so that what is certified starts from the decimals of the file.
+All numbers have one type, double by default; certificates ask for a wider one, so that they start from the decimals of the file.
 """
 
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ from gauss_bench.terms import Array
 
 
 def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, Array]:
-    """Name -> (2,) position, with polar and relative forms worked out."""
+    """Return name -> position (2,) [m] in the link's frame; polar and relative points are resolved."""
     done: dict[str, Array] = {}
 
     def resolve(key: str) -> Array:
@@ -59,7 +59,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
 
 
 def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link:
-    """Mass, centre of mass and inertia from what is given and, for the rest, from uniform bars."""
+    """Return a link; mass, centre of mass and inertia that the file does not give follow from uniform bars."""
     points = resolve_points(table["points"], number)
     bars = tuple((a, b) for a, b in table.get("bars", []))
     lengths = [length(points[b] - points[a]) for a, b in bars]
@@ -68,7 +68,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
             raise BuildError(f"links.{name}.bars[{i}]", "zero length")
     none = number("0")
     points_of_mass = [Mass(exact(number, x["mass"]), points[x["point"]], none) for x in table.get("point_masses", [])]
-    if "mass" not in table and "kg_per_m" not in table:  # nothing but them
+    if "mass" not in table and "kg_per_m" not in table:  # point masses alone
         parts = points_of_mass
         own = [Mass(none, points_of_mass[0].com, exact(number, table["inertia"]))] if "inertia" in table else []
         whole = together([*parts, *own])
@@ -86,6 +86,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
     if "inertia" in table:
         inertia = exact(number, table["inertia"])
     else:
+        # thin rods: l^2 / 12 about the middle, and the parallel-axis term, weighted by length
         second = (x * (x * x / 12 + length(m - com) ** 2) for x, m in zip(lengths, middles, strict=True))
         inertia = mass / total * sum(second, start=none)
     if points_of_mass:
@@ -94,7 +95,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
 
 
 class Resolver:
-    """Looks up the names of one document; welded links become bodies, or stay `apart`."""
+    """Resolves the names of one document to indices and points; welded links become bodies, or stay `apart`."""
 
     def __init__(self, document: dict[str, Any], number: Number = float, apart: bool = False):
         self.number_type, self.edition = number, document["format"]
@@ -146,7 +147,7 @@ class Resolver:
         return 0 if self.index[owner] == GROUND else self.poses[owner].turn
 
     def joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
-        """The pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
+        """Return the pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
         if table["type"] == "prismatic":
             angle, block_angle = (
                 angle_of(table, key, self.number_type) + self.turn(table[of])
@@ -167,7 +168,7 @@ class Resolver:
         return self.driven(table, law)
 
     def driven(self, table: dict[str, Any], law: MotionLaw) -> Driver:
-        """The driver of the one coordinate that a table names by `joint`, `between` or `link`."""
+        """Return the driver of the coordinate that a table names by `joint`, `between` or `link`."""
         if "joint" in table:
             slide = next(j for j in self.joints if isinstance(j, Prismatic) and j.name == table["joint"])
             return SlideDriver(slide.name, law, slide)
@@ -177,7 +178,7 @@ class Resolver:
         return AngleDriver(table["link"], law, self.index[table["link"]])
 
     def measured(self, table: dict[str, Any]) -> Measured:
-        """The coordinate that the table `measure` names."""
+        """Return the coordinate that the table `measure` names."""
         if "point" in table:
             angle = angle_of(table, "angle", self.number_type)
             degrees = float(np.degrees(float(angle)))
@@ -186,7 +187,10 @@ class Resolver:
         return self.usually_measured((self.driven(table, motion_laws.constant(0.0, 0.0)),), None)
 
     def usually_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
-        """The measured coordinate of a file that names none; without driver and crank the first link, until it is assembled."""
+        """Return the default measured coordinate: the first driver's, else the crank's angle, else that of the first link.
+
+        In the last case `assemble` replaces it by the first coordinate that can move.
+        """
         match drivers:
             case (SlideDriver() as first, *_):
                 return measure_slide(first.joint)
@@ -206,7 +210,10 @@ def measure_slide(joint: Prismatic) -> Measured:
 
 
 def motion_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> MotionLaw:
-    """The law of a driver table, less `turn`; values in tables are degrees where a link is driven, metres elsewhere."""
+    """Return the law of a driver table, shifted by the angle -turn [rad] of a welded link in its body.
+
+    Values in tables are degrees if a link is driven, otherwise metres.
+    """
     start = angle_of(table, "start", number) - turn
     match table["law"]:
         case "constant":
@@ -221,7 +228,7 @@ def motion_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> 
 
 
 def _first_named(document: dict[str, Any]) -> list[str]:
-    """Links that a body is called after rather than by others: the crank, and what is driven."""
+    """List the links that become roots of their bodies: the crank and the driven links."""
     tables = [y for x in document["scenarios"].values() for y in (x.get("driver"), *x.get("drivers", [])) if y]
     return [name for name in (document.get("crank"), *(x.get("link") for x in tables)) if name]
 
@@ -229,9 +236,9 @@ def _first_named(document: dict[str, Any]) -> list[str]:
 def build_mechanism(
     document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float, apart: bool = False
 ) -> Mechanism:
-    """The mechanism of one scenario, not yet assembled (q0, v0 empty); all of it in numbers of one type.
+    """Return the mechanism of one scenario in numbers of one type, not yet assembled (q0, v0 empty).
 
-    Welded links are one body, with their mechanism `apart` beside it; or they stay apart.
+    Welded links become one body, and the mechanism of the unwelded links is its `apart`; with apart=True no link is welded.
 
     Raises:
         BuildError: a fault that only shows in resolved points, such as a bar without length.

@@ -38,30 +38,30 @@ LARGE, REGULAR = 100, 1e-8  # rows and columns from which normal equations are s
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
 STILL = 1e-15  # [m, rad] a step of Gauss-Newton that only rounding makes
-NEARLY = 1e-9  # [m, rad] a step after which a place on the way is closed: what it leaves open is of its square
-FAR, ROUNDING = 100.0, 4e-16  # [m, rad] beyond it steps end at the rounding of the coordinates
-LONGEST = 0.5  # [m, rad] of a correction
+NEARLY = 1e-9  # [m, rad] a step of Gauss-Newton that ends an intermediate closure: convergence is quadratic, so 1e-18 is left
+FAR, ROUNDING = 100.0, 4e-16  # coordinates larger than FAR [m, rad] converge only to their own rounding, relative ROUNDING
+LONGEST = 0.5  # [m, rad] longest step of Gauss-Newton
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
-PATIENCE = 1500  # evaluations after which places between that cannot be closed are passed over
-MOST_STEPS = 720  # of them, ten turns: whoever stands further off is brought near by whole turns first, or by longer steps
+PATIENCE = 1500  # evaluations after which intermediate closures are skipped if the last one failed
+MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole turns, or is crossed in longer steps
 
 
 @dataclass(frozen=True)
 class Held:
-    """Coordinates that a start holds: what they (k,) shall be, and their rates."""
+    """Coordinates that a start holds, with the values (k,) and rates (k,) that they must take [m, rad and per second]."""
 
     coordinates: list[Coordinate]
     target: Array
     rate: Array
 
     def of(self, q: Array) -> tuple[Array, Array]:
-        """Their values (k,) and rows (k, n)."""
+        """Return the values (k,) of the held coordinates at q (n,), and their gradients as rows (k, n)."""
         rows = [gradient(x, q) for x in self.coordinates]
         return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
-    """The mechanism with q0, v0, dof and redundant filled in.
+    """Return the mechanism with its start q0, v0 (n,) and the counts dof and redundant filled in.
 
     Raises:
         AssemblyError: a link is not placed by the sketch, the joints cannot be closed, the start does not determine the
@@ -83,7 +83,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
 
 
 def sketch_from(mechanism: Mechanism, document: dict[str, Any]) -> Array:
-    """q (n,) with the joints closed near the sketch, and nothing held.
+    """Return q (n,) with the joints closed near the sketch; no coordinate of a start is held.
 
     Raises:
         AssemblyError: a link is not placed by the sketch, or the joints cannot be closed.
@@ -93,16 +93,17 @@ def sketch_from(mechanism: Mechanism, document: dict[str, Any]) -> Array:
 
 
 def start_state(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
-    """The links of the file on their own, at the start of the bodies that they are welded into."""
+    """Return the mechanism of unwelded links, placed where the start of the welded bodies puts them."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
-    told = spread(mechanism, start)
-    return replace(apart, q0=told.q[0], v0=told.v[0])
+    links = spread(mechanism, start)
+    return replace(apart, q0=links.q[0], v0=links.v[0])
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
-    """Angles of links and slides, by name, that together fix what rows J (m, n) leave free at q (n,), angles first."""
+    """Return names of link angles and slides that, held together, leave no freedom beside rows J (m, n) at q (n,); angles first."""
     names = []
     rank = _rank(J)
+    # greedy: a coordinate is taken when its gradient raises the rank of the rows taken so far
     for x in _coordinates(mechanism):
         more = np.vstack([J, gradient(x.coordinate, q)])
         if rank < mechanism.n and _rank(more) > rank:
@@ -112,21 +113,31 @@ def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
 
 
 def _coordinates(mechanism: Mechanism) -> list[Measured]:
-    """The angle of every link, then every slide."""
+    """Return the angle of every link, then the coordinate of every slide."""
     angles = [measure_angle(mechanism.links, i) for i in range(len(mechanism.links))]
     return [*angles, *map(measure_slide, mechanism.slides)]
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
-    """The first angle of a link, or else the first slide, that joint rows J (m, n) let move; if nothing moves, the first link's."""
+    """Return the first link angle, or else the first slide, that joint rows J (m, n) let move.
+
+    If the linkage is rigid, that is the angle of the first link.
+    """
     coordinates = _coordinates(mechanism)
-    rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])
+    rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])  # (k, n)
+    # a gradient that is a combination of joint rows belongs to a coordinate that cannot move: project those rows out
     held = _shortest(J.T, rows.T)
     free = np.abs(rows - held.T @ J).max(axis=1) > MOVES
     return coordinates[int(free.argmax())]
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
+    """Compare the counted degrees of freedom, redundant rows and loops with those that the file expects.
+
+    Raises:
+        AssemblyError: a count differs.
+    """
+    # Euler: a connected graph of links (and the ground) and joints has joints - links independent loops
     loops = len(mechanism.joints) - len(mechanism.links)
     counted = {"dof": mechanism.dof, "redundant": mechanism.redundant, "loops": loops}
     for key, count in expect.items():
@@ -135,6 +146,11 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 
 def check_springs(mechanism: Mechanism) -> None:
+    """Refuse a spring with a rest length between points that coincide at the start.
+
+    Raises:
+        AssemblyError: there is one.
+    """
     for f in mechanism.forces:
         for law in (x for x in f.lowered() if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)):
             if isinstance(law.coordinate, Distance) and value(law.coordinate, mechanism.q0) < CLOSED:
@@ -142,7 +158,7 @@ def check_springs(mechanism: Mechanism) -> None:
 
 
 def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
-    """Sentences on springs with a rest length whose points the linkage can bring together: their force turns round there."""
+    """Warn of springs with a rest length whose end points the linkage can bring together: their force has no direction there."""
     if mechanism.dof <= len(mechanism.drivers):
         return  # the motion does not follow from forces
     close, world = joint_residual(joints), Point(GROUND, np.zeros(2), "ground.")
@@ -150,6 +166,7 @@ def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
         for law in (x for x in f.lowered() if isinstance(x, Law) and x.k * x.rest + x.bias != 0):
             if not isinstance(ends := law.coordinate, Distance):
                 continue
+            # x and y of both ends; the joints closed with equal x and equal y mean that the points coincide
             axes = [[Along(world, p, 0.0, across) for p in (ends.a, ends.b)] for across in (False, True)]
 
             def residual(q: Array, axes: list[list[Along]] = axes) -> tuple[Array, Array]:
@@ -164,9 +181,12 @@ def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
-    """Least-squares root of residual(q) -> (F, J) by minimum-norm steps of at most 0.5 (rad, m); q and max |F|, or infinity.
+    """Solve residual(q) -> (F, J) for F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST.
 
-    The last step is smaller than `enough`, or than the rounding of the coordinates where they are large.
+    The iteration ends when a step is smaller than `enough`, or than the rounding of coordinates that are large.
+
+    Returns:
+        q (n,) and max |F| there, infinity if the iteration diverged.
     """
 
     def lost(_: Array, F: Array, J: Array) -> bool:
@@ -182,7 +202,7 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
 
 
 def _shortest(J: Array, F: Array) -> Array:
-    """The shortest x that minimises |J x - F|; of large systems by normal equations, as long as these are regular."""
+    """Return the shortest x that minimises |J x - F|; large regular systems are solved by sparse normal equations."""
     sparse, factors = _normal_equations(J)
     if factors is None:
         return np.asarray(np.linalg.lstsq(J, F, rcond=RANK_TOLERANCE)[0])
@@ -190,14 +210,14 @@ def _shortest(J: Array, F: Array) -> Array:
 
 
 def _rank(J: Array) -> int:
-    """Rank of rows (m, n); normal equations that are regular say that it is full."""
+    """Return the rank of rows J (m, n); regular normal equations show a full rank without a singular value decomposition."""
     if not len(J):
         return 0
     return min(J.shape) if _normal_equations(J)[1] is not None else int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
 
 
 def _normal_equations(J: Array) -> tuple[Any, Any]:
-    """J as a sparse matrix, and factors of the smaller of J J^T and J^T J; None, None where J is small or these are not regular."""
+    """Return sparse J and LU factors of the smaller of J J^T and J^T J; None, None if J is small or they are singular."""
     if min(J.shape) >= LARGE:
         from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
@@ -212,7 +232,7 @@ def _normal_equations(J: Array) -> tuple[Any, Any]:
 
 
 def levenberg_marquardt(q: Array, residual: Residual) -> Array:
-    """A slower, more patient root search, for a sketch from which Gauss-Newton does not close the joints."""
+    """Search for a root by Levenberg-Marquardt, for a sketch from which Gauss-Newton does not close the joints."""
     from scipy.optimize import least_squares
 
     tolerance = 1e-15
@@ -222,6 +242,8 @@ def levenberg_marquardt(q: Array, residual: Residual) -> Array:
 
 
 def joint_residual(joints: Constraints) -> Residual:
+    """Return the function q (n,) -> joint constraints phi (m,) and their Jacobian (m, n)."""
+
     def residual(q: Array) -> tuple[Array, Array]:
         rows = joints(0.0, q, np.zeros_like(q))
         return rows.phi, rows.J
@@ -230,10 +252,10 @@ def joint_residual(joints: Constraints) -> Residual:
 
 
 def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
-    """q (n,) on the joint constraints, near the sketch.
+    """Return q (n,) that closes all joints, near the sketch q (n,).
 
     Raises:
-        AssemblyError: naming the joint that stays open most.
+        AssemblyError: the joints cannot be closed; the widest open one is named.
     """
     residual = joint_residual(joints)
     closed, error = gauss_newton(q, residual)
@@ -289,7 +311,7 @@ def _list_held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Nu
 
 
 def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
-    """From a closed q to the held coordinates, in steps that keep the branch.
+    """Move a closed q (n,) until the held coordinates take their values, in steps small enough to keep the assembly branch.
 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
@@ -298,7 +320,8 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     close, evaluations = joint_residual(joints), 0
 
     def follow(state: Array, closed: bool) -> tuple[Array, float]:
-        """The end of the way and its residual; where all of the way is to be `closed`, of where it is not."""
+        """Return the end of the homotopy and its residual; with `closed`, stop at the first place that cannot be closed."""
+        # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
         gap, error = held.of(state)[0] - held.target, np.inf
         for part in np.linspace(1.0, 0.0, 2 + min(MOST_STEPS, int(np.abs(gap).max(initial=0.0) / STEP)))[1:]:
             if part and error > CLOSED and evaluations > PATIENCE:
@@ -316,6 +339,8 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
                 break
         return state, error
 
+    # First with every intermediate place closed, which keeps the branch; then from whole turns nearer; last through places that
+    # cannot be closed, as a start beyond a dead centre needs it.
     near = turn_links(mechanism, held, q)
     far = bool(np.abs(held.of(q)[0] - held.target).max(initial=0.0) > MOST_STEPS * STEP)
     for start, closed in ((near, True), (near, False)) if far else ((q, True), (near, True), (q, False)):
@@ -335,15 +360,15 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
 
 
 def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
-    """The same pose with each held angle within half a turn of its target: whole turns of a link move nothing.
+    """Return the same pose with each held angle within half a turn of its target, by adding whole turns.
 
-    Links that slides tie to it turn along.
+    Links that slides connect to a turned link are turned with it: the slide constraint compares their angles.
     """
     q = q.copy()
     tied = [{end.link for end in joint.ends} for joint in mechanism.slides]
     for coordinate, gap in zip(held.coordinates, held.target - held.of(q)[0], strict=True):
         if isinstance(coordinate, Angle) and coordinate.a == GROUND:
-            links = {coordinate.b}
+            links = {coordinate.b}  # grows to all links that slides connect to it
             for _ in tied:
                 links = links.union(*(pair for pair in tied if pair & links))
             if GROUND not in links:
@@ -352,12 +377,13 @@ def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
 
 
 def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
-    """v (n,) that satisfies joints, knife edges and the held rates.
+    """Return v (n,) that satisfies joints, knife edges and the held rates.
 
     Raises:
         AssemblyError: the rates contradict the constraints or leave the velocity undetermined.
     """
     rows = Constraints(replace(mechanism, drivers=()))(0.0, q, np.zeros_like(q))
+    # J v = 0 for joints and knife edges, and the held gradients times v equal the held rates
     A = np.vstack([rows.J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
     v = _shortest(A, b)
@@ -367,7 +393,9 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
 
 
 def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
-    """First guess q (n,): each link from two known points, or from one and an angle (given, or that of a prismatic partner).
+    """Return a first guess q (n,): each link is placed by two known points, or by one point and a known angle.
+
+    An angle is known from the file, or from a link that slides along this one.
 
     Raises:
         NotPlaced: links that cannot be placed, by name.
@@ -383,12 +411,12 @@ def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
 
 
 class _Sketch:
-    """Links placed one after the other: what placed links share with others becomes known in turn.
+    """Places links one after the other: a placed link makes its pins known to its neighbours.
 
     Attributes:
-        given: body -> angle [rad] that the file says.
-        drawn: name of a point -> drawn world position, from joints, single points and ground pivots.
-        theta, centre: body -> angle [rad] and place (2,) of those that are placed.
+        given: body -> angle [rad] that the file gives.
+        drawn: name of a point -> world position (2,) [m] in the sketch, from joints, single points and ground pivots.
+        theta, centre: body -> angle [rad] and centre of mass (2,) [m] of the placed bodies.
     """
 
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
@@ -410,7 +438,7 @@ class _Sketch:
         return np.asarray(self.centre[point.link] + turn_vector(point.local, self.theta[point.link]))
 
     def place(self, i: int) -> bool:
-        """Place body i if what is known suffices."""
+        """Place body i if enough is known, and return whether it was placed."""
         link = self.mechanism.links[i]
         known = {name: self.drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in self.drawn}
         for pin in self.mechanism.pins:
@@ -419,6 +447,7 @@ class _Sketch:
                     known.setdefault(mine.name.partition(".")[2], self.world(other))
         if not known:
             return False
+        # `first` is put where it is drawn; a second point apart from it gives the angle
         (first, at), *others = known.items()
         apart = next((name for name, _ in others if np.any(link.points[name] != link.points[first])), None)
         near, turn = self._partner_angle(i), self.given.get(i)
@@ -436,7 +465,7 @@ class _Sketch:
         return True
 
     def _slide_angle(self, i: int) -> float | None:
-        """The angle of a body of a slide whose guide and block point are both known, the block ahead of the guide."""
+        """Return the angle [rad] of body i from a slide whose guide and block points are known, the block ahead of the guide."""
 
         def where(point: Point) -> Array | None:
             ends = [(x, y) for pin in self.mechanism.pins for x, y in (pin.ends, pin.ends[::-1])]
@@ -447,13 +476,15 @@ class _Sketch:
             guide, block = where(joint.guide), where(joint.block)
             if i not in (joint.guide.link, joint.block.link) or guide is None or block is None:
                 continue
-            if (apart := float(np.hypot(*(block - guide)))) > abs(joint.offset):
+            apart = float(np.hypot(*(block - guide)))
+            # the axis passes the block at the offset: it is turned off the line of both points by arcsin(offset / apart)
+            if apart > abs(joint.offset):
                 line = float(np.arctan2(*(block - guide)[::-1])) - float(np.arcsin(joint.offset / apart)) - joint.angle
                 return line if i == joint.guide.link else line + joint.turn
         return None
 
     def _partner_angle(self, i: int) -> float | None:
-        """The angle of a body that slides with one that is placed."""
+        """Return the angle [rad] of body i from a slide to a placed body; None without one."""
         for joint in self.mechanism.slides:
             for mine, other, turn in ((joint.block, joint.guide, joint.turn), (joint.guide, joint.block, -joint.turn)):
                 if mine.link == i and other.link in self.theta:
@@ -462,7 +493,7 @@ class _Sketch:
 
 
 def null_space(J: Array, n: int) -> Array:
-    """(n, dof) directions that rows (m, n) leave free."""
+    """Return an orthonormal basis (n, dof) of the directions that rows J (m, n) leave free."""
     if not J.any():
         return np.eye(n)
     _, s, Vt = np.linalg.svd(J)

@@ -1,4 +1,4 @@
-"""What a result depends on, as digests: the numbers of a mechanism, and the sources that computed."""
+"""Digests of everything that a result depends on: the numbers of a mechanism, and the sources that computed it."""
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
@@ -12,14 +12,14 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 PACKAGE = Path(__file__).parents[1]
-WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # of a mechanism: nothing is computed from these
+WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism that no result depends on
 
 
 def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
     """SHA-256 of the names and contents of all files of the package's rooms, at every depth; "" is the whole package.
 
     Raises:
-        FileNotFoundError: a room has no files, so that nothing would tell its versions apart.
+        FileNotFoundError: a room has no files, so that its versions could not be told apart.
     """
     digest = hashlib.sha256()
     for room in rooms:
@@ -34,10 +34,10 @@ def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
 
 
 def content_digest(*values: Any) -> str:
-    """SHA-256 of all that values hold at every depth; of a mechanism, of what it computes with, changed in memory or not.
+    """Return SHA-256 of the content of values at every depth; of a mechanism, of the fields that it computes with.
 
     Raises:
-        TypeError: one of them holds something that does not tell what it is, as a function.
+        TypeError: a value contains something without readable content, such as a function.
     """
     digest = hashlib.sha256()
     for part in _content(values):

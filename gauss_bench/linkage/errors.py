@@ -7,7 +7,7 @@ from gauss_bench.untrusted import BadInput
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """One fault: the dotted path of the table and field, and what is wrong there."""
+    """One fault: the dotted path of the table and field, and a text that says what is wrong."""
 
     path: str
     text: str
@@ -42,7 +42,7 @@ class AssemblyError(FaultError):
 
 
 class NotPlaced(AssemblyError):
-    """The sketch says too little of where these links are; `links` names them."""
+    """The sketch does not determine the places of some links; `links` names them."""
 
     def __init__(self, links: tuple[str, ...]):
         self.links = links

@@ -1,11 +1,11 @@
-"""Linkages written by rule, in any size: the N-four-bar, and N pendulums; single ones are files in `written/`.
+"""Linkages generated in any size: the N-four-bar and N pendulums; single generated linkages are files in `written/`.
 
 n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side, N + 1 verticals on ground pivots
-(i l, 0) and N horizontals between their tops. On the parallelogram branch the whole is a pendulum; whenever all bars lie on the
-ground line it is singular.
+(i l, 0) and N horizontals between their tops. On the parallelogram branch the linkage moves like a pendulum; it is singular
+whenever all bars lie on the ground line.
 
-pendulums_N: N bars hanging one on the other, so that n = 3N coordinates meet m = 2N rows: N unknowns of Gauss's kind, coupled each
-with each, against 5N of Lagrange's, coupled only with their neighbours. No closed form is known of it.
+pendulums_N: a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss has n - m = N unknowns, a full matrix;
+Lagrange has n + m = 5N unknowns, each coupled only with its neighbours. Its motion has no known closed form.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ FIRST, FAN = -60.0, 7.0  # [deg] of the first of many pendulums, and of each aga
 
 
 def n_four_bar(count: int) -> dict[str, Any]:
-    """The document of the chain of `count` windows, upright at the start."""
+    """Return the document of a chain of `count` windows, upright at the start."""
     verticals = {f"v{i}": _bar("A", "B") for i in range(count + 1)}
     horizontals = {f"h{i}": _bar("B", "C") for i in range(count)}
     joints: dict[str, Any] = {f"A{i}": {"type": "revolute", "at": [f"ground.A{i}", f"v{i}.A"]} for i in range(count + 1)}
@@ -44,7 +44,7 @@ def n_four_bar(count: int) -> dict[str, Any]:
 
 
 def pendulums(count: int) -> dict[str, Any]:
-    """The document of the chain of `count` bars, let go at rest."""
+    """Return the document of a chain of `count` bars, released at rest."""
     bars = [f"bar{i}" for i in range(count)]
     above = ["ground.O", *(f"{bar}.B" for bar in bars[:-1])]
     angles = {name: FIRST + FAN * i for i, name in enumerate(bars)}

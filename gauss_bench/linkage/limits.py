@@ -1,7 +1,7 @@
-"""How much and how large a linkage file may be: counts, magnitudes and characters; `limits.toml` has each bound with its reason.
+"""Limits on counts, magnitudes and characters of a linkage file; `limits.toml` has each limit with its reason.
 
-Looked at before anything else is, in one pass without recursion, so that what is beyond is refused by its place and at once. What a
-scenario overrides is bounded as what it replaces.
+The limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once and with
+the place. Values in a scenario's override have the limits of the values that they replace.
 """
 
 import tomllib
@@ -17,7 +17,7 @@ from gauss_bench.untrusted import DEEPEST, harmless, unprintable
 LONGEST_KEY = 200  # characters of a key
 LONGEST_TEXT = 10_000  # characters of a text
 CHAINED = 100  # points of which each is given from the one before
-SHOWN = 50  # faults that are told at once
+SHOWN = 50  # largest number of faults in one error
 MOST = 5000  # entries of a table or list whose name has no count of its own
 ENTRIES = 60_000  # of the whole file: the largest that is generated, 400 windows, has 20,000
 SQUARES = "beyond that sums and squares of it lose every digit of the rest"
@@ -25,7 +25,7 @@ SQUARES = "beyond that sums and squares of it lose every digit of the rest"
 
 @dataclass(frozen=True)
 class Range:
-    """What a number may be: 0, or of a size between `least` and `most`; and why."""
+    """The range of a number: 0, or a magnitude between `least` and `most`, with the reason for the upper limit."""
 
     most: float
     reason: str = SQUARES
@@ -39,7 +39,10 @@ ANY = Range(1e15, least=1e-30)
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
-    """List what is too deep, too many, too large, too small or not to be printed: the first that ends the search, or all."""
+    """List the values that are too deep, too many, too large, too small or not printable.
+
+    A limit on counts or depth ends the search at once, with that fault alone.
+    """
     faults: list[Fault] = []
     entries = 0
     waiting: list[tuple[str, str, Any, int]] = [("", "", document, 0)]  # path, the nearest key that bounds it, value, depth
@@ -62,8 +65,8 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
                 continue
             for name, x in item.items():
                 if len(name) > LONGEST_KEY or any(map(unprintable, name)):
-                    said = f"a key {_show(name)}: keys are printable and have at most {LONGEST_KEY} characters"
-                    faults.append(Fault(path, said))
+                    message = f"a key {_show(name)}: keys are printable and have at most {LONGEST_KEY} characters"
+                    faults.append(Fault(path, message))
                     continue
                 bounds = name if name in RANGES or name in COUNTS else key
                 waiting.append((f"{path}.{name}" if path else name, bounds, x, depth + 1))
@@ -97,30 +100,30 @@ def _describe(x: Any) -> str:
 
 
 def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Points that are given from each other in too long a chain; one that comes back to itself is another fault, told elsewhere."""
+    """Report points that are defined relative to each other in too long a chain; circular chains are found in `references.py`."""
     links = document.get("links")
     named = links.items() if isinstance(links, dict) else ()
     for path, owner in [("ground", document.get("ground")), *((f"links.{key}", link) for key, link in named)]:
         given = owner.get("points") if isinstance(owner, dict) else None
         points: dict[str, Any] = given if isinstance(given, dict) else {}
         for name in points:
-            way, back = follow(points, name)
-            if len(way) > CHAINED and back is None:
+            chain, back = follow(points, name)
+            if len(chain) > CHAINED and back is None:
                 yield Fault(f"{path}.points.{name}.from", f"follows from more than {CHAINED} points, one after the other")
                 return
 
 
 def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
-    """The points that a point is given from, itself first, and the one of them that they come back to, or None."""
-    way: dict[str, None] = {}
-    while isinstance(name, str) and name not in way:
-        way[name] = None
+    """Return the chain of points that a point is defined from, itself first, and the point where the chain closes, or None."""
+    chain: dict[str, None] = {}
+    while isinstance(name, str) and name not in chain:
+        chain[name] = None
         name = points[name].get("from") if isinstance(points.get(name), dict) else None
-    return [*way], name if isinstance(name, str) else None
+    return [*chain], name if isinstance(name, str) else None
 
 
 def _show(text: str) -> str:
-    """The beginning of a text of others, in quotes and harmless."""
+    """Return the beginning of an untrusted text, in quotes and without control characters."""
     return harmless(repr(text[:40])) + (" ..." if len(text) > 40 else "")
 
 

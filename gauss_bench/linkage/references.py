@@ -1,7 +1,7 @@
 """Checks that the schema cannot make: names that must resolve, points that must be determined, keys that belong together.
 
-Works on a document in which the schema has put None for every value that it refused: what is None is passed over, so that all
-faults of a file come at once. `grammar.toml` has what can be told of names by their places.
+In the document, the schema has replaced every value that it refused by None. Checks skip None, so that all faults of a file are
+reported at once. `grammar.toml` lists the places of names, and the kind of thing that each must name.
 """
 
 from collections.abc import Callable, Iterator
@@ -63,7 +63,7 @@ def _keys(path: str, x: Any) -> Iterator[Place]:
 
 
 class Names:
-    """The names that a document defines, and the faults of what refers to them."""
+    """The names that a document defines, and the faults of references to them."""
 
     def __init__(self, document: Document):
         self.document = document
@@ -77,7 +77,7 @@ class Names:
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
-        """Take a name for one of a kind of `grammar.toml`, or note the fault."""
+        """Note a fault unless the document defines `name` as the kind of thing that `grammar.toml` asks for at this path."""
         known = {"link": {**self.links, "ground": None}, "own link": self.links, "force": self.forces}
         if kind in ("point", "own point"):
             self.point(path, name, ground=kind == "point")
@@ -93,6 +93,7 @@ class Names:
             self.fault(path, "not a prismatic joint" if kind == "start slide" else f"joint {name!r} is not prismatic")
 
     def point(self, path: str, reference: str, ground: bool = True) -> None:
+        """Note a fault unless "link.point" exists; with ground=False, a point on the ground is a fault too."""
         link, dot, point = reference.partition(".")
         if not dot:
             self.fault(path, f"{reference!r} is not of the form 'link.point'")
@@ -104,6 +105,7 @@ class Names:
             self.fault(path, f"unknown point {point!r} of {link!r}")
 
     def different_links(self, path: str, references: list[Any]) -> None:
+        """Note a fault if two of the points lie on one link, or on links that are welded together."""
         owners = [r.partition(".")[0] for r in references if r is not None]
         for name in sorted({x for x in owners if owners.count(x) > 1}):
             self.fault(path, f"the link {name!r} appears twice")
@@ -112,7 +114,7 @@ class Names:
                 self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
     def turns_on_ground(self, path: str, link: str) -> None:
-        """Take a link that has a pin on the ground; a joint that was refused may be that."""
+        """Note a fault unless the link has a revolute joint on the ground; a refused joint is assumed to be one."""
         joints = [x and x.get("at", ()) for x in self.joints.values()]
         refused = any(at is None or None in at for at in joints)
         owners = [{r.partition(".")[0] for r in at} for at in joints if at and not refused]
@@ -121,7 +123,7 @@ class Names:
 
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
-    """Every fault of names and combinations; `stem` is the file's name without its ending, None where there is no file."""
+    """Return every fault of names and combinations; `stem` is the file's name without its suffix, None without a file."""
     if spoilt := _cylinder_faults(document):
         return spoilt
     document = write_out(document)
@@ -149,7 +151,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 
 def _body(document: Document, name: str) -> str:
-    """The link that a link is welded to in the end; its own name where it is not, or in a circle."""
+    """Return the root of the body that a link is welded into; the link itself if it is not welded. A circle of welds ends too."""
     welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
     seen = [name]
     while (at := welds.get(seen[-1])) is not None and at not in seen:
@@ -218,7 +220,7 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
 
 
 def _check_weld(names: Names, path: str, weld: dict[str, Any], welded: set[str]) -> None:
-    """A weld, of which none before it holds the links that are `welded`."""
+    """Check one weld; `welded` collects the links of the welds before it, since a link may be welded only once."""
     link, to, pairs = weld.get("link"), weld.get("to"), sequence(weld, "points")
     for side, name in (("link", link), ("to", to)):
         if name == "ground":
@@ -274,7 +276,7 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
 
 
 def _check_rows(names: Names, path: str, rows: list[Any]) -> None:
-    """The times of a table must increase."""
+    """Check that the times of a table increase."""
     times = [row[0] for row in rows if row and row[0] is not None]
     if any(b <= a for a, b in pairwise(times)):
         names.fault(path, "times must increase")
@@ -292,7 +294,7 @@ def _check_measure(names: Names, path: str, measure: dict[str, Any]) -> None:
 
 
 def _check_coordinate(names: Names, path: str, owner: dict[str, Any], *keys: str) -> None:
-    """The one coordinate that a driver or `measure` names by one of these keys."""
+    """Check that a driver or `measure` names its coordinate by exactly one of these keys."""
     if len(owner.keys() & set(keys)) != 1:
         names.fault(path, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
 
@@ -324,7 +326,7 @@ def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
 
 
 def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
-    """A link's angle is given once."""
+    """Check that no link's angle is given both in radians and in degrees."""
     for link in table(owner, "angles").keys() & table(owner, "angles_deg").keys():
         names.fault(f"{path}.angles.{link}", "given together with angles_deg")
 

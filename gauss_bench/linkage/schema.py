@@ -371,9 +371,9 @@ class LinkageTable(
 
 
 def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
-    """Every fault of keys and values, by its dotted path, and the document with None for every value that is refused.
+    """Return every fault of keys and values, and the document with None in place of each refused value.
 
-    Of a file of the first edition it is also a fault that a key belongs to the second.
+    A key of the second edition is a fault in a file of the first edition.
     """
     try:
         read = LinkageTable.model_validate(document)
@@ -408,7 +408,7 @@ def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
 
 
 def _place(loc: tuple[str | int, ...], document: Any) -> list[Any]:
-    """The keys that lead to a fault; pydantic's location also names the kind of every table that one of its keys decides."""
+    """Return the keys that lead to a fault, without the names of table kinds that pydantic adds to its location."""
     place: list[Any] = []
     parts: list[Any] = [*loc]
     for part in (x for x in parts if x not in ("<list>", "<table>", "[key]")):
@@ -447,7 +447,7 @@ def _text(error: dict[str, Any]) -> str:
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
-    """SHA-256 of everything in a document, its scenario's override already merged, that the motion of the scenario follows from."""
+    """Return SHA-256 of everything in a document that affects the motion of a scenario; its override is merged already."""
     physics = _physics(LinkageTable.model_validate(document))
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
@@ -458,14 +458,14 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
 
 
 def _mark_shared(physics: dict[str, Any], acting: dict[str, Any]) -> None:
-    """Say of pins through several links how they are damped, where they are."""
+    """Mark the physics of a document in which a damped pin joins more than two links: the editions damp such pins differently."""
     damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
     if any(len(joint.get("at", ())) > 2 for joint in damped):
         physics["damping"] = "between every two links of a pin"
 
 
 def _physics(item: Any) -> Any:
-    """The given keys of a table's physics, at every depth; numbers as one decimal text, however they are written."""
+    """Return the given keys of a table that are physics, at every depth; equal numbers become equal decimal texts."""
     if isinstance(item, Table):
         given = {type(item).model_fields[name].alias or name: getattr(item, name) for name in item.model_fields_set}
         return {key: _physics(value) for key, value in given.items() if key in item.physics}

@@ -1,6 +1,6 @@
-"""Which coordinates a start should hold: those that say most of what the joints leave free where the linkage is.
+"""Choose the coordinates that a start should hold: those that best determine the freedoms left by the joints at a position.
 
-For whoever writes a start into a file from a position: importers of models, and drawings.
+Importers of models and the studio use it to write a start into a file from a position.
 """
 
 import numpy as np
@@ -10,13 +10,13 @@ from gauss_bench.mechanism.coordinates import gradient
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array
 
-CLEAR = 0.3  # of the most that any coordinate says: the first of several that are nearly as good is what a reader expects
+CLEAR = 0.3  # share of the best coordinate's sensitivity that is good enough: the first such coordinate is taken
 HELD = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "point": ("points", "point_velocities")}  # of a start
 Candidate = tuple[str, str, list[Angle | Along]]
 
 
 def candidates(mechanism: Mechanism, q: Array) -> list[Candidate]:
-    """List the coordinates that a start may hold: links' angles, ways along slides, and points of links."""
+    """List the coordinates that a start may hold: angles of links, slides, and points of links."""
     world = Point(GROUND, np.zeros(2), "ground.")
     candidates: list[Candidate] = [("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
     candidates += [("slide", j.name, [j.motion]) for j in mechanism.joints if isinstance(j, Prismatic)]
@@ -27,15 +27,16 @@ def candidates(mechanism: Mechanism, q: Array) -> list[Candidate]:
 
 
 def surest(offered: list[Candidate], q: Array, free: Array) -> list[Candidate]:
-    """Candidates that together fix the free directions (n, dof) at q.
+    """Return candidates that together fix the free directions (n, dof) at q (n,).
 
-    Each is the first that says at least CLEAR as much of what is still free as any other does.
+    Each one taken is the first whose sensitivity to the remaining freedoms is at least CLEAR times the largest.
     """
     rows = [np.array([gradient(x, q) for x in coordinates]) @ free for _, _, coordinates in offered]
     left, chosen = np.eye(free.shape[1]), list[Candidate]()  # columns: an orthonormal basis of what is still free
     while left.shape[1]:
-        said = [float(np.linalg.norm(x @ left, 2)) for x in rows]
-        k = next(k for k, x in enumerate(said) if x >= CLEAR * max(said))
+        # sensitivity: largest change of the candidate over unit motions in the freedoms that are left
+        sensitivity = [float(np.linalg.norm(x @ left, 2)) for x in rows]
+        k = next(k for k, x in enumerate(sensitivity) if x >= CLEAR * max(sensitivity))
         chosen.append(offered[k])
         left = left @ null_space(rows[k] @ left, left.shape[1])
     return chosen

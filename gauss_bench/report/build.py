@@ -1,7 +1,7 @@
-"""Builds the report of a run: README.md, a summary beside the rows for the forge, and the site for the browser.
+"""Build the report of a run: README.md, a summary beside the rows in git, and the site for the browser.
 
-What both say comes from `sections`, in the order of their PLACE: a file names the tables that it reads, and has a function of the
-run for its section, one for its findings, or both. Built twice from the same folder, every file comes out the same byte for byte.
+Both take their content from `sections`, in the order of their PLACE. A section's file names the tables that it reads and has a
+function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,20 +18,20 @@ from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, files_of, format_of, read_environment, read_table, refuse_foreign, write_text
 
-HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"  # every report's own
+HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"  # identify pages of this suite
 
 
 def tables_read() -> tuple[str, ...]:
-    """The tables that the sections read, each once."""
+    """Return the names of the tables that the sections read, each once."""
     return tuple(dict.fromkeys(name for module in parts_of(sections) for name in getattr(module, "TABLES", ())))
 
 
 def read_run(folder: Path) -> Run:
-    """The rows and the environment that a run left in a folder.
+    """Read the rows and the environment of a run from a folder.
 
     Raises:
-        NoRun: there is none.
-        TableError: a file is damaged, or of a later format than is known here.
+        NoRun: the folder has no run.
+        TableError: a file is damaged, or has a later format than this version reads.
     """
     written = [name for name in TABLES if name != "baseline" and files_of(name, folder)]
     if not written:
@@ -42,17 +42,17 @@ def read_run(folder: Path) -> Run:
 
 
 def all_findings(run: Run) -> Iterator[Finding]:
-    """All findings of the sections, in their order."""
+    """Yield the findings of all sections, in their order."""
     for module in parts_of(sections):
         if hasattr(module, "findings"):
             yield from module.findings(run)
 
 
 def refuse_pages_of_others(folder: Path) -> None:
-    """Let a report be written into a folder without pages, or with those of an earlier report.
+    """Check that a folder has no pages, or only those of an earlier report.
 
     Raises:
-        FileExistsError: naming a page of somebody else.
+        FileExistsError: another page would be overwritten; it is named.
     """
     refuse_foreign({folder / "README.md": HEADING, folder / SITE / "index.html": TITLE})
 
@@ -60,11 +60,11 @@ def refuse_pages_of_others(folder: Path) -> None:
 def build_report(
     folder: Path, programs: Programs | None = None, told: Callable[[str], object] = lambda sentence: None
 ) -> list[Path]:
-    """Write README.md and the site into the folder of a run; returns what was written.
+    """Write README.md and the site into the folder of a run, and return the written files.
 
     Args:
-        programs: choices -> programs that run them, for the first screen; without it calls of this package stand there.
-        told: is told that it begins, once every table is read.
+        programs: choices -> programs that run them, for the first screen; by default it shows calls of this package.
+        told: called with a sentence when writing begins, after all tables were read.
 
     Raises:
         NoRun, TableError: as `read_run`; nothing is written then.

@@ -1,7 +1,7 @@
-"""Parts of a section, the same for the forge and for the browser: sentences, lists, tables, figures; and how numbers print.
+"""Content of a report section, for Markdown and for the site: sentences, lists, tables and figures, and the format of numbers.
 
-What a table shows is data: `layouts.toml` names for each column its head, how a value prints, and the value's key in a row. Number
-formats are fixed, so that two runs differ in a line only where a number does.
+The layout of tables is data: `layouts.toml` gives for each column its head, its number format and its key in a row. Formats are
+fixed, so that two reports differ in a line only if a number differs.
 """
 
 import math
@@ -26,7 +26,7 @@ TONES = {
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
     **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
 }
-ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells that are no numbers
+ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells without numbers
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Cell:
     """One entry of a table.
 
     Attributes:
-        sort: what the browser sorts by; numbers before text.
+        sort: sort key in the browser; numbers come before text.
         tone: "", "engine", "below", "bad", "warn", "good", or "formula", which a page typesets.
     """
 
@@ -48,10 +48,10 @@ class Table:
     """Rows of cells under a head.
 
     Attributes:
-        title: one line above, which also anchors a diff.
+        title: the line above the table.
         numeric: indices of right-aligned columns.
-        folded: whether a page hides it until asked.
-        note: what abbreviations mean.
+        folded: whether a page hides the table until it is opened.
+        note: explains abbreviations.
     """
 
     title: str
@@ -65,7 +65,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; `code` and **strong** are understood."""
+    """A paragraph with `code` and **strong** as its only markup."""
 
     text: str
     kind = "text"
@@ -81,7 +81,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence computed from rows, under a few words; tone: "good", "bad", "warn" or ""."""
+    """A sentence computed from rows, with a title; tone: "good", "bad", "warn" or ""."""
 
     title: str
     text: str
@@ -90,12 +90,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure: what it is called, what it shows in a sentence, how it is drawn and of which rows.
+    """A figure with its data.
 
     Attributes:
-        head: column of `rows` -> heading of the table of its numbers.
-        toggles: values of the column `engine` that a reader may take away and bring back; none where that has no sense.
-        shown: those of them that are there at first.
+        description: one sentence on what it shows.
+        spec: Vega-Lite specification, without data.
+        head: column of `rows` -> heading in the table of its numbers.
+        toggles: engines that a reader may hide and show.
+        shown: engines that are visible at first.
     """
 
     name: str
@@ -110,14 +112,14 @@ class Chart:
     kind = "chart"
 
     def table(self) -> Table:
-        """The numbers that are drawn."""
+        """Return the drawn numbers as a table."""
         numeric = {i for i, c in enumerate(self.head) if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         kinds = [".4g" if i in numeric else "text" for i in range(len(self.head))]
         rows = tuple(tuple(make_cell(row, *x) for x in zip(kinds, self.head, strict=True)) for row in self.rows)
         return Table(f"{self.title}: numbers", tuple(self.head.values()), rows, frozenset(numeric))
 
     def data(self) -> dict[str, Any]:
-        """The data that the page draws."""
+        """Return the data from which the page draws the figure."""
         return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown)}
 
 
@@ -126,7 +128,7 @@ Block = Text | Bullets | Table | Chart
 
 @dataclass(frozen=True)
 class Section:
-    """A title with its blocks and sections below it."""
+    """A title with blocks and subsections."""
 
     title: str
     anchor: str
@@ -135,7 +137,7 @@ class Section:
 
 
 def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows as a page keeps them: of rows in sequence that differ in numbers alone, what is the same, and each number's column."""
+    """Compress rows for a page: consecutive rows that differ in numbers alone share one entry with columns of numbers."""
     lines: list[dict[str, Any]] = []
     for row in rows:
         numbers = {k: seen(x) for k, x in row.items() if isinstance(x, (int, float)) and not isinstance(x, bool)}
@@ -150,25 +152,25 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def seen(x: Any) -> Any:
-    """A value as JSON has it: no NaN, and digits that can be seen."""
+    """Return a value for JSON: NaN becomes None, and numbers have five digits, as many as a figure shows."""
     if isinstance(x, bool) or not isinstance(x, float):
         return x
     return short(x, 5) if math.isfinite(x) else None
 
 
 def short(x: float, digits: int) -> float:
-    """A number in few digits; a whole one is written without a point."""
+    """Round a number to significant digits; an integral result becomes an int, which prints without a point."""
     value = float(f"{x:.{digits}g}")
     return int(value) if value.is_integer() and abs(value) < 10**digits else value
 
 
 def error(x: float) -> str:
-    """Two digits of an error."""
+    """Format an error with two digits."""
     return f"{x:.1e}" if is_known(x) else NOTHING
 
 
 def times(x: float) -> str:
-    """A ratio with three digits."""
+    """Format a ratio with three digits."""
     if not is_known(x):
         return NOTHING
     decimals = next((n for limit, n in ((0.01, 5), (0.1, 4), (1, 3), (10, 2), (100, 1)) if x < limit), 0)
@@ -176,7 +178,7 @@ def times(x: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Three digits with a unit."""
+    """Format a duration with three digits and a unit."""
     unit, factor = next(((u, f) for u, f in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)) if seconds * f >= 1), ("ns", 1e9))
     return f"{times(seconds * factor)} {unit}" if is_known(seconds) else NOTHING
 
@@ -186,7 +188,7 @@ def small(x: float) -> str:
 
 
 def itemise(words: Iterable[str]) -> str:
-    """a, b and c."""
+    """Join words as "a, b and c"."""
     parts = list(words)
     return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
 
@@ -196,17 +198,18 @@ def count(n: int, word: str) -> str:
 
 
 def run_of_numbers(values: Sequence[float], written: Callable[[float], str] = times) -> str:
+    """Format the range of some numbers as "low to high"."""
     low, high = written(min(values)), written(max(values))
     return low if low == high else f"{low} to {high}"
 
 
 def list_unmeasured(rows: Sequence[Row], column: str) -> str:
-    """A sentence about the linkages that a figure leaves out, each with its reason; nothing where it leaves out none."""
+    """Return a sentence on the linkages without a number in a column, with their reasons; empty if there are none."""
     told = {str(r.get("mechanism")) for r in rows if is_known(r.get(column))}
     missing = [r for r in rows if r.get("mechanism") and str(r["mechanism"]) not in told]
     reasons = group_rows(missing, lambda r: str(r.get("message") or "no reason was told"))
-    said = [f"{itemise(dict.fromkeys(str(r['mechanism']) for r in some))} ({why})" for why, some in reasons.items()]
-    return f" Left out: {'; '.join(said)}." if said else ""
+    parts = [f"{itemise(dict.fromkeys(str(r['mechanism']) for r in some))} ({why})" for why, some in reasons.items()]
+    return f" Left out: {'; '.join(parts)}." if parts else ""
 
 
 def text_cell(value: Any, tone: str = "") -> Cell:
@@ -215,7 +218,7 @@ def text_cell(value: Any, tone: str = "") -> Cell:
 
 
 def print_as(form: str) -> Callable[[float], str]:
-    """How a known number prints: by a name of FORMS, or as Python formats it."""
+    """Return the function that formats a number: one of FORMS by its name, or a format of Python."""
     return FORMS.get(form) or (lambda x: format(x, form))
 
 
@@ -231,12 +234,13 @@ FORMS: Mapping[str, Callable[[float], str]] = {
 
 
 def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """A value of a row as a table shows it.
+    """Return the cell of a row's value.
 
     Args:
-        kind: one of ASIDE, "figure" (text in a column of numbers), "met", "step", or the form of a number (`print_as`); after
-            "range " that of its two ends.
-        bar: the column of the error bar below which a number cannot be told from 0.
+        kind: one of ASIDE, "figure" (text in a column of numbers), "met", "step", a number format (`print_as`), or "range " with
+            the format of both ends.
+        key: column of the value in the row.
+        bar: column of the error bar; a smaller value is printed as below it.
     """
     match kind.split(maxsplit=1):
         case ["text" | "figure" | "verdict" | "engine" | "formula"]:
@@ -264,7 +268,7 @@ def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 
 
 def status_cell(row: Row) -> Cell:
-    """A cell with the end of a case, and whether it may count."""
+    """Return the cell with the status of a case; an ended case shows whether it is valid."""
     fine = "control" if row["control"] else "ok" if row["valid"] else "not valid"
     status = fine if row["status"] in ("ok", "invalid") else str(row["status"])
     return text_cell(status, TONES.get(status, "bad"))
@@ -277,12 +281,12 @@ def remark(row: Row) -> Cell:
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Name -> title, columns, and where they are needed words before, note, folded."""
+    """Return `layouts.toml`: name of a table -> title, columns, and optional introduction, note and folding."""
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 
 
 def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", **more: Any) -> Table:
-    """A table of rows; `more` stands in the place of {names} in its title and head, or is another `folded`."""
+    """Return the table of rows with a layout; `more` fills {names} in its title and head, or overrides `folded`."""
     layout = layouts()[name]
     columns = layout["columns"]
     folded = more.pop("folded", layout.get("folded", False))
@@ -294,13 +298,13 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """The words of a table and the table; nothing without rows."""
+    """Return the introduction of a table and the table; nothing without rows."""
     words = [Text(layouts()[name]["words"])] if "words" in layouts()[name] else []
     return [*words, lay_out(name, rows, **more)] if rows else []
 
 
 def part(name: str, rows: Sequence[Row], shown: Sequence[Row] | None = None) -> Section | None:
-    """A section of a table; where only some rows are `shown`, another one, folded, has all of them."""
+    """Return a section with one table; if only some rows are `shown`, a folded second table has all of them."""
     blocks = blocks_of(name, rows if shown is None else shown)
     if not rows:
         return None
@@ -311,7 +315,7 @@ def part(name: str, rows: Sequence[Row], shown: Sequence[Row] | None = None) -> 
 
 
 def tie(rows: list[Row], best: Row, value: Callable[[Row], float]) -> str:
-    """A case in words, with the engines that come within 5 percent of it by the same choices."""
+    """Describe a case, together with the engines that come within 5 percent of it with the same settings."""
     same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
     engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= 0.05 * abs(value(best))})
     choices = label(best, "settings", "integrator", "stabilization", "step").partition("` ")[2]

@@ -1,4 +1,4 @@
-"""Reasons for which a report is refused."""
+"""Errors that prevent a report."""
 
 from gauss_bench.untrusted import BadInput
 

@@ -1,7 +1,7 @@
-"""The first table of README, the summary and the site: what each engine takes to hold a requirement, against the fastest of all.
+"""The first table of README, the summary and the site: the time in which each engine holds a requirement, and its multiple.
 
-Every multiple that a report prints comes from `multiples`: a time over the least of all, whoever made it. Engines of the suite's
-authors are marked. README carries the table between two lines; `make publish` writes it there by `pictures.py`.
+Every multiple in a report comes from `multiples`: a time divided by the smallest time of all engines. Engines of the suite's
+authors are marked. README has the table between two marker lines; `make publish` writes it there by `pictures.py`.
 """
 
 import math
@@ -24,14 +24,14 @@ SAID = (
 
 
 def way_of(engine: str, settings: str) -> str:
-    """Return the engine's name, with who runs its loop where that differs between its variants."""
+    """Return the engine's name; Pinocchio's also says whether its loop is compiled or called from Python."""
     if engine != "pinocchio":
         return engine
     return f"{engine}, {'compiled' if settings.startswith('compiled') else 'called from Python'}"
 
 
 def cheapest_ways(run: Run, mechanism: str, settings: Sequence[Setting], position: float) -> dict[str, Setting]:
-    """Return the cheapest setting of each way on a linkage that holds; the winner of a race where just this was raced."""
+    """Return engine (with its kind of loop) -> its cheapest setting that holds; winners of races at this accuracy come first."""
     leaders = cheapest_stored(run, mechanism, settings, position, float("inf"))
     found = {way_of(x.engine, x.settings): x for x in leaders.values()}
     for way in dict.fromkeys(way_of(x.engine, x.settings) for x in settings):
@@ -46,7 +46,7 @@ def mark(run: Run, way: str) -> str:
 
 
 def first_table(run: Run, position: float = FIRST) -> Table | None:
-    """Return a row for each way: error, time and multiple on the linkages SHOWN, and its multiples on all that were searched."""
+    """Return a row per engine: error, time and multiple on the linkages SHOWN, and the range of its multiples on all linkages."""
     settings = all_settings(run)
     ran = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
     ladder = group_rows((r for r in run.table("search_ladder") if r["engine"] in ran), lambda r: str(r["mechanism"]))
@@ -77,7 +77,7 @@ def first_table(run: Run, position: float = FIRST) -> Table | None:
 
 
 def why_not(rows: Sequence[Row], position: float) -> str:
-    """Return the answer for a way that has no time, without its reason: from its rows of `search_ladder` on a linkage."""
+    """Return in a few words why an engine has no time, from its rows of `search_ladder` on a linkage."""
     variants = group_rows(rows, lambda r: (r["settings"], r["integrator"], r["stabilization"])).values()
     answer = reach([[trial_of(r) for r in some] for some in variants], [Requirement("position", position)], "no race took it in")
     return answer.words.partition(":")[0]
@@ -88,14 +88,14 @@ def title(run: Run, position: float = FIRST) -> str:
 
 
 def markdown(table: Table) -> str:
-    """Return the table as README has it."""
+    """Return the table in Markdown."""
     rule = ["---:" if i in table.numeric else "---" for i in range(len(table.head))]
     rows = [table.head, rule, *(map(markdown_cell, row) for row in table.rows)]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def renew(page: str, run: Run) -> str:
-    """Return README's text with the table of a run between the two lines."""
+    """Return README's text with the table of a run between the marker lines."""
     before, found, rest = page.partition(BEGIN)
     _, ended, after = rest.partition(END)
     if not found or not ended:

@@ -1,4 +1,4 @@
-"""The linkage files of a run: those that come with the suite by their names, a user's own as the run kept them."""
+"""The linkage files of a run: built-in ones by name, a user's own as stored in the run's environment."""
 
 import hashlib
 import tomllib
@@ -18,10 +18,10 @@ KEPT = "linkages"  # key of a run's environment: name -> text of the file
 
 
 def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
-    """Document, digest and path of a linkage of a run.
+    """Return document, digest and path of a linkage of a run.
 
     Raises:
-        LinkageError: it neither comes with the suite nor was kept, or is damaged.
+        LinkageError: the linkage is neither built in nor stored, or is damaged.
     """
     kept = run.environment.get(KEPT)
     text = kept.get(name) if isinstance(kept, dict) else None
@@ -37,9 +37,9 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
 
 @lru_cache(maxsize=64)
 def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """As `pose.posed`, of a linkage of a run.
+    """Return `pose.pose_document` of a linkage of a run.
 
     Raises:
-        LinkageError: as `document_in`, or where it does not load.
+        LinkageError: as `document_in`, or the linkage does not load.
     """
     return pose_document(*document_in(run, name), crank_deg)

@@ -1,4 +1,4 @@
-"""Sections -> a page of Markdown, by a template; the text between backticks and double stars is all the markup of sections."""
+"""Convert sections to a page of Markdown by a template; texts of sections have only `code` and **strong** as markup."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 
 
 def plain(text: str) -> str:
-    """Text that Markdown leaves alone except for `code` and **strong**."""
+    """Escape a text for Markdown, except for `code` and **strong**."""
     parts = [part if MARKED.fullmatch(part) else _quote(part) for part in MARKED.split(" ".join(text.split()))]
     return "".join(parts)
 
@@ -25,7 +25,7 @@ def _quote(text: str) -> str:
 
 
 def markdown_cell(cell: Cell) -> str:
-    """A table's entry: no line breaks, no bars; what is wrong stands out."""
+    """Return a cell in Markdown, without bars; bad values are bold."""
     text = plain(cell.text).replace("|", "\\|")
     return f"**{text}**" if cell.tone == "bad" else text
 
@@ -44,7 +44,7 @@ def _environment() -> jinja2.Environment:
 
 
 def facts(run: Run) -> list[str]:
-    """The origin of its numbers, in a few words."""
+    """Return suite, date, commit and processor of a run, for headers."""
     known = run.environment
     suite = f"suite {known['suite']}" if "suite" in known else ""
     commit = f"commit {known['commit'][:10]}{' with changes' if known.get('dirty') else ''}" if known.get("commit") else ""

@@ -1,7 +1,7 @@
-"""Colours and markers, the same in every figure, table and drawing: `palette.toml`.
+"""Colours and markers from `palette.toml`, the same in every figure, table and drawing.
 
-Colours are told apart with any usual colour blindness (after Okabe and Ito, and Tol). Files carry the light colours; a page that
-takes a picture inline puts a CSS variable in their place and so can turn dark.
+The colours are distinct under the common kinds of colour blindness (after Okabe and Ito, and Tol). Files have the light colours; a
+page that embeds a picture replaces them by CSS variables, so that dark mode works.
 """
 
 import re
@@ -25,16 +25,16 @@ VARIABLES |= {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENG
 
 
 def engine_colours(engines: Iterable[str]) -> dict[str, str]:
-    """Engine -> colour; engines that the palette does not know share OTHERS in order of their names."""
+    """Return engine -> colour; engines outside the palette share OTHERS in order of their names."""
     names = sorted(set(engines))
     strangers = [name for name in names if name not in ENGINES]
     return {name: ENGINES.get(name) or OTHERS[strangers.index(name) % len(OTHERS)] for name in names}
 
 
 def slots(engines: Iterable[str]) -> dict[str, str]:
-    """Engine -> name of the CSS variable of its hue; strangers take hues that are not in use, and grey when none is left.
+    """Return engine -> CSS variable of its hue; engines outside the palette take unused hues, or grey when none is left.
 
-    What stands after the engine's name, in brackets or after a comma, has its hue.
+    A name followed by a bracket or a comma has the hue of the engine before it.
     """
     names = {name: re.split(r" \(|,", name)[0] for name in engines}
     own = {name: f"hue-{i}" for i, name in enumerate(HUES)}
@@ -43,12 +43,12 @@ def slots(engines: Iterable[str]) -> dict[str, str]:
 
 
 def hues(dark: bool) -> str:
-    """The hues as CSS."""
+    """Return the hues as CSS variables."""
     return "".join(f"--hue-{i}:{pair[dark]};" for i, pair in enumerate(HUES.values()))
 
 
 def inline(svg: str, prefix: str) -> str:
-    """An SVG file's text for use inside a page: no prologue, its own ids, colours by CSS variable."""
+    """Prepare SVG text for embedding: remove the prologue, prefix ids, and replace colours by CSS variables."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', svg)

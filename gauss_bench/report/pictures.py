@@ -1,6 +1,6 @@
-"""README's two pictures as SVG files of their own: a linkage closed in two engines, and what accuracy costs in all of them.
+"""The two pictures of README as SVG files: one linkage moving in two engines, and error against time in all engines.
 
-Both are made from stored rows alone, turn dark with the reader's page, and come out the same byte for byte. `make publish` writes
+Both are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte. `make publish` writes
 them with README's first table; so does `python -m gauss_bench.report.pictures REPORTS README.md`.
 """
 
@@ -40,17 +40,17 @@ LINKAGE, SCENARIO = "four_bar", "torque"
 PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # the runs shown, left and right: both at a step of 1 ms
 NAMES = ("gauss-native", "MuJoCo, loops as shipped")
 UNTIL = 1.0  # [s] of the stored runs
-WIDER = 100.0  # times that loops are drawn open, in both runs alike
+WIDER = 100.0  # magnification of loop openings, the same in both runs
 SPACING = math.radians(8)  # of the crank between two drawn poses
 OPEN = 1.0  # [px] from which a joint is drawn open
 RED = "#c62828"
 GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # between the halves, above them, a line of words, and all words [px]
-COARSEST = 1e-2  # [m] a larger error is of no use on a linkage of half a metre
+COARSEST = 1e-2  # [m] larger errors are not drawn: the linkage is half a metre long
 LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "var(--ink)", "labelFontSize": 13, "labelLimit": 260}}
 
 
 def motion_picture(run: Run) -> str:
-    """Return two stored runs of one linkage side by side, their loops drawn open WIDER times as far as they are."""
+    """Return two stored runs of one linkage side by side, with loop openings magnified WIDER times."""
     motion = turn_frames(run, LINKAGE)
     assert motion is not None, f"{LINKAGE}'s crank comes round"
     mechanism, turn = motion
@@ -80,24 +80,25 @@ def motion_picture(run: Run) -> str:
             words_at(canvas.width / 2, canvas.height + LINE, opens, "middle", size=18),
             "</g>",
         ]
-    said = f"openings drawn {WIDER:g} times as wide, time {slower:g} times as slow"
+    caption = f"openings drawn {WIDER:g} times as wide, time {slower:g} times as slow"
     width, height = 2 * canvas.width + GAP, canvas.height + TOP + WORDS
-    parts.append(words_at(width / 2, height - 14, said, "middle", size=16))
+    parts.append(words_at(width / 2, height - 14, caption, "middle", size=16))
     rows = itemise(f"{x.label} at a step of 1 ms" for x in chosen)
     title = f"The four-bar of this suite, the same start and torque, in two engines: {rows}; the rows of table poses"
     return svg(title, width, height, parts, STYLE)
 
 
 def spread_times(times: Array, crank: Array) -> Array:
-    """Return times up to UNTIL between which the crank turns by about SPACING."""
+    """Return times up to UNTIL between which the crank turns by about SPACING, whatever its speed."""
     path: Any = PchipInterpolator(times, crank)
     fine = np.linspace(0.0, UNTIL, 2001)
+    # invert the angle travelled, which grows monotonically, at equal parts of it
     turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path(fine))))])
     return np.interp(np.linspace(0.0, turned[-1], 1 + math.ceil(turned[-1] / SPACING)), turned, fine)
 
 
 def open_wider(run: Played, turn: Turn, times: Array, truth: Array, t: Array) -> Array:
-    """Return states (k, n) of a run at times t, its gaps WIDER times as large; between stored poses they are interpolated."""
+    """Return states (k, n) of a run at times t (k,), interpolated between stored poses, with its gaps WIDER times as large."""
     closed, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))
     crank = PchipInterpolator(times, crank_angles(turn.mechanism, truth + closed))(t)
     states = turn.at(crank)
@@ -107,16 +108,16 @@ def open_wider(run: Played, turn: Turn, times: Array, truth: Array, t: Array) ->
 
 
 def widest(mechanism: Mechanism, run: Played, truth: Array, times: Array) -> float:
-    """Return how far the ends of a joint stand apart at most in the stored poses up to UNTIL [m]."""
+    """Return the largest distance [m] between both ends of a joint in the stored poses up to UNTIL."""
     shown = times <= UNTIL
     closed, opened = truth[shown], (truth + run.gap.reshape(len(truth), -1))[shown]
-    # the truth is stored in few digits: what that leaves open is taken off
+    # the reference is stored with few digits: subtract the openings that this rounding makes
     apart = [[np.subtract(*(position(q, end) for end in j.ends)) for q in (opened, closed)] for j in mechanism.joints]
     return max(float(np.hypot(*(one - other).T).max()) for one, other in apart)
 
 
 def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str]:
-    """The links, and every joint by both of its ends where it is open, with a red line between them."""
+    """Yield the moving links and joints; an open joint has both of its ends, with a red line between them."""
     yield from (film.draw(link_part(mechanism, i, film.states, canvas)) for i in range(len(mechanism.links)))
     for joint in mechanism.joints:
         a, b = (canvas.at(position(film.states, end)) for end in joint.ends)
@@ -134,7 +135,7 @@ def animated(attribute: str, values: Array, film: Film) -> str:
 
 
 def cost_picture(run: Run) -> str:
-    """Return error against time of every engine on LINKAGE, both axes as long as the data."""
+    """Return the figure of error against time of every engine on LINKAGE."""
     lines = fronts(run)
     rows: list[dict[str, Any]] = [
         {"engine": mark(run, way), "line": way, "x": one.seconds, "y": one.position} for way, some in lines.items() for one in some
@@ -154,7 +155,7 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Engine, with who runs its loop -> its best settings; the engine that holds FIRST in the least time comes first."""
+    """Return engine (with its kind of loop) -> its Pareto front of time and error; the fastest within FIRST comes first."""
     own = [x for x in all_settings(run) if x.mechanism == LINKAGE and 0 < x.position <= COARSEST]
     ways: dict[str, list[Setting]] = {}
     for one in own:
@@ -178,7 +179,7 @@ def length(x: float) -> str:
 
 
 def svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
-    """Return the text of a file: its colours are variables, light or dark as the reader has it."""
+    """Return the text of an SVG file whose colours are CSS variables, light or dark as the reader prefers."""
     light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(False)
     dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'

@@ -1,4 +1,4 @@
-"""The setting of every figure: type, grid, legend, and SVG text that is the same each time."""
+"""The style of all figures, and output of SVG and PNG that is reproducible byte for byte."""
 
 import io
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ LEGEND = 2.1  # width kept for the legend at the right [inch]
 
 
 def panels(columns: int, rows: int = 1, height: float = 3.3) -> tuple[Figure, list[list[Axes]]]:
-    """A figure of rows x columns panels of a height [inch] with room for a legend at the right."""
+    """Make a figure of rows x columns panels of a height [inch], with room for a legend at the right."""
     left, bottom, top = 0.75, 0.6, 0.4
     total = left + max(columns * 3.0, 5.2) + LEGEND
     tall = rows * height + bottom
@@ -31,7 +31,7 @@ def panels(columns: int, rows: int = 1, height: float = 3.3) -> tuple[Figure, li
 
 
 def svg(figure: Figure) -> str:
-    """The figure as SVG text: no date, the same identifiers each time."""
+    """Return the figure as SVG without a date and with fixed identifiers."""
     buffer = io.StringIO()
     with matplotlib.rc_context(STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
@@ -39,7 +39,7 @@ def svg(figure: Figure) -> str:
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as PNG, sharp on paper; the same bytes each time."""
+    """Return the figure as PNG at 200 dpi, without metadata that changes."""
     buffer = io.BytesIO()
     with matplotlib.rc_context(STYLE):
         figure.savefig(buffer, format="png", dpi=200, metadata={"Software": None})
@@ -47,7 +47,7 @@ def png(figure: Figure) -> bytes:
 
 
 def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """A legend at the right: name -> line style."""
+    """Draw a legend at the right from name -> line style."""
     width, height = figure.get_size_inches()
     corner = (1 - (LEGEND - 0.12) / width, 1 - 0.36 / height)
     handles = [Line2D([], [], label=name, **style) for name, style in entries.items()]

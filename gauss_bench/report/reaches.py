@@ -1,4 +1,4 @@
-"""The one answer for a linkage, an engine and a requirement, from the rows of a run; older rows tell it too."""
+"""Whether an engine holds a requirement on a linkage, from the rows of a run; rows without stored ladders are read too."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials
 
 
 def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement], timed: bool = False) -> Reach:
-    """Return the answer; `timed` says that a time of something that holds is known but for a race of just this requirement."""
+    """Return how far an engine reaches; `timed` tells that a time is known even without a race at this requirement."""
     races = (
         [r for w in wanted for r in _winners(run).get((mechanism, engine, w.kind), []) if _asks(r, w)] if len(wanted) == 1 else []
     )
@@ -35,7 +35,7 @@ def _asks(row: Row, wanted: Requirement) -> bool:
 
 
 def _describe(row: Row) -> Reach:
-    """Return what a row of `search_winners` says where its ladders are not stored."""
+    """Return the reach that a row of `search_winners` states, for runs that stored no ladders."""
     status, message = str(row["status"]), str(row.get("message") or "")
     if status == Status.OK:
         return Reach(Kind.TIMED)

@@ -1,7 +1,7 @@
-"""The summary of a run as a page of Markdown, for whoever reviews a change of rows: what was found, one small table a linkage.
+"""The summary of a run as a page of Markdown, for reviewers of changed rows: findings, and a small table per linkage.
 
-It stands beside the rows in git; the site has everything else. What is lost comes first. Figures of accuracy and what a clock
-decides stand in tables of their own, as the rows do, so that a run that is made again changes few lines.
+The page is kept in git beside the rows; the site has everything else. Defeats come first. Accuracy and times are in separate
+tables, as are the rows, so that a repeated run changes few lines.
 """
 
 import math
@@ -44,12 +44,12 @@ from gauss_bench.report.sections.search import TRIED, answer_of
 from gauss_bench.report.site.settings import multiples
 from gauss_bench.report.site.write import SITE
 
-LOST = "**"  # findings set in bold what is lost
+LOST = "**"  # findings print defeats in bold
 SHORT, LONGEST = 40, 800  # characters of a finding
 
 
 def summary(run: Run, findings: Iterable[Finding]) -> tuple[Section, ...]:
-    """The sections of the page."""
+    """Return the sections of the page."""
     ordered = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
     lost = [f for f in ordered if f.tone in ("bad", "warn")]
     won = [f for f in ordered if f.tone not in ("bad", "warn")]
@@ -85,7 +85,7 @@ def _about(run: Run) -> tuple[Block, ...]:
 
 
 def _said(finding: Finding) -> str:
-    """A finding's title with what it says first: what is lost, or its first sentence that is not very short."""
+    """Return a finding's title with its bold sentences, or else with its first sentence that is not very short."""
     sentences = SENTENCE.split(finding.text)
     chosen = [x for x in sentences if LOST in x] or sentences[: 2 if len(sentences[0]) < SHORT else 1]
     chosen += [x for x in sentences if "slower" in x and x not in chosen and LOST not in finding.text]
@@ -96,7 +96,7 @@ def _said(finding: Finding) -> str:
 
 
 def _linkage(run: Run, name: str) -> Section:
-    """Engines and settings on a linkage, one row each."""
+    """Return the table of a linkage with one row per engine and setting."""
     rows = run.of(name)
     least = [_best(some) for some in group_rows(rows, lambda r: (r["engine"], r["settings"])).values()]
     title = ", ".join(sorted({str(r["scenario"]) for r in rows}))
@@ -104,7 +104,7 @@ def _linkage(run: Run, name: str) -> Section:
 
 
 def _best(rows: Sequence[Row]) -> Row:
-    """The case of least error of those that may be used, with its choices; where there is none, how all of them ended."""
+    """Return the valid case with the least error, with its setting; without a valid case, how the cases ended."""
     usable = [r for r in rows if may_rank(r)]
     known = [r for r in usable if is_known(end_error(r))]
     same = min((x for r in rows if is_known(x := number(r, "acceleration_error_median"))), default=math.nan)
@@ -118,7 +118,7 @@ def _best(rows: Sequence[Row]) -> Row:
 
 
 def _cheapest(run: Run) -> Section | None:
-    """Engines against linkages: how long the searched best of each takes, as a multiple of the fastest of all."""
+    """Return tables of engines against linkages: the time of each engine's best setting as a multiple of the fastest."""
     rows = run.table("search_winners")
     if not rows:
         return None

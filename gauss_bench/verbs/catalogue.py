@@ -1,4 +1,4 @@
-"""What there is: linkages and engines, the content of a linkage file, and whether an engine keeps its contract."""
+"""Verbs that list linkages and engines, describe a linkage file, and check an engine against the engine contract."""
 
 from typing import Any
 
@@ -11,15 +11,15 @@ OFFERED = ("version", "settings", "integrators", "stabilizations", "status", "re
 
 
 def list_all() -> Answer:
-    """List linkages with their scenarios, none of them assembled, and engines with what they offer."""
+    """List linkages with their scenarios, without assembling them, and engines with their settings and integrators."""
     linkages = {name: document_of(name)[0] for name in built_in()}
-    told = {k: {"title": x.get("title", ""), "scenarios": list(x["scenarios"])} for k, x in linkages.items()}
+    described = {k: {"title": x.get("title", ""), "scenarios": list(x["scenarios"])} for k, x in linkages.items()}
     engines = {x.name: {key: getattr(x, key) for key in OFFERED} | {"settings": list(x.settings)} for x in offers()}
-    return Answer({"linkages": told, "engines": engines})
+    return Answer({"linkages": described, "engines": engines})
 
 
 def check_engine(engine: str, told: Told) -> Answer:
-    """Check whether an engine keeps to what engines must."""
+    """Check whether an engine keeps the contract of `engines/base.py`."""
     checks = conformance(engine, told)
     passed = all(x.passed is not False for x in checks)
     return Answer({"engine": engine, "passed": passed, "checks": [vars(x) for x in checks]}, passed)

@@ -1,4 +1,4 @@
-"""Certificates made, and checked again."""
+"""Verbs that make certificates and verify them."""
 
 from argparse import Namespace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Files that show a linkage, a run or a motion, written once all of them could be made."""
+"""Write plots, animations and tables of a linkage, a run or a motion; no file is written unless all could be made."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,14 +21,14 @@ Files = Mapping[str, Path]
 
 
 def write(contents: Mapping[Path, str | bytes]) -> None:
-    """Write files, each in one move."""
+    """Write files, each atomically, and print their paths."""
     for path, content in contents.items():
         write_bytes(path, content if isinstance(content, bytes) else content.encode())
         tell(f"{path}")
 
 
 def draw_linkage(answer: Answer, files: Files) -> None:
-    """Draw the linkage that a description is of, with the paths of its observed points."""
+    """Draw the linkage of a description, with the paths of its observed points."""
     write({path: draw(*pose_links(answer.data["source"])) for path in files.values()})
 
 
@@ -37,20 +37,20 @@ def draw_run(result: Simulation, files: Files) -> None:
     if result.trajectory is None:
         tell("nothing was reached: no file is written")
         return
-    shown, told = history(result), result.told()
+    shown, sentences = history(result), result.told()
     contents: dict[Path, str | bytes] = {}
     for name, path in files.items():
         if name == "out":
             contents[path] = table(shown)
         elif name == "plot":
-            contents[path] = picture(path.suffix, told, shown)
+            contents[path] = picture(path.suffix, sentences, shown)
         else:
-            contents[path] = film(path.suffix, told, shown, result.model.whole, spread(result.model, result.trajectory))
+            contents[path] = film(path.suffix, sentences, shown, result.model.whole, spread(result.model, result.trajectory))
     write(contents)
 
 
 def draw_motion(result: Kinematics, files: Files) -> None:
-    """Write the plot, the animation and the table of a motion; a table that is called "csv" goes to stdout."""
+    """Write the plot, the animation and the table of a motion; a table named "csv" goes to stdout."""
     whole, x, points = result.model.whole, result.trajectory, result.shown
     contents: dict[Path, str | bytes] = {}
     if "plot" in files and not points:

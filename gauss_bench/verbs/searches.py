@@ -1,4 +1,4 @@
-"""Verbs that run many cases of one kind: settings of engines, numbers of a linkage, and how far engines go."""
+"""Verbs that run many cases: recommend searches settings, sweep varies numbers of a linkage, atlas finds limits of engines."""
 
 from argparse import Namespace
 
@@ -35,7 +35,7 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer:
 
 
 def sweep(options: Namespace, told: Told) -> Answer:
-    """Run one linkage with many numbers, and say what half the step changes."""
+    """Run one linkage with many values of some numbers, and report how much half the step changes the results."""
     names = ("scenario", "settings", "integrator", "stabilization", "step", "until", "budget")
     how, where = How(*(getattr(options, x) for x in names)), Where(options.backend, options.scheduler, options.jobs)
     planned = (options.samples, options.sampling, options.seed)
@@ -49,7 +49,7 @@ def sweep(options: Namespace, told: Told) -> Answer:
 
 
 def atlas(options: Namespace, told: Told) -> Answer:
-    """Find how far each engine goes, and write the table, the chart and the page of it."""
+    """Find how far each engine runs along the axes of the atlas, and write the table, the chart and the page."""
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})

@@ -1,4 +1,4 @@
-"""The studio, whose libraries are an extra."""
+"""The verb `studio`, whose libraries are an optional extra."""
 
 from argparse import Namespace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Suites: run, told on pages, and held against the committed baseline."""
+"""Verbs that run suites, write their reports, and compare them with the committed baseline."""
 
 import shlex
 import sys
@@ -33,10 +33,10 @@ Tables = Mapping[str, Sequence[Mapping[str, Any]]]
 
 
 def chosen_suite(options: Namespace, names: Sequence[str]) -> Any:
-    """The suites of these names as one, for the linkages and engines asked for.
+    """Return the named suites as one, restricted to the linkages and engines asked for.
 
     Raises:
-        SuiteError, LinkageError, KeyError: what cannot be used; before anything is run.
+        SuiteError, LinkageError, KeyError: a suite, linkage or engine cannot be used; nothing has been run then.
     """
     suite = join_entries([read_suite(name) for name in names])
     asked = getattr(options, "scenario", None)
@@ -73,7 +73,7 @@ def run(options: Namespace, told: Told) -> Answer:
 
 
 def format_run(tables: Tables, folder: Path) -> str:
-    """Say how the cases of a run ended, and which of its targets were missed."""
+    """Return the summary of a run: how its cases ended, and which targets were missed."""
     results, targets, missed = tables.get("results", ()), 0, []
     for name, rows in tables.items():
         keys = [c.name for c in TABLES[name].columns[: TABLES[name].keys] if c.kind == "text"]
@@ -87,27 +87,27 @@ def format_run(tables: Tables, folder: Path) -> str:
 
 
 def report(options: Namespace, told: Told) -> Answer:
-    """Write the pages of a run, or say what it found otherwise than another."""
+    """Write the report of a run, or list its differences from another run."""
     if options.publish:
         check_publishable(options.out)
     if options.against:
         folders = options.out, options.against
         accuracy, (compared, moved) = differences(*folders), compare_times(*folders)
         where = [read_environment(x) for x in folders]
-        told_of = {"accuracy": accuracy, "compared": compared, "times": moved, "where": where}
+        changes = {"accuracy": accuracy, "compared": compared, "times": moved, "where": where}
         rows = {True: [x.row for x in moved if x.matters], False: [x.row for x in moved if not x.matters]}
-        return Answer(told_of, text=render("changes", told_of, matters=rows[True], rest=rows[False]))
+        return Answer(changes, text=render("changes", changes, matters=rows[True], rest=rows[False]))
     return Answer(build_report(options.out, programs, told))
 
 
 def check(options: Namespace, told: Told) -> Answer:
-    """Hold the accuracy cases against the baseline, or write a new one."""
+    """Compare the accuracy cases with the baseline, or accept them as a new baseline."""
     asked = cases.cases(chosen_suite(options, ["gate"]))
     chosen = asked
     if not options.accept and not options.baseline.exists():
         raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
     baseline = None if options.accept else gate.read_baseline(options.baseline)
-    if baseline is not None and (options.linkages or options.engines):  # of a part, what can be held against something
+    if baseline is not None and (options.linkages or options.engines):  # a part of the cases: those that the baseline has
         chosen = gate.is_known(asked, baseline)
         if not chosen:
             named = " by ".join(", ".join(x) for x in (options.linkages, options.engines) if x)
@@ -125,7 +125,7 @@ def check(options: Namespace, told: Told) -> Answer:
     verdicts = gate.compare(figures, gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked}))
     failed = [*gate.failures(verdicts)]
     again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
-    told_of = {"passed": not failed, "verdicts": [vars(v) for v in verdicts]}
+    outcome = {"passed": not failed, "verdicts": [vars(v) for v in verdicts]}
     lines = [str(v) for v in verdicts if v.outcome != "ok"]
-    text = render("check", told_of, lines=lines, again=shlex.join([*again, "--baseline", str(options.baseline)]))
-    return Answer(told_of, not failed, text)
+    text = render("check", outcome, lines=lines, again=shlex.join([*again, "--baseline", str(options.baseline)]))
+    return Answer(outcome, not failed, text)

@@ -1,1 +1,1 @@
-"""Linkages drawn: standing still with their names, moving, and their points as curves."""
+"""Drawings of linkages: still with names, animated, and curves of points."""

@@ -1,13 +1,13 @@
-"""Shows a linkage in motion: one SVG that moves by itself, in a loop, in any page and without a script.
+"""Animate a linkage as one SVG that moves by itself in a loop, without a script.
 
-A link is drawn once, in its own frame, and carried by its centre of mass z and its angle theta at every kept state,
+A link is drawn once, in its own frame, and moved by its centre of mass z and its angle theta at every kept state,
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page,
 
-both straight lines in time in between. A point at a distance r of z then leaves its circle by at most r d_theta^2 / 8, so that
-joints stay together as long as no link turns much from one kept state to the next.
+with linear interpolation in time. A point at a distance r from z then leaves its circle by at most r d_theta^2 / 8, so that joints
+look closed as long as no link turns much from one kept state to the next.
 
-Whoever asks for less motion, or prints, sees the start instead, with the names of its parts.
+Readers who ask for reduced motion, and printers, get the start instead, with the names of its parts.
 """
 
 from collections.abc import Sequence
@@ -24,20 +24,20 @@ from gauss_bench.report.drawings.pose import unwrap_angles
 from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 
-TURN = np.radians(4.0)  # of any link between two kept states: 0.1 px off the circle at a radius of 170 px
+TURN = np.radians(4.0)  # largest turn of a link between two kept states: 0.1 px off the circle at a radius of 170 px
 FRAMES = 60  # least number of kept steps, where there are as many
-SLOWEST = 4.0  # [s] a loop takes at least: a shorter motion is slowed down to be seen
+SLOWEST = 4.0  # [s] shortest loop: a shorter motion is slowed down
 REST = 0.8  # [s] at the end of a motion that does not return to where it began
-SAME = 0.5  # [px, degrees] the end of a motion is its beginning
-HELD = 0.005  # [px, degrees] below what is written: does not move
+SAME = 0.5  # [px, degrees] below it, the end of a motion counts as its beginning
+HELD = 0.005  # [px, degrees] below the written digits: such a part does not move
 STYLE = "@media print,(prefers-reduced-motion:reduce){.motion-film{display:none}.motion-still{display:inline}}"
 HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin="round"'  # keeps a name legible over bars
 
 
 def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = ()) -> str:
-    """SVG text of a linkage moving through states q (k, n) at times t (k,) [s], with the paths of points.
+    """Return the SVG of a linkage moving through states q (k, n) at times t (k,) [s], with the paths of points.
 
-    Its size grows with the motion: some 6 kB for each link and turn of the fastest one.
+    Its size is about 6 kB for each link and turn of the fastest link.
 
     Raises:
         ValueError: fewer than two states, or times that do not increase.
@@ -69,7 +69,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
 
 
 def thin(t: Array, q: Array) -> list[int]:
-    """States (k, n) to keep, both ends among them: as few as TURN and FRAMES allow."""
+    """Return indices of the states q (k, n) to keep, with both ends: as few as TURN and FRAMES allow."""
     theta = np.unwrap(q[:, 2::3], axis=0)
     longest = (t[-1] - t[0]) / FRAMES * (1 + 1e-9)  # rounding leaves even spacing even
     kept = [0]
@@ -82,7 +82,7 @@ def thin(t: Array, q: Array) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Kept states (f, n), angles unwrapped, and what every animated attribute has in common.
+    """Kept states (f, n), angles unwrapped, and the timing of all animated attributes.
 
     Attributes:
         timing: duration, repetition and times of the states as SVG attributes.
@@ -92,19 +92,19 @@ class Film:
     timing: str
 
     def draw(self, part: Part) -> str:
-        """A part carried, turned and stretched; a second transform applies within the first."""
+        """Return a part with its animated translation, rotation and stretch, applied in this order from the outside."""
         tracks = []
         for kind, values, digits in (("translate", part.place, 2), ("rotate", part.turn, 2), ("scale", part.stretch, 4)):
             if np.ptp(values, axis=0).max() > (1e-4 if kind == "scale" else HELD) or (part.title and kind != "scale"):
-                said = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
+                track = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
                 more = "" if kind == "translate" else 'additive="sum" '
-                said = said.replace(";", " 1;") + " 1" if kind == "scale" else said
-                tracks.append(f'<animateTransform attributeName="transform" type="{kind}" {more}values="{said}" {self.timing}/>')
+                track = track.replace(";", " 1;") + " 1" if kind == "scale" else track  # stretch along x alone
+                tracks.append(f'<animateTransform attributeName="transform" type="{kind}" {more}values="{track}" {self.timing}/>')
         return part.draw(inside="".join(tracks))
 
 
 def film_runs(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
-    """A film of states q (f, n) at times t (f,) on a canvas, and how many times slower than the motion it runs."""
+    """Return the film of states q (f, n) at times t (f,) [s], and the factor by which it is slower than the motion."""
     states = unwrap_angles(q)
     slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
     seconds = (t - t[0]) * slower
@@ -118,20 +118,21 @@ def film_runs(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
 
 
 def _returns(states: Array, canvas: Canvas) -> bool:
-    way = (states[-1] - states[0]).reshape(-1, 3)
-    turn = np.degrees(way[:, 2])
-    shift = np.hypot(way[:, 0], way[:, 1]) * canvas.scale
+    """Tell whether every link ends where it began, up to whole turns."""
+    change = (states[-1] - states[0]).reshape(-1, 3)
+    turn = np.degrees(change[:, 2])
+    shift = np.hypot(change[:, 0], change[:, 1]) * canvas.scale
     return bool(shift.max(initial=0) < SAME and np.abs(turn - 360 * np.round(turn / 360)).max(initial=0) < SAME)
 
 
 def _letter(point: Point) -> str:
-    """The name of a point beside it."""
+    """Return the name of a point, to be drawn beside it."""
     name = escape(point.name.partition(".")[2] or point.name)
     return f'<text x="8" y="-8" fill="{INK}" font-style="italic" {HALO}>{name}</text>' if name else ""
 
 
 def pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
-    """The slowness of the film against the motion, in the corner with most room; nothing where it keeps time."""
+    """Return the caption "slowed x times", in the corner with most room; nothing for a film in real time."""
     if slower < 1.05:
         return []
     text = f"slowed {slower:.2g} times"

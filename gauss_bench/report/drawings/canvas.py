@@ -1,4 +1,4 @@
-"""What drawings are made of: metres on a page, and parts that are drawn once in a frame of their own and carried by the motion."""
+"""Canvas and parts of drawings: the map from metres to pixels, and shapes that are drawn once in their own frame and then moved."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ NO_LINES = np.zeros((0, 2, 2))
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """Metres to pixels: x right, y up in metres, down in pixels."""
+    """The map from metres to pixels: x to the right; y up in metres, down in pixels."""
 
     low: Array
     scale: float
@@ -23,28 +23,28 @@ class Canvas:
     height: float
 
     def at(self, x: Array) -> Array:
-        """Pixels (..., 2) of world positions (..., 2) [m]."""
+        """Return pixels (..., 2) of world positions (..., 2) [m]."""
         shift = (x - self.low) * self.scale + MARGIN
         return np.stack((shift[..., 0], self.height - shift[..., 1]), axis=-1)
 
     def offset(self, x: Array) -> Array:
-        """Pixels (..., 2) of vectors (..., 2) [m], such as positions in a link's own frame."""
+        """Return pixels (..., 2) of vectors (..., 2) [m], such as positions in a link's own frame."""
         return np.asarray(x * (self.scale, -self.scale))
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Something drawn around its own origin, and where it goes.
+    """Shapes around their own origin, with the motion of that origin.
 
     Attributes:
         shapes: SVG elements in pixels.
         place: (k, 2) pixels of the origin at each state.
-        turn: (k,) [deg] as SVG turns, to the right; zeros where it keeps upright.
+        turn: (k,) [deg], clockwise as in SVG; zeros for a part that stays upright.
         stretch: (k,) factors along its x axis.
-        reach: (l, 2, 2) lines in pixels around the origin that names keep away from.
-        name: of what acts, for its letters.
-        title: of a link, which a reader is told who points at it.
-        link, local: the link that carries it, -1 for none, and where on that link [px] for what does not turn with it.
+        reach: (l, 2, 2) lines in pixels around the origin that names keep clear of.
+        name: of a force or driver, drawn beside it.
+        title: of a link, shown as a tooltip.
+        link, local: index of the link that moves the part, -1 for none; a part that stays upright has its place on that link [px].
     """
 
     shapes: tuple[str, ...]
@@ -58,33 +58,33 @@ class Part:
     local: Array | None = None
 
     def lines(self, k: int = 0) -> Array:
-        """The lines (l, 2, 2) of `reach` at state k, in pixels of the page."""
+        """Return the lines (l, 2, 2) of `reach` at state k, in pixels of the page."""
         c, s = np.cos(np.radians(self.turn[k])), np.sin(np.radians(self.turn[k]))
         x, y = self.reach[..., 0] * self.stretch[k], self.reach[..., 1]
         return np.asarray(self.place[k] + np.stack((c * x - s * y, s * x + c * y), axis=-1))
 
     def draw(self, more: str = "", inside: str = "") -> str:
-        """The part at its first state."""
+        """Return the SVG of the part at its first state."""
         (x, y), turn = self.place[0], self.turn[0]
-        told = f"<title>{escape(self.title)}</title>" if self.title else ""
+        tooltip = f"<title>{escape(self.title)}</title>" if self.title else ""
         move = f"translate({x:.2f} {y:.2f})" + (f" rotate({turn:.2f})" if turn else "")
-        return f'<g{more} transform="{move}">{told}{inside}{"".join(self.shapes)}</g>'
+        return f'<g{more} transform="{move}">{tooltip}{inside}{"".join(self.shapes)}</g>'
 
 
 def make_part(shapes: Iterable[str], place: Array, turn: Array | float = 0.0, **more: object) -> Part:
-    """A part at pixels (k, 2) or (2,), by default upright and of one size."""
+    """Make a part at pixels (k, 2) or (2,), by default upright and without stretch."""
     place = np.atleast_2d(place)
     stretch = more.pop("stretch", np.ones(len(place)))
     return Part(tuple(shapes), place, np.broadcast_to(turn, len(place)), stretch, **more)  # type: ignore[arg-type]
 
 
 def path(points: Array, closed: bool = False) -> str:
-    """A path's data through pixels (k, 2)."""
+    """Return the data of an SVG path through pixels (k, 2)."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + ("Z" if closed else "")
 
 
 def page(canvas: Canvas, title: str, parts: Iterable[str]) -> str:
-    """SVG text of the parts on paper."""
+    """Return the SVG of parts on a background."""
     size = f'viewBox="0 0 {canvas.width:.0f} {canvas.height:.0f}" width="{canvas.width:.0f}" height="{canvas.height:.0f}"'
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif" font-size="13">'
     paper = f'<rect width="100%" height="100%" fill="{PAPER}"/>'

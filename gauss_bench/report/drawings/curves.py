@@ -1,4 +1,4 @@
-"""The motion of points as a textbook draws it: for each point its path, its velocity and its acceleration against time."""
+"""Figures of the motion of points: for each point its path, and its velocity and acceleration against time."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,11 +16,11 @@ COMPONENTS: Mapping[str, Mapping[str, Any]] = {
     "x": {"color": BODY_EDGE, "linestyle": "-"},
     "y": {"color": CRANK_EDGE, "linestyle": "--"},
 }
-ARROW = 0.15  # where the sense of a path is shown: this share of its extent after the start
+ARROW = 0.15  # place of the arrow on a path: this share of the path's extent after its start
 
 
 def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
-    """SVG text of a row of three panels for each point, from states q, v, a (k, n) of a mechanism at times t (k,) [s].
+    """Return the SVG of three panels per point, from states q, v, a (k, n) of a mechanism at times t (k,) [s].
 
     Raises:
         ValueError: there is no point, or the states are not those of the mechanism.
@@ -43,22 +43,22 @@ def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points:
 
 
 def draw_path(axes: Axes, way: Array) -> None:
-    """A path (k, 2) [m] at equal scales, with its start and its sense."""
+    """Draw a path (k, 2) [m] at equal scales, with its start and its direction."""
     axes.plot(*way.T, color=TRACE)
     axes.plot(*way[0], color=TRACE, marker="o")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.locator_params(nbins=5)
-    gone = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))
-    head = int(np.searchsorted(gone, ARROW * np.hypot(*np.ptp(way, axis=0))))
-    if gone[-1] > 0:  # a point that rests has no sense
+    travelled = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))  # (k,) [m] arc length
+    head = int(np.searchsorted(travelled, ARROW * np.hypot(*np.ptp(way, axis=0))))
+    if travelled[-1] > 0:  # a point at rest has no direction
         look = {"arrowstyle": "-|>", "color": TRACE, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 14}
         axes.annotate("", way[head], way[head - 1], arrowprops=look)
 
 
 def draw_components(axes: Axes, t: Array, values: Array, label: str) -> None:
-    """Both components of a vector (k, 2) against time."""
+    """Draw both components of a vector (k, 2) against time."""
     for (_, look), component in zip(COMPONENTS.items(), values.T, strict=True):
         axes.plot(t, component, **look)
     axes.set_xlim(t[0], t[-1])

@@ -1,7 +1,7 @@
-"""Draws a linkage as SVG: links as rounded bars, pins as circles, slides as blocks on their guides, the ground hatched.
+"""Draw a linkage as SVG: links as rounded bars, pins as circles, slides as blocks on their guides, the ground hatched.
 
-A link is drawn once, in its own frame, with the guides and blocks that it carries. Lengths are turned into pixels and rounded, so
-that equal states give equal files.
+A link is drawn once, in its own frame, with its guides and blocks. Lengths are rounded in pixels, so that equal states give equal
+files.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,7 +34,7 @@ FOOT = f'<path d="M0 0L-12 22L12 22Z" fill="{PAPER}" stroke="{INK}" stroke-width
 
 
 def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = None) -> str:
-    """SVG text of a linkage at state q (n,), its start if not given, with the paths of observed points over `trace` (k, n)."""
+    """Return the SVG of a linkage at q (n,), by default its start, with the paths of observed points over `trace` (k, n)."""
     q = mechanism.q0 if q is None else q
     canvas = fit(mechanism, q[None] if trace is None else np.vstack([q[None], trace]))
     parts = [*linkage_parts(mechanism, q[None], trace, canvas)]
@@ -44,7 +44,7 @@ def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = Non
 
 
 def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str:
-    """One picture of a film: state q (n,) on a canvas that others share, with the paths over `trace` (k, n) and no names."""
+    """Return one picture of a film: state q (n,) on a shared canvas, with paths over `trace` (k, n), without names."""
     parts = linkage_parts(mechanism, q[None], trace, canvas)
     return page(canvas, mechanism.title or mechanism.name, shapes_of(mechanism, trace, canvas, parts))
 
@@ -54,13 +54,13 @@ def shapes_of(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: 
 
 
 def names_of(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], length: float, bar: Array) -> list[str]:
-    """The names of all parts at state q (n,), clear of the scale bar of a length [m] between two pixels (2, 2)."""
+    """Return the names of all parts at q (n,), placed clear of the scale bar, a length [m] between two pixels (2, 2)."""
     taken = box_of(f"{length:g} m", bar.mean(axis=0) - np.array([0.0, 10.0]), 11.0)
     return lettering(mechanism, q, canvas, parts, taken, bar)
 
 
 def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:
-    """A canvas that holds every named point, and the given ones, at every drawn state (k, n)."""
+    """Return a canvas that contains all named points, and the given points, at all states (k, n)."""
     named = [mechanism.point(i, name) for i, link in enumerate(mechanism.links) for name in link.points]
     ends = [p for j in mechanism.joints for p in j.ends]
     ground = [p for p in (*ends, *holder_of(mechanism)) if p.link == GROUND]
@@ -73,7 +73,7 @@ def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Ca
 
 
 def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
-    """A canvas that holds a linkage with its rails at all states (k, n)."""
+    """Return a canvas that contains a linkage with its guides at all states (k, n)."""
     slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic) and joint.guide.link != GROUND]
     rails = [end for joint in slides for end in rail(joint, states, 0.0)]
     return fit(mechanism, states, (*mechanism.observed_points, *rails))
@@ -82,11 +82,11 @@ def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
 def linkage_parts(
     mechanism: Mechanism, states: Array, trace: Array | None, canvas: Canvas, forces: bool = True, letters: Mapping[str, str] = {}
 ) -> Iterator[Part]:
-    """Everything of a linkage at states (k, n), what lies below first.
+    """Yield all parts of a linkage at states (k, n), from the background to the front.
 
     Args:
-        trace: states (l, n) over which blocks travel along guides of the ground, where they differ from the drawn ones.
-        letters: observed point -> an SVG text that goes along with it.
+        trace: states (l, n) that give the length of guides on the ground, if they differ from the drawn states.
+        letters: observed point -> an SVG text that moves with it.
     """
     slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic)]
     pins = [joint for joint in mechanism.joints if isinstance(joint, Revolute)]
@@ -104,18 +104,20 @@ def linkage_parts(
         yield link_part(mechanism, i, states, canvas)
     if forces:
         yield from marks(mechanism, states, canvas)
-    ways = [(joint.a, canvas.at(position(states, joint.a))) for joint in pins]
-    for point, way in {tuple(np.round(way[0], 1)): (point, way) for point, way in ways}.values():
-        yield make_part([PIN], way, link=point.link, local=canvas.offset(point.local))
+    tracks = [(joint.a, canvas.at(position(states, joint.a))) for joint in pins]  # pixels (k, 2) of each pin
+    # a pin through several links consists of several joints at one place: draw it once
+    distinct = {tuple(np.round(track[0], 1)): (point, track) for point, track in tracks}
+    for point, track in distinct.values():
+        yield make_part([PIN], track, link=point.link, local=canvas.offset(point.local))
     for point in mechanism.observed_points:
-        way = canvas.at(position(states, point))
-        on_pin = any(np.abs(way - other).max() < ON_PIN for _, other in ways)
+        track = canvas.at(position(states, point))
+        on_pin = any(np.abs(track - other).max() < ON_PIN for _, other in tracks)
         dot = f'<circle r="{2 if on_pin else 4}" fill="{TRACE}"/>'
-        yield make_part([dot, letters.get(point.name, "")], way, link=point.link, local=canvas.offset(point.local))
+        yield make_part([dot, letters.get(point.name, "")], track, link=point.link, local=canvas.offset(point.local))
 
 
 def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Part:
-    """A link: the guides and blocks that it carries, the faint hull of its points, and its bars with round ends."""
+    """Return a link: its guides and blocks, the faint hull of its points, and its bars with round ends."""
     link = mechanism.links[i]
     shapes, reach = [], []
     for joint in (j for j in mechanism.joints if isinstance(j, Prismatic)):
@@ -142,18 +144,18 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
 
 
 def hull(points: Array) -> Array:
-    """Corners (k, 2) of the convex hull, in order; none where all points lie on a line."""
+    """Return the corners (k, 2) of the convex hull, in order; none if all points lie on a line."""
     flat = len(points) < 3 or np.linalg.matrix_rank(points[1:] - points[0], tol=FLAT * np.ptp(points)) < 2
     return np.zeros((0, 2)) if flat else points[ConvexHull(points).vertices]
 
 
 def bar_ends(link: Link) -> list[tuple[str, str]]:
-    """Pairs of points to join: the bars, or the points in turn where the link has none."""
+    """Return the pairs of points to join: the bars, or consecutive points of a link without bars."""
     return list(link.bars) or list(pairwise(link.points))
 
 
 def rail(joint: Prismatic, states: Array, more: float) -> tuple[Point, Point]:
-    """Both ends of a guide in its own link: what the block travels over the states (k, n), and `more` [m] at either end."""
+    """Return both ends of a guide on its link: the travel of the block over states (k, n), extended by `more` [m] at each end."""
     travel = value(joint.motion, states)
     axis = np.array([np.cos(joint.angle), np.sin(joint.angle)])
     line = joint.guide.local + joint.offset * np.array([-axis[1], axis[0]])
@@ -162,19 +164,19 @@ def rail(joint: Prismatic, states: Array, more: float) -> tuple[Point, Point]:
 
 
 def beside(line: Array) -> Array:
-    """Lines (2, 2, 2) on the right of a guide (2, 2), where it may be hatched."""
+    """Return two lines (2, 2, 2) to the right of a guide (2, 2), where hatching is drawn."""
     along = (line[1] - line[0]) / max(float(np.hypot(*(line[1] - line[0]))), 1e-9)
     return np.array([line + side * np.array([-along[1], along[0]]) for side in (11, 17)])
 
 
 def guide_shape(line: Array, grounded: bool) -> list[str]:
-    """A guide line between pixels (2, 2), hatched on its right where it is on the ground."""
+    """Return a guide between two pixels (2, 2), with hatching on its right if it is on the ground."""
     drawn = f'<path d="{path(line)}" stroke="{MUTED}" stroke-dasharray="9 3 2 3"/>'
     return [*(hatch(*beside(line)[0]) if grounded else ()), drawn]
 
 
 def hatch(a: Array, b: Array) -> list[str]:
-    """A ground line from a to b with strokes on its right, in pixels."""
+    """Return a ground line from a to b with hatching on its right, in pixels."""
     length = float(np.hypot(*(b - a)))
     along = (b - a) / length
     slant = 7 * np.array([-along[1], along[0]]) - 5 * along
@@ -184,13 +186,13 @@ def hatch(a: Array, b: Array) -> list[str]:
 
 
 def paths(points: Iterable[Point], trace: Array, canvas: Canvas) -> list[str]:
-    """The paths of points over the states of `trace` (k, n)."""
+    """Return the paths of points over the states of `trace` (k, n)."""
     style = f'fill="none" stroke="{TRACE}" stroke-width="1.4" stroke-dasharray="1.5 4" stroke-linecap="round"'
     return [f'<path d="{path(canvas.at(position(trace, p)))}" {style}/>' for p in points if p.link != GROUND]
 
 
 def scale_line(canvas: Canvas, avoid: Array) -> tuple[float, Array]:
-    """A round length [m] and both ends (2, 2) of its scale bar in the corner with most room, in pixels."""
+    """Return a round length [m] and both ends (2, 2) [px] of its scale bar, in the corner with most room."""
     length = max(x for x in ROUND if x * canvas.scale < 120 or x == ROUND[0])
     half = np.array([length * canvas.scale / 2, 0.0])
     middle = free_corner(canvas, float(half[0]), avoid)
@@ -198,7 +200,7 @@ def scale_line(canvas: Canvas, avoid: Array) -> tuple[float, Array]:
 
 
 def scale_bar(length: float, ends: Array) -> list[str]:
-    """A bar of a length [m] between two pixels (2, 2)."""
+    """Return the scale bar of a length [m] between two pixels (2, 2)."""
     (a, y), (b, _) = ends
     bar = f'<path d="M{a:.1f} {y - 4:.1f}V{y:.1f}H{b:.1f}V{y - 4:.1f}" fill="none" stroke="{MUTED}"/>'
     style = f'text-anchor="middle" font-size="11" fill="{MUTED}"'
@@ -206,7 +208,7 @@ def scale_bar(length: float, ends: Array) -> list[str]:
 
 
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
-    """The middle (2,) of a line of half length `half` in the corner farthest from the segments `avoid` (k, 2, 2), in pixels."""
+    """Return the middle (2,) [px] of a line of half length `half` in the corner farthest from the segments `avoid` (k, 2, 2)."""
     corners = [np.array([x, y]) for y in (canvas.height - 18, 26) for x in (canvas.width - 20 - half, 20 + half)]
     return max(corners, key=lambda c: min(100.0, round(distance(c + np.array([[-half, 0], [0, 0], [half, 0]]), avoid))))
 

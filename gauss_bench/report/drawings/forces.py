@@ -1,4 +1,4 @@
-"""Drawings of what acts on a linkage: springs, dampers, motors, prescribed motions and loads, as parts that move and turn.
+"""Symbols of forces and drivers: springs, dampers, motors, prescribed motions and loads, as parts that move and turn.
 
 spring                zigzag between its points; with a damper both side by side
 damper                dashpot between its points; a dotted ring around a pin whose turning is damped
@@ -38,13 +38,13 @@ from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, INK, PAPER
 from gauss_bench.terms import Array
 
 WIDE = 6.0  # [px] half width of a spring
-SIDE = 8.0  # [px] of a spring and a damper off the line between their points, where they act together
+SIDE = 8.0  # [px] offset of a spring and a damper from the line between their points if both act
 LOAD = 38.0  # [px] length of a force's arrow
-BARREL = 0.55  # of a cylinder's shortest length
+BARREL = 0.55  # length of the barrel as a share of the cylinder's shortest length
 KEPT = 'vector-effect="non-scaling-stroke"'
 LINE = f'fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round" stroke-linecap="round" {KEPT}'
 PUSH = f'fill="none" stroke="{CRANK_EDGE}" stroke-width="2" stroke-linecap="round"'
-LEAD = 0.14  # of a length: where a spring and a damper part
+LEAD = 0.14  # share of the length at either end before spring and damper separate
 COILS = np.stack(
     [np.linspace(0.2, 0.8, 29)[1::2], WIDE * (-1.0) ** np.arange(14)], axis=-1
 )  # between the leads, at parts of a length
@@ -63,14 +63,14 @@ PIN = f'<circle r="2.8" fill="{INK}"/>'
 
 
 def holder_of(mechanism: Mechanism) -> list[Point]:
-    """The points of the ground that springs, dampers and cylinders take hold of."""
+    """Return the points of the ground to which springs, dampers and cylinders are attached."""
     lines = [x for x in (*mechanism.forces, *mechanism.drivers) if isinstance(x, (SpringDamper, LengthDriver))]
     return [point for x in lines for point in (x.a, x.b) if point.link == GROUND]
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places in pixels at states (k, n) on a canvas."""
+    """Positions in pixels at states (k, n) on a canvas."""
 
     states: Array
     canvas: Canvas
@@ -79,12 +79,12 @@ class Places:
         return self.canvas.at(position(self.states, point))
 
     def angle(self, link: int) -> Array:
-        """(k,) [rad] of a link."""
+        """Return the angle (k,) [rad] of a link."""
         return np.zeros(len(self.states)) if link == GROUND else self.states[:, 3 * link + 2]
 
 
 def marks(mechanism: Mechanism, states: Array, canvas: Canvas) -> list[Part]:
-    """Every force and driver of a mechanism that has a mark, at states (k, n)."""
+    """Return the symbols of all forces and drivers of a mechanism at states (k, n)."""
     places = Places(states, canvas)
     return [mark for item in (*mechanism.forces, *mechanism.drivers) for mark in _marks(item, mechanism, places)]
 
@@ -96,8 +96,8 @@ def _marks(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
         case AxisSpringDamper():
             turn = x.angle(item.origin.link) + item.angle
             axis = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-            way = value(Along(item.origin, item.point, item.angle), x.states)
-            foot = x.canvas.at(position(x.states, item.point) - way[:, None] * axis)
+            along_axis = value(Along(item.origin, item.point, item.angle), x.states)  # (k,) [m]
+            foot = x.canvas.at(position(x.states, item.point) - along_axis[:, None] * axis)
             yield from between(item.name, foot, x.of(item.point), item.k, item.c)
         case RotationalSpringDamper():
             shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)
@@ -121,34 +121,34 @@ def _marks(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
 
 
 def _sense(driver: AngleDriver | SlideDriver) -> float:
-    """The sign of the first rate that is not zero."""
+    """Return the sign of the driver's first nonzero rate."""
     return next((float(np.sign(rate)) for t in (0.0, 1e-3, 0.1) if (rate := driver.law(t)[1])), 1.0)
 
 
 def _pin(mechanism: Mechanism, a: int, b: int) -> Point:
-    """The pin of two links; of links that share none, one of b's with the ground, or b's centre of mass."""
+    """Return the pin of two links; without one, a pin of b on the ground, else b's centre of mass."""
     pins = [joint for joint in mechanism.joints if isinstance(joint, Revolute)]
     ends = [joint.a for pair in ({a, b}, {GROUND, b}) for joint in pins if {joint.a.link, joint.b.link} == pair]
     return ends[0] if ends else Point(b if b != GROUND else a, np.zeros(2), "")
 
 
 def around(name: str, shapes: list[str] | tuple[str, ...], centre: Array, radius: float = 24.0, turn: Array | float = 0.0) -> Part:
-    """A mark that keeps its size; names keep a circle of this radius clear."""
+    """Return a symbol of fixed size; names keep clear of a circle of this radius [px]."""
     turns = np.linspace(0, 2 * np.pi, 7)
     corners = radius * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     return make_part(shapes, centre, turn, name=name, reach=np.stack([corners[:-1], corners[1:]], axis=1))
 
 
 def along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
-    """The first length [px] of a line between pixels a and b (k, 2), and how what lies along it is turned and stretched."""
-    way = b - a
-    length = np.maximum(np.hypot(*way.T), 1.0)
-    turn = np.degrees(np.unwrap(np.arctan2(way[:, 1], way[:, 0])))
+    """Return the first length [px] of the line between pixels a and b (k, 2), and place, turn and stretch of a symbol along it."""
+    line = b - a
+    length = np.maximum(np.hypot(*line.T), 1.0)
+    turn = np.degrees(np.unwrap(np.arctan2(line[:, 1], line[:, 0])))
     return float(length[0]), {"place": a, "turn": turn, "stretch": length / length[0]}
 
 
 def between(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
-    """A spring of stiffness k and a damper c between pixels a and b (n, 2)."""
+    """Yield a spring (if k) and a damper (if c) between pixels a and b (n, 2)."""
     length, where = along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))
     lines = []
@@ -166,7 +166,7 @@ def between(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]
 
 
 def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
-    """A rod between pixels a and b (n, 2), and a barrel around its first part that keeps its length."""
+    """Yield a rod between pixels a and b (n, 2), and around its first part a barrel of constant length."""
     length, where = along(a, b)
     rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {KEPT}/>'
     yield make_part([rod], **where, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))
@@ -177,7 +177,7 @@ def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
 
 
 def arrow(start: float, end: float, sense: float = 1.0) -> list[str]:
-    """An arrow along the x axis, from one place to another, in pixels."""
+    """Return an arrow along the x axis from `start` to `end` [px]; a negative sense reverses it."""
     line = f'<path d="M{sense * start:.1f} 0H{sense * (end - 8):.1f}" {PUSH}/>'
     head = path(np.array([(end, 0), (end - 9, 4.5), (end - 9, -4.5)]) * (sense, 1), closed=True)
     return [line, f'<path d="{head}" fill="{CRANK_EDGE}"/>']

@@ -1,4 +1,4 @@
-"""A run as one column of panels over time: a panel for each unit, lines named where they end, what is not to be trusted shaded."""
+"""Plot a run as a column of panels over time: lines are named at their ends, and the part that is not trusted is shaded."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -16,18 +16,18 @@ from gauss_bench.report.plotting import STYLE
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Told
 
-WIDTH, PANEL, HEAD, FOOT = 6.0, 1.12, 0.38, 0.5  # [inch]: figure, lines of a panel, its title, and what stands below the last
+WIDTH, PANEL, HEAD, FOOT = 6.0, 1.12, 0.38, 0.5  # [inch]: width; heights of a panel, its title, the time axis
 MORE, FEW = 0.13, 4  # [inch] for each line beyond FEW
 LEFT, RIGHT = 0.72, 1.5  # [inch] beside the panels: numbers, names
 NAMED = 8  # lines of a panel that have a colour and a name; the others are grey
-SAMPLES = 800  # drawn of a curve: more than its pixels
-LETTERS = 78  # in a line of the head
+SAMPLES = 800  # drawn samples of a curve: more than its width in pixels
+LETTERS = 78  # characters in a line of the head
 GAP = 10.5  # [pt] between names
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A line of a panel: its name, values (k,), and whether it is the second component of what has the same colour."""
+    """A line of a panel with its name, values (k,) and colour; the second component of a vector is dashed in the same colour."""
 
     name: str
     values: Array
@@ -37,7 +37,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Lines with one unit; limits of the axis where they are fixed."""
+    """Lines with one unit; `limits` fixes the range of the axis."""
 
     title: str
     traces: tuple[Trace, ...]
@@ -45,12 +45,12 @@ class Panel:
 
     @property
     def height(self) -> float:
-        """[inch], title included."""
+        """Height [inch], title included."""
         return HEAD + PANEL + MORE * max(0, min(len(self.traces), NAMED) - FEW)
 
 
 def panels_of(history: History) -> list[Panel]:
-    """The panels of a history: magnitudes in the place of components where directions do not matter."""
+    """Return the panels of a history; speeds and joint forces are drawn as magnitudes."""
     panels = [
         Panel("angle [rad]", _each(x for x in history.of(Group.LINK) if x.key == "theta")),
         Panel("position [m]", _places(history)),
@@ -81,30 +81,30 @@ def _places(history: History) -> tuple[Trace, ...]:
 
 
 def _lengths(curves: Sequence[Curve], first: str, second: str) -> tuple[Trace, ...]:
-    """The length of each vector with these components."""
+    """Return the magnitude of each vector with the components `first` and `second`."""
     parts = {(x.of, x.key): x.values for x in curves}
     names = dict.fromkeys(x.of for x in curves)
     return tuple(Trace(name, np.hypot(parts[name, first], parts[name, second]), i) for i, name in enumerate(names))
 
 
 def plot(history: History, told: Told, head: bool = True) -> Figure:
-    """The figure of a history with at least one sample.
+    """Return the figure of a history with at least one sample.
 
     Args:
-        told: what stands above it, where the time axis ends, and from where on it is shaded: what lies there does not stretch axes.
-        head: whether it is written above it.
+        told: the texts of the head, the end of the time axis, and the start of the shaded part, which does not affect axis limits.
+        head: whether to write the texts of the head.
     """
     drawn = panels_of(history)
-    said = [(line, MUTED) for line in textwrap.wrap(told.how, LETTERS)]
-    said += [(line, CRANK_EDGE) for line in textwrap.wrap(told.verdict, LETTERS)]
-    top = 0.36 + 0.165 * len(said) if head else 0.0
+    lines = [(line, MUTED) for line in textwrap.wrap(told.how, LETTERS)]
+    lines += [(line, CRANK_EDGE) for line in textwrap.wrap(told.verdict, LETTERS)]
+    top = 0.36 + 0.165 * len(lines) if head else 0.0
     tall = top + sum(panel.height for panel in drawn) + FOOT
     kept = np.unique(np.linspace(0, len(history.t) - 1, SAMPLES).round().astype(int))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, tall))
         if head:
             figure.text(0.12 / WIDTH, 1 - 0.25 / tall, told.title, fontsize=12, fontweight="bold", color=INK)
-            for i, (line, colour) in enumerate(said):
+            for i, (line, colour) in enumerate(lines):
                 figure.text(0.12 / WIDTH, 1 - (0.45 + 0.165 * i) / tall, line, fontsize=8.5, color=colour)
         low = tall - top
         for panel in drawn:
@@ -129,6 +129,7 @@ def _draw(axes: Axes, panel: Panel, t: Array, kept: Array, until: float, trusted
         colour = CURVES[index % len(CURVES)] if shown else GRID
         line = "--" if x.dashed else "-"
         with np.errstate(all="ignore"):
+            # far outside the axis, values are clipped: a diverged run would overflow the drawing library
             values = np.clip(x.values[kept], limits[0] - 9 * (limits[1] - limits[0]), limits[1] + 9 * (limits[1] - limits[0]))
         axes.plot(t[kept], values, color=colour, linestyle=line, linewidth=1.3, zorder=2 + shown)
         if shown:
@@ -146,12 +147,12 @@ def _draw(axes: Axes, panel: Panel, t: Array, kept: Array, until: float, trusted
         axes.axvline(float(t[-1]), color=MUTED, linewidth=0.9, linestyle=":", zorder=4)
     label_ends(axes, ends)
     if len(panel.traces) > len(named):
-        told = f"and {len(panel.traces) - len(named)} smaller ones (grey)"
-        axes.set_title(told, fontsize=7.5, loc="right", color=CONTROL, y=1.0, pad=4)
+        remainder = f"and {len(panel.traces) - len(named)} smaller ones (grey)"
+        axes.set_title(remainder, fontsize=7.5, loc="right", color=CONTROL, y=1.0, pad=4)
 
 
 def _limits(values: Sequence[Array]) -> tuple[float, float]:
-    """Limits around all finite values, with room; around a constant, room enough to see that it is one."""
+    """Return axis limits around all finite values, with a margin; a constant gets a wide margin, so that it looks constant."""
     every = np.concatenate([np.ravel(x) for x in values])
     every = every[np.isfinite(every)]
     low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
@@ -160,7 +161,7 @@ def _limits(values: Sequence[Array]) -> tuple[float, float]:
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """The name of each line in its colour beside its end; names that would meet are moved apart and led back by a thin line."""
+    """Write the name of each line beside its end; names that would overlap are moved apart and joined to the end by a thin line."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     tall = axes.get_position().height * float(figure.get_size_inches()[1]) * 72
@@ -174,7 +175,8 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 
 def apart(wanted: Array, gap: float, tall: float) -> Array:
-    """Places (k,) in the order of those wanted, as near to them as a distance `gap` allows."""
+    """Return places (k,) nearest to the wanted ones in least squares, in the same order and at least `gap` apart."""
+    # with x_i = y_i + i gap the spacing becomes monotonicity of y: isotonic regression
     order = np.argsort(wanted, kind="stable")
     offsets = gap * np.arange(len(wanted))
     flat = isotonic_regression(wanted[order] - offsets).x if len(wanted) else np.zeros(0)

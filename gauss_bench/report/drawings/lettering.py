@@ -1,4 +1,4 @@
-"""Puts the names of links, points and forces into a drawing, each where it is farthest from lines, and never over another name."""
+"""Place the names of links, points and forces in a drawing, as far from lines as possible and never over another name."""
 
 from collections.abc import Sequence
 from xml.sax.saxutils import escape
@@ -14,29 +14,29 @@ from gauss_bench.terms import Array
 LETTER = 6.6  # mean width of a letter at 13 px
 WIDTHS = {"il.,'|j": 3.6, "frtI-()": 5.0, "mwMW_": 11.0}  # [px] of letters at 13 px, in the widest of the fonts asked for; else 8.3
 TALL = 13.0  # [px] of a name
-FAR = 22.0  # [px] clearance of a link's name beyond which a place is as good as any
-NEAR = 8.0  # [px] the same of names that belong to one spot, which they should not leave
+FAR = 22.0  # [px] clearance of a link's name that is enough: larger ones count the same
+NEAR = 8.0  # [px] the same for names of points and forces, which must stay near
 EDGE = 3.0  # [px] between a name and the picture's edge, or another name
 WAYS = np.stack([np.cos(turns := np.linspace(0, 2 * np.pi, 24, endpoint=False)), -np.sin(turns)], axis=-1)  # all round
 
 
 def width_of(name: str, size: float = 13.0) -> float:
-    """Width [px] of a name, rather too wide than too narrow."""
+    """Estimate the width [px] of a name, on the wide side."""
     return size / 13 * sum(next((width for letters, width in WIDTHS.items() if x in letters), 8.3) for x in name)
 
 
 def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
-    """Left, top, right and bottom (4,) of a name around the middle of its letters, in pixels."""
+    """Return left, top, right and bottom (4,) [px] of a name around its middle (2,)."""
     half = np.array([width_of(name, size) / 2, TALL / 2 * size / 13])
     return np.concatenate([middle - half, middle + half])
 
 
 def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], taken: Array, bar: Array) -> list[str]:
-    """SVG texts of all names at state q (n,).
+    """Return the SVG texts of all names at state q (n,).
 
     Args:
-        parts: everything drawn; a force that finds no room beside its lines goes without its name.
-        taken: the box (4,) of what is written already; bar: a line (2, 2) that is drawn besides.
+        parts: all drawn parts; a force without room beside it gets no name.
+        taken: box (4,) of a text that is placed already; bar: a further line (2, 2) to avoid.
     """
     boxes, size = [taken], (canvas.width, canvas.height)
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
@@ -57,7 +57,7 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
 
 
 def _beside_lines(name: str, lines: Array) -> list[Array]:
-    """Places beside parts of each line (l, 2, 2), all round."""
+    """Return candidate places around several points of each line (l, 2, 2)."""
     wide = np.array([width_of(name) / 2, 0.0])
     spots = [a + part * (b - a) for part in (0.5, 0.35, 0.65, 0.2, 0.8) for a, b in lines]
     return [spot + reach * way + wide * way for reach in (13.0, 19.0, 27.0) for spot in spots for way in WAYS[::2]]
@@ -69,7 +69,7 @@ def _text(name: str, place: Array, colour: str, style: str) -> str:
 
 
 def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
-    """Names and pixels of joints and observed points, each place once."""
+    """Return names and pixels of joints and observed points, one name per place."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     once: dict[tuple[float, float], str] = {}
@@ -82,7 +82,7 @@ def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, A
 def _best(
     places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float = FAR
 ) -> tuple[Array, float]:
-    """The place with most room for a name, from then on a box among the others, and that room [px]; earlier places win a tie."""
+    """Return the place with most room for a name, and that room [px]; the first wins a tie. Its box is added to `boxes`."""
     half = width_of(name) / 2
     spread = np.stack([np.linspace(-half, half, max(3, len(name))), np.zeros(max(3, len(name)))], axis=-1)
     others = np.array(boxes) if boxes else np.zeros((0, 4))
@@ -103,9 +103,10 @@ def _best(
 
 
 def distance(points: Array, segments: Array) -> float:
-    """Shortest distance of points (k, 2) to segments (l, 2, 2)."""
+    """Return the shortest distance between points (k, 2) and segments (l, 2, 2)."""
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     square = np.maximum((along**2).sum(-1), 1e-12)
+    # foot of the perpendicular as a share of the segment, limited to the segment; (k, l)
     part = np.clip(((points[:, None] - start) * along).sum(-1) / square, 0, 1)
     gap = points[:, None] - start - part[..., None] * along
     return float(np.hypot(gap[..., 0], gap[..., 1]).min())

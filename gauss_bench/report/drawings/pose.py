@@ -1,4 +1,4 @@
-"""States worth drawing: a linkage at a readable crank angle, and one full turn of it."""
+"""States for drawings: a linkage at a readable crank angle, and a full turn of its crank."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,22 +13,22 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-POSE_DEG = 60.0  # crank angle of the drawings: no linkage of the suite is stretched out or folded there
+POSE_DEG = 60.0  # crank angle of the drawings: no built-in linkage is stretched or folded there
 TURN = 120  # states of a full turn
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
-    """`pose_document` of a file, or of a built-in linkage."""
+    """Return `pose_document` of a file or a built-in linkage."""
     return pose_document(*document_of(name_or_path), crank_deg)
 
 
 def pose_document(
     document: dict[str, Any], digest: str, path: Path, crank_deg: float = POSE_DEG
 ) -> tuple[Mechanism, Array, Array | None]:
-    """A linkage with a state to draw, and the states (k, n) of a full turn of its crank where it has and can make one.
+    """Return a linkage, the state q (n,) to draw, and the states (k, n) of a full turn of its crank, None without one.
 
-    A linkage at its pose has all forces of the file, whichever scenario they act in, and no driver; one at its start those of its
-    first scenario.
+    At the crank angle of the pose the linkage has all forces of the file and no driver. If the crank cannot reach it, the linkage
+    is drawn at the start of its default scenario, with the forces and drivers of that scenario.
     """
     crank = document.get("crank")
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
@@ -37,14 +37,14 @@ def pose_document(
         try:
             mechanism = load_document(document | {"scenarios": scenarios}, "turn", str(path), digest)
             return replace(mechanism, drivers=()), mechanism.q0, full_turn(mechanism)
-        except LinkageError:  # a crank that cannot reach the pose is drawn where its file starts it
+        except LinkageError:  # the crank cannot reach the pose: draw the file's own start
             pass
     mechanism = load_document(document, None, str(path), digest)
     return mechanism, mechanism.q0, None
 
 
 def full_turn(mechanism: Mechanism) -> Array | None:
-    """States (TURN + 1, n) while the driver turns once in a second, or None where the linkage does not close all the way."""
+    """Return the states (TURN + 1, n) of a full turn of the driver, or None if the linkage cannot close all the way round."""
     constraints, still = Constraints(mechanism), np.zeros(mechanism.n)
     q, states = mechanism.q0, [mechanism.q0]
     for t in np.linspace(0.0, 1.0, TURN + 1)[1:]:
@@ -61,13 +61,13 @@ def full_turn(mechanism: Mechanism) -> Array | None:
 
 
 def unwrap_angles(states: Array) -> Array:
-    """States (k, n) whose angles go on where they pass half a turn."""
+    """Return states (k, n) with continuous angles, unwrapped over time."""
     states = states.copy()
     states[:, 2::3] = np.unwrap(states[:, 2::3], axis=0)
     return states
 
 
 def crank_angles(mechanism: Mechanism, states: Array) -> Array:
-    """The angles (k,) [rad] of the crank at states (k, n)."""
+    """Return the angles (k,) [rad] of the crank at states (k, n)."""
     assert mechanism.crank is not None
     return states[:, 3 * mechanism.crank + 2]

@@ -1,4 +1,4 @@
-"""A run in one file: its curves as SVG or PNG, or the linkage moving as SVG, as GIF, or with all curves on a page of its own."""
+"""Write a run as one file: its curves as SVG or PNG, or the moving linkage as SVG, GIF or an HTML page with all curves."""
 
 import io
 from pathlib import Path
@@ -23,16 +23,16 @@ TEMPLATES = Path(__file__).parents[1] / "templates"
 
 
 def picture(kind: str, told: Told, history: History) -> bytes:
-    """The curves of a run, as ".svg" or ".png"."""
+    """Return the curves of a run as ".svg" or ".png"."""
     figure = plot(history, told)
     return svg(figure).encode() if kind.lower() == ".svg" else png(figure)
 
 
 def film(kind: str, told: Told, history: History, mechanism: Mechanism, trajectory: Trajectory) -> bytes:
-    """The linkage moving up to where the run may be trusted, as ".svg", ".gif" or ".html"."""
-    whole = len(trajectory.t) if told.trusted is None else int(np.searchsorted(trajectory.t, told.trusted, "right"))
-    t, q = trajectory.t[:whole], trajectory.q[:whole]
-    if whole < 2:  # nothing moves: what can be shown stands
+    """Return the moving linkage, up to the time until which the run is trusted, as ".svg", ".gif" or ".html"."""
+    count = len(trajectory.t) if told.trusted is None else int(np.searchsorted(trajectory.t, told.trusted, "right"))
+    t, q = trajectory.t[:count], trajectory.q[:count]
+    if count < 2:  # too few samples for a motion: show the start, standing still
         t, q = np.array([0.0, SLOWEST]), np.vstack([trajectory.q[:1]] * 2)
     match kind.lower():
         case ".svg":
@@ -44,7 +44,7 @@ def film(kind: str, told: Told, history: History, mechanism: Mechanism, trajecto
 
 
 def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
-    """Pictures at equal times, on one sheet."""
+    """Return a GIF of pictures at equal times on one canvas."""
     slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
     count = int(np.clip(round(RATE * float(t[-1] - t[0]) * slower), 2, MOST))
     shown = np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1)
@@ -52,7 +52,7 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
     canvas = fit(mechanism, q)
     drawn = (vl_convert.svg_to_png(draw_at(mechanism, q[k], trace, canvas), scale=1.0, ppi=72) for k in shown)
     pictures = [Image.open(io.BytesIO(x)).convert("RGB") for x in drawn]
-    first = pictures[0].quantize(128)
+    first = pictures[0].quantize(128)  # all pictures share this palette, so that the file is small and colours do not flicker
     kept = [picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures]
     seconds = max(float(t[-1] - t[0]) * slower / count, 1 / RATE) if count < MOST else 1 / RATE
     buffer = io.BytesIO()
@@ -61,7 +61,7 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
 
 
 def _page(told: Told, history: History, moving: str, t: Array) -> str:
-    """A page that moves the linkage beside its curves, with a line that runs along with it; it asks for nothing from elsewhere."""
+    """Return a self-contained page with the moving linkage, its curves, and a line that marks the current time in them."""
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined)
     figure = plot(history, told, head=False)
     return environment.get_template("run.html").render(

@@ -1,4 +1,4 @@
-"""Same state in, acceleration out: what an engine makes of the equations of motion, apart from any integrator."""
+"""Accelerations at given states: compares the equations of motion of engines, apart from any integrator."""
 
 from collections.abc import Iterator
 
@@ -22,18 +22,18 @@ from gauss_bench.report.rows import (
 
 PLACE = 11
 TABLES = ("results",)
-SHRINKS = 2.0  # an error that falls by less while the step falls 4-fold does not come from the step
+SHRINKS = 2.0  # an error that falls by a smaller factor while the step falls 4-fold is not caused by the step
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Name who solves the same problem, who another, and what becomes of the control."""
+    """Yield which engines return the reference's acceleration, which do not, and how the negative control ends."""
     yield from same_model(run)
     yield from other_model(run)
     yield from controls(run)
 
 
 def same_model(run: Run) -> Iterator[Finding]:
-    """Name who returns the reference's acceleration at the same state, and to what."""
+    """Yield the engines that return the reference's acceleration at the same state, with their errors."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
     worst = {
         name: max(number(r, "acceleration_error_median") for r in group)
@@ -51,7 +51,7 @@ def same_model(run: Run) -> Iterator[Finding]:
 
 
 def other_model(run: Run) -> Iterator[Finding]:
-    """Name who computes another acceleration, and whether a smaller step helps."""
+    """Yield the engines that compute another acceleration, and whether a smaller step helps."""
     rows = [row for row in accelerations(run.results) if not row["control"]]
     for (name, settings), group in group_rows(rows, lambda r: (r["engine"], r["settings"])).items():
         off = [row for row in group if not row["acceleration_error_median"] <= SAME_ACCELERATION]
@@ -66,7 +66,7 @@ def other_model(run: Run) -> Iterator[Finding]:
 
 
 def _step_does_not_help(run: Run, off: list[Row]) -> str:
-    """Evidence from trajectories, as the end of a sentence: the flattest error over at least a 4-fold range of steps."""
+    """Return the end of a sentence: the trajectory error that falls least over a 4-fold range of steps."""
     wanted = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if ok(r) and (r["mechanism"], r["engine"], r["settings"]) in wanted and is_known(end_error(r))]
     falls = []
@@ -84,7 +84,7 @@ def _step_does_not_help(run: Run, off: list[Row]) -> str:
 
 
 def controls(run: Run) -> Iterator[Finding]:
-    """Each negative control: that it satisfies its constraints, and that it is flagged all the same."""
+    """Yield for each negative control that it satisfies its constraints, and whether the gate still rejects it."""
     rows = [row for row in run.results if row["control"] and ok(row)]
     for name, group in group_rows(rows, lambda r: r["engine"]).items():
         residuals = [number(r, "acceleration_residual") for r in group if is_known(r.get("acceleration_residual"))]

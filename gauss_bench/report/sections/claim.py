@@ -1,4 +1,4 @@
-"""Is the paper right? Few unknowns against many, with nothing else that differs."""
+"""The paper's claim that fewer unknowns are faster: n - m against n + m unknowns with equal code otherwise."""
 
 from collections.abc import Iterator, Sequence
 
@@ -21,7 +21,7 @@ UNKNOWNS = ("gauss", "lagrange")
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """State whether fewer unknowns are faster, compiled: a sentence for every linkage, number of free coordinates and way."""
+    """Yield whether fewer unknowns are faster, for linkages with one and with more free coordinates."""
     by_formula, slower = as_printed(run)
     table = run.table("kernel_claim")
     rows = [row for row in table if is_known(row.get("ratio"))]
@@ -43,9 +43,9 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def as_printed(run: Run) -> tuple[str, bool]:
-    """The claim by the paper's own formula, the repaired one with pseudo-inverses, and whether it is slower anywhere.
+    """Return a sentence on the claim by the paper's own formula, repaired, and whether that is slower on any linkage.
 
-    Steps of `gauss_pinv` and of `lagrange`, both interpreted and in the same loop; no words where they were not timed.
+    It compares steps of `gauss_pinv` and `lagrange`, both interpreted in the same loop; without times the sentence is empty.
     """
     rows = [r for r in costs(run.results) if plain(r) and is_known(r.get("step_ratio"))]
     steps = {(r["mechanism"], r["engine"]): number(r, "step_ratio") for r in rows if r["integrator"] == "rk4"}
@@ -68,7 +68,7 @@ def _freedoms(rows: Sequence[Row]) -> str:
 
 
 def _race(rows: Sequence[Row]) -> str:
-    """Every way in which these linkages were raced, with the ends of its ratios and the linkages where few do not win."""
+    """Return for each kind of step the range of ratios, and the linkages on which fewer unknowns are not faster."""
     parts = []
     for way, words in WAYS.items():
         raced = [r for r in rows if is_known(r.get(f"{way}ratio"))]

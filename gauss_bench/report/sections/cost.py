@@ -11,7 +11,7 @@ OWN, RIVAL = "gauss", "lagrange"
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """The suite's own formulation against Lagrange multipliers: the cost of a step and of an acceleration."""
+    """Yield the cost of a step and of an acceleration by the suite's own formulation, relative to Lagrange multipliers."""
     rows = [row for row in costs(run.results) if plain(row)]
     for quantity, what in (("step", "A step"), ("acceleration", "One acceleration")):
         spreads: dict[str, list[float]] = {}
@@ -41,7 +41,7 @@ def _alike(a: Row, b: Row) -> bool:
 
 
 def _ratio(run: Run, own: Row, rival: Row, quantity: str) -> list[float]:
-    """Ratio with low and high where the rival, or the row itself, is what ratios are taken to; else the quotient of two ratios."""
+    """Return the ratio, with low and high if one of both engines is the baseline of all ratios; else the quotient of two ratios."""
     x, low, high = (number(own, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
     y, below, above = (number(rival, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
     baseline = run.environment.get("baseline_engine")

@@ -1,4 +1,4 @@
-"""Cases without a trajectory, each kind with its sentence."""
+"""Failed, skipped and invalid cases, grouped by their reason."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ def section(run: Run) -> Section:
 
 
 def reasons(title: str, rows: Sequence[Row]) -> Table:
-    """One line per engine, status and sentence, whatever its numbers."""
+    """Return a table with one line per engine, status and sentence; sentences that differ only in numbers are one."""
     lines = []
     for group in group_rows(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).values():
         first = group[0]
@@ -40,7 +40,7 @@ def reasons(title: str, rows: Sequence[Row]) -> Table:
 
 
 def where(rows: Sequence[Row]) -> str:
-    """Linkages and choices in which a group of cases differ."""
+    """Return the linkages and settings of a group of cases."""
     parts = [itemise(sorted({f"{r['mechanism']} {r['scenario']}" for r in rows}))]
     for key in ("settings", "integrator", "stabilization"):
         parts.append("/".join(sorted({r[key] for r in rows} - {""})))

@@ -1,6 +1,6 @@
-"""The native kernel: how fast, how exact and how near the machine's limit it is.
+"""The native kernel: its speed, its accuracy, and its distance from the limit of the machine.
 
-Every table of it is laid out in `layouts.toml`; here stands what is shown of it first, and what it says.
+`layouts.toml` lays out the tables; this file chooses the rows that are shown first, and computes the findings.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -35,14 +35,14 @@ WORDS = {
 }
 MEASURED = (*WORDS, "kernel_claim", "kernel_bounds", "scaling")
 TABLES = (*WORDS, "kernel_energy", "scaling", "kernel_growth", "kernel_bounds", "kernel_machine")
-NAMES = ("mechanism", "formulation", "stabilization", "settings", "place", "method")  # what tells rows of a table apart
-VALUES = ("ratio", "error", "rate", "velocity_drift")  # what is held against the target, in order of preference
+NAMES = ("mechanism", "formulation", "stabilization", "settings", "place", "method")  # columns that identify a row
+VALUES = ("ratio", "error", "rate", "velocity_drift")  # columns that may have a target, in order of preference
 ASKED_ALIKE = (("in its own loop", "less the call"), ("called from Python", "as called"))
 FACTS = ("cpu", "cores", "python", "date", "commit")
 
 
 def section(run: Run) -> Section | None:
-    """The chapter: a section for each table that the run filled."""
+    """Return the chapter, with a section for each table that the run filled."""
     agreement = group_rows(run.table("kernel_agreement"), lambda r: (r.get("mechanism"), r.get("formulation")))
     shown = {
         "kernel_steps": [r for r in run.table("kernel_steps") if r.get("settings") != "default"],
@@ -56,7 +56,7 @@ def section(run: Run) -> Section | None:
 
 
 def size(run: Run) -> Section | None:
-    """The time of a right-hand side against the number of loops."""
+    """Return the section on the time of a right-hand side against the number of loops."""
     rows = [r | {"seconds_low": r.get("low"), "seconds_high": r.get("high")} for r in map(dict, run.table("scaling"))]
     if not rows:
         return None
@@ -66,7 +66,7 @@ def size(run: Run) -> Section | None:
 
 
 def figure_of(rows: Sequence[Row]) -> Chart | None:
-    """Time of one right-hand side against the number of windows; nothing without rows."""
+    """Return the chart of the time of one right-hand side against the number of windows; None without rows."""
     drawn = [r for r in rows if number(r, "seconds") > 0]
     shown = []
     for r in sorted(drawn, key=lambda r: (str(r["engine"]), str(r["quantity"]), number(r, "size"))):
@@ -81,7 +81,7 @@ def figure_of(rows: Sequence[Row]) -> Chart | None:
 
 
 def limits(run: Run) -> Section | None:
-    """The distance of the compiled steps from what the processor allows."""
+    """Return the section on the distance of compiled steps from the limits of the processor."""
     machine = run.table("kernel_machine")
     if not run.table("kernel_bounds"):
         return None
@@ -93,7 +93,7 @@ def limits(run: Run) -> Section | None:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """The targets that were missed, what could not be measured, and a sentence of each table."""
+    """Yield the missed targets, the failed measurements, and a sentence on each table."""
     yield from list_missed(run)
     yield from list_failures(run)
     yield from say_steps(run)
@@ -107,7 +107,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def list_missed(run: Run) -> Iterator[Finding]:
-    """Every target that was not reached, or that all were."""
+    """Yield the targets that were missed, or that all were met."""
     aimed = [(name, row) for name in WORDS for row in run.table(name) if is_known(row.get("target"))]
     off = [f"{WORDS[name]} of {_name(row)}" for name, row in aimed if not row.get("met")]
     if off:
@@ -131,7 +131,7 @@ def _short(x: float) -> str:
 
 
 def list_failures(run: Run) -> Iterator[Finding]:
-    """List what could not be measured, but for what is skipped with a reason."""
+    """Yield the measurements that failed; those skipped with a reason are left out."""
     lost = [(name, r) for name in MEASURED for r in run.table(name) if r.get("status") not in ("ok", "skip", "", None)]
     said = dict.fromkeys(f"{name.removeprefix('kernel_')} {row.get('mechanism', '')}: {row['message']}" for name, row in lost)
     if lost:
@@ -139,7 +139,7 @@ def list_failures(run: Run) -> Iterator[Finding]:
 
 
 def say_steps(run: Run) -> Iterator[Finding]:
-    """How many times faster a step is than MuJoCo's, at its fastest setting."""
+    """Yield how many times faster a step is than MuJoCo's at its fastest setting."""
     asked = [r for r in run.table("kernel_steps") if r.get("formulation") == "gauss"]
     rows = [r for r in asked if is_known(r.get("ratio"))]
     for stabilization, group in group_rows(rows, lambda r: str(r["stabilization"])).items():
@@ -160,7 +160,7 @@ def say_batch(rows: Sequence[Row]) -> str:
 
 
 def say_right_hand_sides(rows: Sequence[Row]) -> str:
-    """In its own loop, and where it loses: called from Python."""
+    """Compare right-hand sides with Pinocchio's: in its own loop, and called from Python."""
     inside, called = ([r for r in rows if (r["own"], r["rival"]) == alike] for alike in ASKED_ALIKE)
     if not inside or not called:
         return ""
@@ -188,7 +188,7 @@ def say_long_runs(rows: Sequence[Row]) -> str:
 
 
 def say_growth(rows: Sequence[Row]) -> str:
-    """Exponents of whatever is asked in the way that costs least, with their spread where several processes told one."""
+    """Return the exponents of growth with size, in the engine's own loop if it has one, with their spread over processes."""
     stepping = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
     shown = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in stepping]
     said = []

@@ -1,4 +1,4 @@
-"""The three papers, line by line: what is printed, what is right, how far off each is when computed, and why it fails."""
+"""The audit of three papers, line by line: the printed form, the right form, the computed error of both, and the cause."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -29,7 +29,7 @@ def section(run: Run) -> Section:
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """Count how many lines and causes of each paper came out how; name each verdict that disagrees with its measurement."""
+    """Count the verdicts of each paper's lines, with their causes; name each verdict that its measurement contradicts."""
     papers = group_rows(rows, lambda row: str(row["paper"]))
     parts = [f"{paper}: {count(len(group), 'line')}; {verdicts(group)}." for paper, group in papers.items()]
     fallen = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
@@ -37,7 +37,7 @@ def summary(rows: Sequence[Row]) -> str:
 
 
 def judge_row(row: Row) -> Row:
-    """A row whose verdict says, where it does not stand, what contradicts it."""
+    """Return a row whose verdict, if its measurement contradicts it, says so."""
     return row if row["stands"] else {**row, "verdict": f"{row['verdict']}, contradicted: {row['faults']}", "verdict_tone": "bad"}
 
 
@@ -52,7 +52,7 @@ def reasons(rows: Sequence[Row]) -> list[Row]:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """State how many lines hold, and the fault that no residual gives away."""
+    """Yield how many lines hold, and the printed formula whose residuals hide its error."""
     yield from statements(run)
     yield from unseen(run)
 
@@ -63,7 +63,7 @@ def causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
 
 
 def verdicts(rows: Iterable[Row]) -> str:
-    """Count the lines by how they came out, with their causes: "3 right as printed, 4 misprinted (2 causes)"."""
+    """Count lines by verdict, with their causes: "3 right as printed, 4 misprinted (2 causes)"."""
     parts = []
     for verdict, group in group_rows(rows, lambda row: str(row["verdict"])).items():
         reasons = len(causes(group))
@@ -72,7 +72,7 @@ def verdicts(rows: Iterable[Row]) -> str:
 
 
 def statements(run: Run) -> Iterator[Finding]:
-    """State how many printed lines hold, for how many causes the others do not, and which are wrong."""
+    """Yield how many printed lines hold, the number of causes for which others fail, and the wrong statements."""
     if not run.table("audit"):
         return
     papers = {row["paper"] for row in run.table("audit")}
@@ -87,7 +87,7 @@ def statements(run: Run) -> Iterator[Finding]:
 
 
 def unseen(run: Run) -> Iterator[Finding]:
-    """The printed formula that meets the constraints and is wrong."""
+    """Yield the printed formula that satisfies all constraints and is still wrong."""
     rows = {str(row["name"]): row for row in run.table("audit")}
     meets, off = rows.get("meets the constraints"), rows.get("with Moore-Penrose inverses")
     if meets is None or off is None or not (meets["stands"] and off["stands"]):

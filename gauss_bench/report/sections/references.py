@@ -1,4 +1,4 @@
-"""The truth: what every error is measured against, how far it can be trusted, and below what no engine can be told apart."""
+"""The references: the motions against which errors are measured, with their error bars and floors."""
 
 from collections.abc import Iterator
 
@@ -29,7 +29,7 @@ def _early(row: Row) -> str:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """State how good published reference values are."""
+    """Yield how many published reference values are wrong beyond their printed digits."""
     rows = run.table("published")
     off = [row for row in rows if number(row, "difference") > 10 * max(number(row, "floor"), number(row, "error_bar"))]
     if off:

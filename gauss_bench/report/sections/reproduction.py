@@ -1,4 +1,4 @@
-"""The example of Yuan & Ge (2016) run again: what becomes of the crank-slider, in sentences whose numbers are the run's."""
+"""The example of Yuan & Ge (2016), a crank-slider, run again; all numbers in the sentences are computed."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ def section(run: Run) -> Section:
 
 
 def say(rows: Mapping[str, Row]) -> list[Block]:
-    """State whether it stops, what it does instead, and what does hold: sentences of `layouts.toml` with the run's values."""
+    """Return the sentences of `layouts.toml` on whether the linkage stops, filled in with the run's values."""
     said = {key: f"{figure(row)} {row['unit']}" for key, row in rows.items()}
     at_rest = [row for key, row in rows.items() if key.startswith("rest_at_")]
     said["rests"] = itemise(f"{figure(row)} rad ({str(row['quantity']).removeprefix('comes to rest ')})" for row in at_rest)
@@ -47,7 +47,7 @@ def say(rows: Mapping[str, Row]) -> list[Block]:
 
 
 def figure(row: Row) -> str:
-    """As many digits as the uncertainty leaves, but no more than DIGITS."""
+    """Format a value with as many digits as its uncertainty allows, at most DIGITS."""
     x, bracket = number(row, "value"), number(row, "bracket")
     if not is_known(x):
         return "-"
@@ -64,7 +64,7 @@ CURVES = (
 
 
 def paper_figures(rows: Sequence[Row]) -> list[Chart]:
-    """Figures that the paper draws and gives of its example, out of the reference; nothing without rows."""
+    """Return the curves that the paper draws of its example, from the reference; none without rows."""
     charts = []
     for column, title, axis in CURVES if rows else ():
         line = [{"engine": "reference", "line": "reference", "name": "", "x": number(r, "t"), "y": number(r, column)} for r in rows]
@@ -75,7 +75,7 @@ def paper_figures(rows: Sequence[Row]) -> list[Chart]:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """State what becomes of the mechanism that is said to stop."""
+    """Yield the finding on the mechanism that, according to the paper, stops."""
     rows = {str(row["key"]): row for row in run.table("reproduction")}
     if "stops" not in rows or rows["stops"]["verdict"] != "refuted":
         return

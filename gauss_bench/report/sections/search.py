@@ -1,6 +1,7 @@
-"""The cheapest way of every engine that is exact enough over the whole run: what answers which engine to take.
+"""The cheapest setting of every engine that holds a requirement over the whole run.
 
-Every figure is the searched best of its engine; what was searched, with which budget, and where each knob comes from stands below.
+Every figure is for the best setting that the search found; the section lists the searched variants, the budget, and the source of
+each option.
 """
 
 import math
@@ -21,7 +22,7 @@ OK = "ok"
 
 
 def section(run: Run) -> Section | None:
-    """Winners, then the space and its knobs."""
+    """Return the section with the winners, then the searched variants and their options."""
     rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
@@ -36,7 +37,7 @@ def section(run: Run) -> Section | None:
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
-    """Rows of winners with who is the fastest at each requirement, who is the authors' own, and what there is to say."""
+    """Return the rows of winners with their multiples of the fastest, marks of own engines, and remarks."""
     over: dict[tuple[Any, ...], float] = {}
     for place, some in group_rows(rows, lambda r: (r["mechanism"], number(r, "accuracy"))).items():
         over |= multiples({(*place, r["engine"]): number(r, "seconds") for r in some if r["status"] == OK})
@@ -61,31 +62,31 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 
 
 def scope(rows: Sequence[Row]) -> str:
-    """State what was spent, and what is left out."""
+    """Return a sentence on the effort of the search and its limits."""
     return (
         f"Each variant had {effort(rows)}; what was **not reached** was not within these, by these variants, with these adapters."
     )
 
 
 def effort(rows: Sequence[Row]) -> str:
-    """Budget and most steps; from the least to the largest where linkages differ in them."""
+    """Return the budget and the largest number of steps, as ranges if linkages differ in them."""
     budgets, steps = (sorted({int(number(r, x)) for r in rows if is_known(r.get(x))}) for x in ("budget", "most_steps"))
-    told = [" to ".join(str(x) for x in dict.fromkeys((some[0], some[-1]))) for some in (budgets, steps)]
-    return f"{told[0]} evaluations and {told[1]} steps of a run at most"
+    ranges = [" to ".join(str(x) for x in dict.fromkeys((some[0], some[-1]))) for some in (budgets, steps)]
+    return f"{ranges[0]} evaluations and {ranges[1]} steps of a run at most"
 
 
 def answer_of(run: Run, row: Row) -> Reach:
-    """Return the answer of a row of winners."""
+    """Return the reach of the engine of a row of winners."""
     return answer(run, str(row["mechanism"]), str(row["engine"]), [Requirement(str(row["required"]), number(row, "accuracy"))])
 
 
 def in_python(row: Row) -> str:
-    """Return what of the suite's own runs in Python inside a time, in words; empty where nothing does."""
+    """Return the suite's own Python code that runs inside the measured time, in words; empty without any."""
     return f"in Python: {row['in_python']}" if row.get("in_python") else ""
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """At each requirement: how much faster than each rival's searched best our own is, where it is not, and within which limits."""
+    """Yield at each requirement the speed of our compiled engines relative to each rival's best, defeats first."""
     lines = run.table("search_winners")
     if lost_races := [r for r in lines if not r["required"]]:
         said = "; ".join(f"{r['mechanism']}: {r['message']}" for r in lost_races)
@@ -118,7 +119,7 @@ def _requirement(row: Row) -> tuple[str, float]:
 
 
 def _multiple(run: Run, row: Row) -> str:
-    """A rival's time over our own on a linkage, with its spread."""
+    """Return a rival's time divided by our own on a linkage, with its spread."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
     x, low, high = (times(number(row, f"ratio{end}")) for end in ("", "_low", "_high"))
@@ -128,7 +129,7 @@ def _multiple(run: Run, row: Row) -> str:
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Rows whose ratios are to the cheaper of our own compiled ways on the linkage: stored ones may be to one that ties with it."""
+    """Return rows with ratios relative to the cheaper of our compiled engines; stored ratios may refer to one that ties with it."""
     least = {
         place: min((number(r, "ratio") for r in some if r.get("ours") and is_known(r.get("ratio"))), default=math.nan)
         for place, some in group_rows(group, lambda r: str(r["mechanism"])).items()
@@ -138,7 +139,7 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
 
 
 def slower(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Name who is faster than our own compiled formulations, others of our own included."""
+    """Yield the engines that are faster than our compiled formulations, including other own engines."""
     ahead = [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
     faster = [f"`{r['engine']}`{' (own)' if r['engine'] in run.own_engines else ''} on {_multiple(run, r)}" for r in ahead]
     if faster:
@@ -146,7 +147,7 @@ def slower(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def out_of_reach(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """List where none of our own ways reaches it, and who does there."""
+    """Yield the linkages on which none of our compiled engines holds the requirement, and the engines that do."""
     reached = {str(r["mechanism"]) for r in group if r.get("ours") and r["status"] == OK}
     for place in sorted(
         {str(r["mechanism"]) for r in group if r.get("ours") and answer_of(run, r).kind is Kind.NOT_REACHED} - reached
@@ -156,7 +157,7 @@ def out_of_reach(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def short(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Name who is nearer than what was aimed at."""
+    """Yield the rivals over which our lead misses its target."""
     missed = [r for r in group if is_known(r.get("target")) and not r["met"]]
     near = [f"`{r['engine']}` on {_multiple(run, r)} of {times(number(r, 'target'))}" for r in missed]
     if near:
@@ -164,7 +165,7 @@ def short(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 
 def not_told(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """State what the figures leave out: engines that do not run somewhere, and linkages that were not searched."""
+    """Yield what the figures leave out: engines that do not run a linkage, and linkages that were not searched."""
     untried = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
     for message, rows in group_rows(untried, lambda r: answer_of(run, r).words).items():
         engines = itemise(dict.fromkeys(f"`{r['engine']}`" for r in rows))

@@ -41,19 +41,19 @@ TABLES = ("results", "series")
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
 OWN = "gauss"
 NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # in the judge's words
-SHUT = 1e-4  # [m, rad] a gap that nobody would see
-LOST = 1.0  # [rad or m] a linkage that is somewhere else
+SHUT = 1e-4  # [m, rad] loops with a smaller gap look closed
+LOST = 1.0  # [rad or m] error beyond which the motion is another one
 
 
 def whole(name: str, scenario: str, rows: Sequence[Row]) -> Table:
-    """Every case of a linkage in a scenario, its errors in the coordinate that they are measured by."""
+    """Return the table of every case of a linkage in a scenario, with errors of its measured coordinate."""
     bars = {column: f"bar_{column.rpartition('_')[2]}" for column in MEASURED_ERRORS}
     shown = [{**row, **{bar: measure_bar(row, column) for column, bar in bars.items()}} for row in rows]
     return lay_out("trajectories", shown, name=name, scenario=scenario, quantity=quantity(rows), unit=unit(rows))
 
 
 def best(name: str, scenario: str, rows: Sequence[Row]) -> Table:
-    """One line for each engine and its settings; below the reference the largest step stands for all."""
+    """Return the most accurate case per engine and settings; of cases below the reference's bar, the one with the largest step."""
 
     def rank(row: Row) -> tuple[bool, float, float]:
         below = below_reference(row)
@@ -66,7 +66,7 @@ def best(name: str, scenario: str, rows: Sequence[Row]) -> Table:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """The best of each linkage, and what ended without being valid."""
+    """Yield the best of each linkage, wrong motions with closed loops, invalid cases, and the largest drift."""
     for name in run.linkages:
         yield from best_of(run, name)
     yield from wrong_though_closed(run)
@@ -75,7 +75,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def best_of(run: Run, name: str) -> Iterator[Finding]:
-    """The most accurate engine of a linkage, and the cheapest at equal accuracy reached."""
+    """Yield the most accurate engine of each scenario of a linkage, and the cheapest at each of TARGETS."""
     for scenario, rows in group_rows((r for r in run.of(name) if may_rank(r)), lambda r: r["scenario"]).items():
         with_error = [row for row in rows if is_known(end_error(row))]
         if not with_error:
@@ -83,9 +83,8 @@ def best_of(run: Run, name: str) -> Iterator[Finding]:
         sentences = [_most_accurate(with_error)]
         for target in TARGETS:
             reached = [r for r in with_error if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
-            for where, some in sorted(
-                group_rows(reached, _where).items()
-            ):  # compiled and interpreted are not held against each other
+            # compiled and interpreted loops are not compared with each other
+            for where, some in sorted(group_rows(reached, _where).items()):
                 cheapest = min(some, key=run_time)
                 sentences.append(
                     f"Cheapest within {target:.0e} {unit(some)}: {_price(cheapest)} {where}{_cheapest_own(some, cheapest)}."
@@ -102,7 +101,7 @@ def _where(row: Row) -> str:
 
 
 def _cheapest_own(reached: list[Row], cheapest: Row) -> str:
-    """Place `gauss` among the rows that reach the same accuracy."""
+    """Return how `gauss` compares with the cheapest case of the same accuracy."""
     own = [row for row in reached if row["engine"] == OWN]
     if not own or cheapest["engine"] == OWN:
         return ""
@@ -120,7 +119,7 @@ def _most_accurate(rows: list[Row]) -> str:
 
 
 def wrong_though_closed(run: Run) -> Iterator[Finding]:
-    """The row that is farthest off while its model is right and its loops stay shut: residuals told nothing."""
+    """Yield the case with the largest error although its model is right and its loops stay closed: residuals do not show it."""
     fine = [row for row in run.results if ok(row) and not row["control"] and number(row, "position_drift") < SHUT]
     rows = [r for r in fine if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:
@@ -149,14 +148,14 @@ def not_valid(run: Run) -> Iterator[Finding]:
 
 
 def _why(group: list[Row]) -> str:
-    """The judge's words for these rows, numbers taken out, in order of how often they were said."""
+    """Return the judge's reasons for these rows without numbers, the most frequent first."""
     flags = (re.sub(r" \S+ m from", " away from", str(row.get("flag") or "no reason given")) for row in group)
     words = [re.sub(NUMBERS, "", flag) for flag in flags]
     return itemise(sorted(set(words), key=lambda x: (-words.count(x), x)))
 
 
 def drifted(run: Run) -> Iterator[Finding]:
-    """Name the case whose constraints are left farthest with nothing added to hold them."""
+    """Yield the valid case without stabilisation that has the largest drift."""
     free = [row for row in run.results if may_rank(row) and is_known(row.get("position_drift")) and plain(row)]
     if free:
         row = max(free, key=lambda r: number(r, "position_drift"))

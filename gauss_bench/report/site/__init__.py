@@ -1,1 +1,1 @@
-"""The published site: pages, charts and data out of stored rows alone, readable from a folder and under any address."""
+"""The published site: pages, charts and data, made from stored rows alone; it opens from a folder or from any address."""

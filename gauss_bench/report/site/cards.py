@@ -1,4 +1,4 @@
-"""Four questions that a reader has first, each with one sentence, one number and one small figure out of stored rows."""
+"""The four questions on the first screen, each answered by a sentence, a number and a small figure from stored rows."""
 
 import tomllib
 from collections.abc import Callable
@@ -11,14 +11,14 @@ from gauss_bench.report.content import Chart, count, error, times
 from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok, plain
 from gauss_bench.report.site.charts import FLOOR, bars
 
-HOLDS = 1e-4  # [m, rad] a loop that opens by less is called held: a tenth of a millimetre
+HOLDS = 1e-4  # [m, rad] a loop that opens by less counts as held: a tenth of a millimetre
 CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # words of each
 STEP = 1e-3  # [s] that engines are compared at as shipped
 
 
 @dataclass(frozen=True)
 class Card:
-    """A question with its answer, and the page that says more."""
+    """A question with its answer, and a link to the page with details."""
 
     question: str
     sentence: str
@@ -30,7 +30,7 @@ class Card:
 
 
 def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **look: Any) -> Card:
-    """A card of CARD's words, with a figure of rows; none without rows."""
+    """Make a card with the texts of CARD and a figure of rows; without rows it has no figure."""
     words = CARD[name]
     spec = bars(rows, words["axis"], **look)
     head = {"name": words["rows"], "y": words["column"], **({"low": "least", "high": "largest"} if "low" in str(rows[:1]) else {})}
@@ -39,9 +39,9 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
 
 
 def as_shipped(run: Run) -> dict[str, Row]:
-    """Engine -> where its loops open most, of its cases with default settings, no stabilisation added and a step of STEP.
+    """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP.
 
-    Of several integrators the one that opens them least stands for the engine.
+    If an engine has several integrators, the one with the smallest largest drift stands for it.
     """
     rows = [
         r
@@ -59,7 +59,7 @@ def as_shipped(run: Run) -> dict[str, Row]:
 
 
 def loops(run: Run) -> Card | None:
-    """Do loops hold by default?"""
+    """Return the card "Do loops hold by default?", or None without cases."""
     worst = as_shipped(run)
     if not worst:
         return None
@@ -78,7 +78,7 @@ def loops(run: Run) -> Card | None:
 
 
 def gauss_or_lagrange(run: Run) -> Card | None:
-    """Gauss or Lagrange, with nothing else that differs?"""
+    """Return the card on the cost of a step by Gauss against Lagrange, both compiled, or None without races."""
     rows = sorted((r for r in run.table("kernel_claim") if is_known(r.get("ratio"))), key=lambda r: -number(r, "ratio"))
     if not rows:
         return None
@@ -97,7 +97,7 @@ def gauss_or_lagrange(run: Run) -> Card | None:
 
 
 def paper(run: Run) -> Card | None:
-    """Is the paper right?"""
+    """Return the card "Is the paper right?", or None without an audit."""
     rows = run.table("audit")
     if not rows:
         return None
@@ -115,7 +115,7 @@ def paper(run: Run) -> Card | None:
 
 
 def trust(run: Run) -> Card | None:
-    """The card "Why trust this?": digits of certificates, or the widest bar of a run without them."""
+    """Return the card "Why trust this?": digits of certificates, or the largest error bar of a run without certificates."""
     rows = [r for r in run.table("certificates") if r["status"] == "ok" and is_known(r.get("digits"))]
     bars_of = [r for r in run.table("references") if is_known(r.get("error_bar_q"))]
     if rows:

@@ -1,4 +1,4 @@
-"""Pages that are whole chapters of the report: the papers, the kernel, the method, and every finding."""
+"""The pages on the papers, the kernel and the method, made of sections, and the page of all findings."""
 
 from types import ModuleType
 from typing import Any
@@ -24,7 +24,7 @@ def chapter(name: str, title: str, lead: str, contents: list[Section], **parts: 
 
 
 def papers_page(run: Run) -> Page | None:
-    """The papers' claim, their lines, and the first one's example; nothing where a run looked at none."""
+    """Return the page on the papers: their claim, their audited lines and the first one's example; None without data."""
     if not run.table("audit") and not run.table("kernel_claim"):
         return None
     lead = "What three papers say of few unknowns against many, line by line: as printed, and as it should read."
@@ -32,14 +32,14 @@ def papers_page(run: Run) -> Page | None:
 
 
 def kernel_page(run: Run) -> Page | None:
-    """The page on how fast, exact and near the machine's limit the compiled formulations are; nothing where a run measured none."""
+    """Return the page on speed and accuracy of the compiled formulations; None if the run measured none."""
     content = kernel.section(run)
     lead = "The compiled formulations: what a step costs, how exact it is, and how near it comes to what the processor allows."
     return chapter("kernel", "Kernel", lead, list(content.parts)) if content else None
 
 
 def method_page(run: Run) -> Page:
-    """Limits first, then every section that has no page of its own."""
+    """Return the page on the method: limitations first, then every section without a page of its own."""
     lead = "What the figures cannot tell, how they were taken, and who took them."
     elsewhere = (*PAPERS, kernel)
     modules = sorted((x for x in parts_of(room) if x not in elsewhere), key=lambda x: x is not limitations)

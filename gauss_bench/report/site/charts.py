@@ -1,7 +1,7 @@
-"""Charts in one grammar for screen and print: Vega-Lite specifications out of `assets/charts.json`, each with a table of numbers.
+"""Charts as Vega-Lite specifications, filled in from the templates of `assets/charts.json`.
 
-Colours are names of CSS variables, so that a page turns dark, or is printed, without drawing anything again. The rows of a chart
-travel beside its specification under the name `rows`; the page draws both.
+Colours are names of CSS variables, so that dark mode and printing need no second drawing. The rows of a chart are stored beside its
+specification under the name `rows`; the page combines both.
 """
 
 import json
@@ -14,14 +14,14 @@ from gauss_bench.report.palette import SHAPES, slots
 from gauss_bench.report.rows import Row, is_known, number
 
 GRAMMAR: Mapping[str, Any] = json.loads((Path(__file__).parent / "assets" / "charts.json").read_text(encoding="utf-8"))
-VEGA_LITE = "6.4"  # whose grammar that is
-MOST_LINES = 6  # with their names at the ends
-APART = 0.065  # of the height: least distance of two names
-FLOOR = 1e-17  # an error of zero is drawn here
+VEGA_LITE = "6.4"  # version of the specifications
+MOST_LINES = 6  # largest number of lines that are named at their ends
+APART = 0.065  # share of the height: least distance of two names
+FLOOR = 1e-17  # a zero error is drawn here, since logarithmic axes have no zero
 
 
 def fill(part: Any, values: Mapping[str, Any]) -> Any:
-    """A part of the grammar with values in the place of every "$name"."""
+    """Return a part of a template with values in place of every "$name"."""
     match part:
         case dict():
             return {k: fill(x, values) for k, x in part.items()}
@@ -33,19 +33,19 @@ def fill(part: Any, values: Mapping[str, Any]) -> Any:
 
 
 def look(engines: Sequence[str]) -> dict[str, Any]:
-    """Engines with their colours, and their markers, which are distinct where colours are not seen."""
+    """Return engines with their colours, and with markers that tell them apart without colour."""
     colours = [f"var(--{slot})" for slot in slots(engines).values()]
     return {"engines": list(engines), "colours": colours, "shapes": [SHAPES[i % len(SHAPES)] for i in range(len(engines))]}
 
 
 def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequence[str] = ()) -> dict[str, Any]:
-    """Rows with x, y, engine and line (what a thin line joins) on two logarithmic axes; engines by name if no order is given."""
+    """Plot rows (x, y, engine, line) on two logarithmic axes; rows with equal `line` are joined. Engines are sorted by default."""
     values = look(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
     return dict(fill(GRAMMAR["points"], values))
 
 
 def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int = 300) -> dict[str, Any]:
-    """Lines of y against time, each with its name at its end."""
+    """Plot lines of y against time, each with its name at its end."""
     kind = "log" if logarithmic else "linear"
     values = look(list(dict.fromkeys(str(r["engine"]) for r in rows)))
     values |= {"last": max((number(r, "x") for r in rows), default=1.0), "y": y, "height": height}
@@ -56,7 +56,7 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
 def label(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
 ) -> tuple[dict[str, Any], ...]:
-    """Rows of lines, the last of each marked as its end with a height for its name at which no two of the first names meet."""
+    """Return the rows of all lines; the last row of a line gets a height `label_y` for its name, so that names do not overlap."""
     values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]
     if not values:
         return ()
@@ -64,6 +64,7 @@ def label(
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
     places = sorted((height(float(line[-1]["y"])), i) for i, line in enumerate(lines[:most]))
     at = {i: height(float(line[-1]["y"])) for i, line in enumerate(lines)}
+    # from the lowest name upwards, keep each at least APART above the one before
     below = -math.inf
     for h, i in places:
         at[i] = below = max(h, below + APART * span)
@@ -75,7 +76,7 @@ def label(
 
 
 def bars(rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, written: str = "") -> dict[str, Any]:
-    """A bar for each name with its value; where rows have low and high, a dot with its range in the place of the bar."""
+    """Plot a bar per name; rows with low and high are drawn as a dot with its range instead."""
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}
     values = {

@@ -1,4 +1,4 @@
-"""An engine's page: as shipped, as this suite would set it, the best that was found, what breaks it, and how to object."""
+"""An engine's page: its cases, its best settings, its races, its failures, and how to object to the results."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -52,7 +52,7 @@ def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
 
 
 def cases(rows: Sequence[Row]) -> Iterator[Row]:
-    """The most accurate case of each linkage, setting and integrator, and what came of it."""
+    """Yield the most accurate case of each linkage, setting and integrator, with its outcome."""
     for group in group_rows(rows, lambda r: (r["mechanism"], r["settings"], r["integrator"])).values():
         row = min(group, key=lambda r: (not ok(r), number(r, "position_error") if is_known(r.get("position_error")) else math.inf))
         outcome = "valid" if row["valid"] else str(row.get("flag") or row["message"] or row["status"])
@@ -60,6 +60,7 @@ def cases(rows: Sequence[Row]) -> Iterator[Row]:
 
 
 def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
+    """Return the engine's cheapest setting per linkage and accuracy, or why none holds it."""
     lines: list[Row] = []
     for linkage in linkages(run):
         own = [x for x in settings if (x.mechanism, x.engine) == (linkage, name)]
@@ -86,17 +87,18 @@ def why(run: Run, name: str, settings: Sequence[Setting]) -> tuple[str, Table] |
             lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": in_words(run, one)})
     if not lines:
         return None
-    # the product of geometric means holds, as that of medians does not
+    # geometric means, unlike medians, keep the identity time = steps * time per step
     whole, steps, each = (geometric_mean(number(x, k) for x in lines) for k in ("time", "steps", "each"))
-    said = (
+    sentence = (
         f"To hold {small(FIRST)} m, on {count(len(lines), 'linkage')} it takes, as geometric means, {times(whole)} times as long "
         f"as the fastest engine there: {times(steps)} times as many steps, each of {times(each)} times the time."
     )
     cause = "The number of its steps" if steps > each else "What one of its steps costs"
-    return said + (f" {cause} decides." if whole > 1.05 else " It is the fastest."), lay_out("engine_why", lines)
+    return sentence + (f" {cause} decides." if whole > 1.05 else " It is the fastest."), lay_out("engine_why", lines)
 
 
 def races(run: Run, rows: Sequence[Row]) -> Table:
+    """Return the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
     lines = []
     for r in rows:
         same = (x for x in run.table("search_winners") if all(x[k] == r[k] for k in ("mechanism", "required", "accuracy")))
@@ -111,7 +113,7 @@ def races(run: Run, rows: Sequence[Row]) -> Table:
 
 
 def broken(run: Run, name: str) -> list[str]:
-    """Sentences: where it failed, and what it was told off for."""
+    """Return sentences on where the engine failed, was invalid, or does not model a linkage."""
     rows = [r for r in run.results if r["engine"] == name]
     failed = [r for r in rows if not ok(r) and r["status"] != "skip"]
     invalid = [r for r in rows if ok(r) and not r["valid"] and not r["control"]]
@@ -146,19 +148,19 @@ def broken(run: Run, name: str) -> list[str]:
 
 
 def atlas(rows: Sequence[Row]) -> Table:
-    """The engine's reach along each axis of the atlas."""
+    """Return the table of the engine's reach along each axis of the atlas."""
     lines = []
     for r in rows:
-        way = " ".join(str(r[k]) for k in ("settings", "stabilization") if r[k] not in ("", "none", "default"))
+        setting = " ".join(str(r[k]) for k in ("settings", "stabilization") if r[k] not in ("", "none", "default"))
         ends = {k: f"{number(r, k):g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
-        lines.append({**r, "way": way or "default", "passes": ends["passes_to"], "breaks": ends["breaks_at"]})
+        lines.append({**r, "way": setting or "default", "passes": ends["passes_to"], "breaks": ends["breaks_at"]})
     commits = itemise(sorted({str(r["commit"]) for r in rows if r["commit"]}))
     note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
     return lay_out("engine_atlas", lines, note=note)
 
 
 def engines_page(run: Run) -> Page:
-    """All engines, one line each."""
+    """Return the page that lists all engines."""
     lines = []
     for name in engine_names(run):
         rows = [r for r in run.results if r["engine"] == name]

@@ -1,4 +1,4 @@
-"""The first screen: which setting of each engine holds what is required, what was found, and four questions with their answers."""
+"""The first screen: which setting of each engine holds a requirement, the main findings, and four questions with answers."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +58,7 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
 
 
 def first_answers(run: Run, name: str, settings: Sequence[Setting]) -> list[dict[str, str]]:
-    """What the form answers before anything is chosen: the cheapest setting of each engine, fastest first."""
+    """Return the answers for the default choice: the cheapest setting of each engine, fastest first."""
     own = [x for x in settings if x.mechanism == name]
     held = [x for x in cheapest_stored(run, name, own, USUAL, math.inf).values() if is_known(x.seconds)]
     over = multiples({x.engine: x.seconds for x in held})
@@ -70,7 +70,7 @@ def first_answers(run: Run, name: str, settings: Sequence[Setting]) -> list[dict
 
 
 def headlines(findings: list[Finding]) -> list[Finding]:
-    """The bold part of findings: where this suite's own is slower, short of its aim, or cannot."""
+    """Return the findings that begin in bold: where the suite's own engines are slower, miss a target, or fail."""
     lost = [x for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
     return [Finding(x.title, x.text.partition(" The compiled kernel's")[0].replace("**", "")) for x in lost]
 
@@ -78,7 +78,7 @@ def headlines(findings: list[Finding]) -> list[Finding]:
 def chooser_data(
     run: Run, names: tuple[str, ...], settings: tuple[Any, ...], programs: Programs | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Everything the form looks up, and the programs of each linkage, which are looked up when they are asked for."""
+    """Return the data of the form, and the programs of each linkage, which a page loads only on demand."""
     choices = {name: answers(run, name, settings) for name in names}
     wanted = [x.choice for one in choices.values() for x in one["chosen"]]
     texts = programs(wanted) if programs else {}
@@ -97,13 +97,13 @@ def chooser_data(
 
 
 def pack(texts: list[str]) -> dict[str, Any]:
-    """Texts by their lines, each of which is kept once: programs of one engine differ in few."""
+    """Store texts as indices into their distinct lines, since programs of one engine share most lines."""
     lines = {x: i for i, x in enumerate(dict.fromkeys(line for text in texts for line in text.split("\n")))}
     return {"lines": list(lines), "texts": [[lines[x] for x in text.split("\n")] for text in texts]}
 
 
 def call_of(name: str, x: Setting) -> str:
-    """A call of this package that runs a setting, where no program in the engine's own language was written."""
+    """Return a Python call of this package that runs a setting, for settings without a program in the engine's own language."""
     named = {k: getattr(x, k) for k in ("engine", "scenario", "settings", "integrator", "stabilization")}
     given = "".join(f"    {k}={v!a},\n" for k, v in named.items() if v)
     step = f"{x.step:.10g}" if is_known(x.step) else "0.001"

@@ -1,6 +1,6 @@
-"""Formulas as MathML, out of the plain text that tables keep: "J^- g" with indices, exponents, primes and Greek letters.
+"""Convert plain-text formulas of tables, such as "J^- g", to MathML, with indices, exponents, primes and Greek letters.
 
-A formula is set as a row of pieces that a line may break between, so that it fits a phone. Text with words in it stays text.
+A formula becomes several pieces between which a line may break, so that it fits a phone. A text that contains words stays text.
 """
 
 import re
@@ -17,7 +17,7 @@ BREAK = re.compile(r" (?=[=+-] )|(?<=,) ")
 
 
 def is_formula(text: str) -> bool:
-    """Tell whether a text is a formula: an operator, and no word but names of functions, Greek letters and short symbols."""
+    """Tell whether a text is a formula: it has an operator, and no words except functions, Greek letters and short symbols."""
     words = WORD.findall(text)
     return bool(words and re.search(r"[=^']", text)) and all(x in NAMES or len(x) < 3 for x in words) and "_" not in text[:1]
 

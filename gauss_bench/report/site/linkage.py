@@ -1,4 +1,4 @@
-"""A linkage's page: how it moves, what accuracy costs on it, how runs drift, and the best of each engine."""
+"""A linkage's page: its motion, error against cost, drift and energy over time, and the best setting of each engine."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,9 +31,9 @@ from gauss_bench.report.site.settings import (
 )
 
 STEP = 1e-3  # [s] of the runs whose drift is drawn
-HELD = 1e-4  # [m] for which the leaders are named
+HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
 PLAYED = 50  # points of a line in a figure
-BETTER = 0.98  # of the error of the next: what is less apart is as exact
+BETTER = 0.98  # a costlier setting is on the front if its error is below this share of the last one's
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do its loops stay shut?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
 
@@ -70,7 +70,7 @@ def rows_file(name: str) -> str:
 
 
 def rows_page(run: Run, name: str) -> Page | None:
-    """Every case of a linkage."""
+    """Return the page with every case of a linkage."""
     scenarios = group_rows(run.of(name), lambda r: str(r["scenario"]))
     if not scenarios:
         return None
@@ -92,7 +92,7 @@ def describe(run: Run, name: str, scenario: str) -> str:
 
 
 def drawing(run: Run, name: str) -> Markup | None:
-    """A still one, where the crank does not come round."""
+    """Return a still drawing, for linkages whose crank cannot turn fully; None if the linkage does not load."""
     try:
         return Markup(inline(draw(*pose_in(run, name)), "still"))
     except LinkageError:
@@ -100,7 +100,7 @@ def drawing(run: Run, name: str) -> Markup | None:
 
 
 def leaders(run: Run, name: str, settings: Sequence[Setting]) -> str:
-    """Name who is cheapest within a tenth of a millimetre, in a sentence."""
+    """Return a sentence on the cheapest engines within HELD, and on the engines that do not hold it."""
     if not settings:
         return ""
     held = cheapest_stored(run, name, settings, HELD, math.inf).values()
@@ -112,13 +112,13 @@ def leaders(run: Run, name: str, settings: Sequence[Setting]) -> str:
         return f"No setting that was timed stays within {1e3 * HELD:g} mm.{others}"
     over = multiples({x.engine: x.seconds for x in cheapest})
     names = [f"`{x.engine}`{' (own)' if x.engine in run.own_engines else ''}" for x in cheapest]
-    said = ", ".join(f"{y} {times(over[x.engine])} x" for x, y in zip(cheapest[1:5], names[1:5], strict=True))
-    first = f"{names[0]} ({in_words(run, cheapest[0])}){f'; then {said}' if said else ''}"
+    next_ones = ", ".join(f"{y} {times(over[x.engine])} x" for x, y in zip(cheapest[1:5], names[1:5], strict=True))
+    first = f"{names[0]} ({in_words(run, cheapest[0])}){f'; then {next_ones}' if next_ones else ''}"
     return f"Cheapest within {1e3 * HELD:g} mm over {cheapest[0].until:g} s: {first}.{others}"
 
 
 def holding(run: Run, name: str, settings: Sequence[Setting]) -> Table | None:
-    """The cheapest setting of each engine within some accuracies, fastest first."""
+    """Return the table of each engine's cheapest setting at four accuracies, fastest first."""
     lines = []
     for position in POSITIONS[::2][:4]:
         held = [x for x in cheapest_stored(run, name, settings, position, math.inf).values() if is_known(x.seconds)]
@@ -130,7 +130,7 @@ def holding(run: Run, name: str, settings: Sequence[Setting]) -> Table | None:
 
 
 def accuracy(settings: Sequence[Setting]) -> Chart | None:
-    """Error against time: what no other setting of the same engine beats in both."""
+    """Return the chart of error against time, with the Pareto front of each engine's settings."""
     kept = [
         one
         for some in group_rows(map(vars, settings), lambda x: x["engine"]).values()
@@ -159,7 +159,7 @@ def toggle(rows: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, ...], tuple[st
 
 
 def front(rows: Sequence[Row], cost: str, error: str) -> list[Row]:
-    """Rows that none is both as cheap and as exact as, cheapest first."""
+    """Return the Pareto front: rows that no other row beats in both cost and error, cheapest first."""
     kept: list[Row] = []
     for one in sorted((x for x in rows if is_known(x[cost])), key=lambda x: (x[cost], x[error])):
         if not kept or one[error] < BETTER * kept[-1][error]:
@@ -168,7 +168,7 @@ def front(rows: Sequence[Row], cost: str, error: str) -> list[Row]:
 
 
 def forces(run: Run, name: str) -> Chart | None:
-    """Error of joint forces against the step, of each engine's best variant there."""
+    """Return the chart of joint-force errors against the number of steps, with the Pareto front of each engine."""
     ladder = (r for r in run.table("search_ladder") if r["mechanism"] == name and r["status"] == "ok" and number(r, "steps") > 0)
     known = group_rows((r for r in ladder if is_known(r.get("force_error"))), lambda r: str(r["engine"]))
     kept = [one for some in known.values() for one in front(some, "steps", "force_error")]
@@ -185,7 +185,7 @@ def forces(run: Run, name: str) -> Chart | None:
 
 
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
-    """One line for each engine: its case at STEP with the fewest additions, the first engines of MOST_LINES first."""
+    """Return one line per engine over time: its plainest case with a step nearest to STEP. Engines in FIRST come first."""
     cases = {_case(r): r for r in run.of(name) if may_rank(r) or (ok(r) and not r["control"])}
     series = group_rows((r for r in run.table("series") if r["mechanism"] == name), _case)
     chosen: dict[str, tuple[Any, list[Row]]] = {}
@@ -193,6 +193,7 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
         row = cases.get(key)
         if row is None or not any(is_known(r.get(column)) for r in rows):
             continue
+        # prefer the step nearest to STEP, then no stabilisation, default settings and rk4
         order = (
             abs(math.log10(number(row, "step") / STEP)),
             row["stabilization"] not in ("none", ""),

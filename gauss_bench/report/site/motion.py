@@ -1,7 +1,7 @@
-"""A linkage to turn by hand.
+"""A linkage whose crank a reader turns on the page.
 
-Links are drawn once, in their own frames; the page carries them through the states of a turn of the crank, which this project's own
-kinematics solves.
+Links are drawn once, in their own frames; a script moves them through the states of a turn of the crank, which the suite's
+kinematics computes.
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ from gauss_bench.terms import Array
 
 
 def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
-    """A linkage and the states of a turn of its crank, angles unwrapped; None without a file, or where it does not come round."""
+    """Return a linkage and the states (k, n) of a full turn of its crank; None without a file or without a full turn."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:
@@ -37,7 +37,7 @@ def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
 
 
 def turning(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
-    """A linkage's SVG whose parts carry numbers, and where every part is in each state [px, degrees]."""
+    """Return a linkage's SVG with numbered links, and the places of every link in each state [px, degrees]."""
     motion = turn_frames(run, name)
     if motion is None:
         return None
@@ -50,13 +50,13 @@ def turning(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
 
 
 def in_pixels(canvas: Canvas, states: Array) -> Array:
-    """The drawn places of links (k, links, 3) [px, px, degrees] at states (k, n)."""
+    """Return the drawn places of links (k, links, 3) [px, px, degrees] at states (k, n)."""
     links = states.reshape(len(states), -1, 3)
     return np.concatenate((canvas.at(links[..., :2]), -np.degrees(links[..., 2:])), axis=-1)
 
 
 def svg_of(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
-    """The linkage at the first state, every part that moves with the number of the link that carries it."""
+    """Return the SVG of the first state; each moving part has the number of its link as an attribute."""
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
     shapes = [*paths(mechanism.observed_points, states, canvas), *(part.draw(_carried(part)) for part in parts)]
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'

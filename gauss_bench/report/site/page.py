@@ -1,6 +1,6 @@
-"""The shell that every page shares, its way through the site, and how blocks of a section become HTML: by `templates`.
+"""The frame that all pages share, with navigation, and the conversion of a section's blocks to HTML by `templates`.
 
-Text of files reaches a page through their escaping alone, and a script through `script_text`.
+Texts from files are escaped by the templates; data in scripts is escaped by `script_text`.
 """
 
 import json
@@ -17,8 +17,8 @@ from gauss_bench.report.content import NOTHING, Cell, Chart, Section, Table
 from gauss_bench.report.pages import MARKED, SENTENCE
 from gauss_bench.report.site.formulas import is_formula, mathml
 
-LONG, LABEL = 60, 40  # characters: a longer cell opens from a label of at most so many
-HEADLINE = 260  # characters of a finding before its reader opens the rest
+LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
+HEADLINE = 260  # largest number of characters of a finding before it is unfolded
 DASH = "A dash: not measured there, or without sense for that row."
 TAGS = {"bad": "where we lose", "warn": "to know", "good": "holds"}
 
@@ -30,12 +30,12 @@ class Page:
     Attributes:
         name: of its file, without suffix.
         title: of the page.
-        lead: the sentence below it.
-        body: what it shows.
-        data: what its scripts read: charts by name, and what else.
-        scripts: of the site that it needs besides.
-        later: name -> what a script fetches only when a reader asks for it.
-        group: of the contents, empty for pages that others lead to.
+        lead: the sentence below the title.
+        body: HTML content.
+        data: of its scripts, such as charts by name.
+        scripts: further scripts that it needs.
+        later: name -> data that a script loads only on demand.
+        group: its group in the table of contents; empty for pages that are only linked from others.
     """
 
     name: str
@@ -53,19 +53,19 @@ class Page:
 
 
 def file_name(text: str) -> str:
-    """A name that any file system and address can carry; two names give two files."""
+    """Return a file name that is safe on file systems and in addresses; an altered name gets a checksum, to stay distinct."""
     plain = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-") or "x"
     return plain if plain == text else f"{plain}-{sum(ord(c) * (i + 7) for i, c in enumerate(text)) % 99991}"
 
 
 def script_text(value: Any) -> str:
-    """JSON that can stand in a script: no character of it ends one."""
+    """Return JSON that is safe inside a script element: it contains no character that could end the element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"), sort_keys=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def rich(text: str) -> Markup:
-    """Escaped text with `code` and **strong** as HTML."""
+    """Escape a text and convert `code` and **strong** to HTML."""
     parts = []
     for part in MARKED.split(text):
         if part.startswith("**"):
@@ -78,14 +78,14 @@ def rich(text: str) -> Markup:
 
 
 def column_classes(content: Table) -> list[Markup]:
-    """The class attribute of each column: numbers, the first of which comes first where there is little room."""
+    """Return the class attribute of each column; the first column of numbers is marked, since narrow screens show it first."""
     lead = min(content.numeric, default=-1)
     names = [f"n{' first' if i == lead else ''}" if i in content.numeric else "" for i in range(len(content.head))]
     return [Markup(' class="{}"').format(x) if x else Markup("") for x in names]
 
 
 def label_class(content: Table) -> str:
-    """The class of tables with the same head, whose cells are labelled by it where they stand below each other on a phone."""
+    """Return the CSS class of tables with this head; on phones, it labels the cells, which stand below each other."""
     return f"h{zlib.crc32(repr(content.head).encode()):x}"
 
 
@@ -99,13 +99,13 @@ def note_of(content: Table) -> str:
 
 
 def sort_by(cell: Cell) -> Markup:
-    """A number that rows are sorted by, where the text does not say it."""
-    told = f"{cell.sort:.7g}" if isinstance(cell.sort, float) else cell.text
-    return Markup("") if told == cell.text else Markup(' data-sort="{}"').format(told)
+    """Return the sort attribute of a cell, unless its text is already the number."""
+    key = f"{cell.sort:.7g}" if isinstance(cell.sort, float) else cell.text
+    return Markup("") if key == cell.text else Markup(' data-sort="{}"').format(key)
 
 
 def shown(cell: Cell) -> Markup:
-    """What a cell shows: a formula typeset, an address as a link, a long text behind a short label, a dash for nothing."""
+    """Return the HTML of a cell: formulas are typeset, addresses become links, long texts are folded, empty cells show a dash."""
     text = cell.text or NOTHING
     if cell.tone == "formula" and is_formula(text):
         return mathml(text)
@@ -119,7 +119,7 @@ def shown(cell: Cell) -> Markup:
 
 
 def short_label(text: str) -> str:
-    """The first words of a text, up to where it explains itself."""
+    """Return the first words of a text, up to a colon, semicolon or bracket, as its label."""
     first = re.split(r"[:;(]", text, maxsplit=1)[0].strip()
     if 3 < len(first) <= LABEL:
         return first
@@ -127,7 +127,7 @@ def short_label(text: str) -> str:
 
 
 def headline(text: str) -> str:
-    """The first sentence of a finding; of a long one without what stands in brackets, and up to its list."""
+    """Return the first sentence of a finding; a long one loses its brackets and its list."""
     first = SENTENCE.split(text.replace("**", ""))[0]
     if len(first) <= HEADLINE:
         return first
@@ -154,7 +154,7 @@ ENVIRONMENT = _environment()
 
 
 def render(template: str, **context: Any) -> Markup:
-    """A file of `templates` with its names filled in."""
+    """Fill in a template of the folder `templates`."""
     return Markup(ENVIRONMENT.get_template(template).render(context))
 
 
@@ -162,19 +162,19 @@ PARTS = ("paragraphs", "sections", "findings", "back", "tables", "engines", "des
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """A page of a few of PARTS: sections, tables, findings, a list."""
+    """Make a page from some of PARTS, such as sections, tables or findings."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 
 
 def charts_in(content: Section) -> dict[str, Any]:
-    """Name -> data of every figure of a section."""
+    """Return name -> data of every figure of a section and its subsections."""
     own = {x.name: x.data() for x in content.blocks if isinstance(x, Chart)}
     return own | {name: data for part in content.parts for name, data in charts_in(part).items()}
 
 
 def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
-    """The whole text of a page; `guide` is where the documentation lies, if it does."""
+    """Return the complete HTML of a page; `guide` is the address of the documentation, if it was built."""
     groups: dict[str, list[Page]] = {}
     for other in pages:
         if other.group:

@@ -1,16 +1,16 @@
-"""Two engines' runs of a linkage played side by side, their differences from the true motion magnified.
+"""Two engines' runs of a linkage, played side by side with magnified differences from the reference.
 
-A run is drawn from its own stored poses (tables `motions` and `poses`): a link stands at truth + ahead + gap. Both differences are
-magnified, each in its way: `ahead`, which leaves all loops closed, along the motion of the linkage, so that a late crank is drawn
-later with all that hangs on it; `gap` in a straight line, so that loops are drawn open as far as they are, times the factor, and
-nowhere else. At a factor of one a link is drawn where the run has it.
+Tables `motions` and `poses` store the pose of a link in a run as truth + ahead + gap. `ahead` is the part of the difference that
+leaves all loops closed; it is magnified along the motion of the linkage, so that a late crank is drawn later together with all
+other links. `gap` is the rest, which opens loops; it is magnified in a straight line. At a factor of one, links are drawn where the
+run has them.
 
-Where the crank comes round, the page follows the turn that it has anyway: with c the true angle of the crank, a what the run's
-is ahead and f the factor,
+If the crank can turn fully, the magnified pose is taken from the states of a turn. With the reference angle c of the crank, the
+angle a by which the run is ahead, and the factor f,
 
     pose(f) = turn(c + f a) + rest + f gap,    rest = truth + ahead - turn(c + a),
 
-the rest being nothing but for a run that has gone over to another assembly. Without such a turn: pose(f) = truth + f (ahead + gap).
+where the rest is zero unless the run has changed to another assembly. Without a full turn, pose(f) = truth + f (ahead + gap).
 """
 
 from collections.abc import Sequence
@@ -33,9 +33,9 @@ from gauss_bench.report.site.motion import in_pixels, svg_of, turn_frames
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
-SEEN = 0.1  # [px, degrees] below it a run stays in the assembly that the turn goes through
-REACH = 60.0  # [px] that the furthest link is drawn off the true motion at first, at most
-DIGITS = 3  # of a difference
+SEEN = 0.1  # [px, degrees] smaller differences are not stored
+REACH = 60.0  # [px] largest drawn difference from the reference with the initial factor
+DIGITS = 3  # significant digits of a stored difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,8 @@ class Played:
     """A stored run.
 
     Attributes:
-        engine, label: and its setting in words; plain: whether that is its default.
-        ahead, gap: (frames, links, 3) [m, m, rad]; fewer frames where the run ended early.
+        label: engine and setting in words; plain: whether the setting is the default.
+        ahead, gap: (frames, links, 3) [m, m, rad]; a run that ended early has fewer frames.
     """
 
     engine: str
@@ -55,12 +55,12 @@ class Played:
 
     @property
     def off(self) -> Array:
-        """(frames,) how far the furthest link is off the true motion [m]."""
+        """Return the largest distance (frames,) of any link from the reference [m]."""
         return _furthest(self.ahead + self.gap)
 
     @property
     def open(self) -> Array:
-        """(frames,) how far the furthest link is off where its loops are closed [m]."""
+        """Return the largest distance (frames,) of any link from its place with closed loops [m]."""
         return _furthest(self.gap)
 
 
@@ -69,7 +69,7 @@ def _furthest(x: Array) -> Array:
 
 
 def truth_of(run: Run, name: str, scenario: str, links: Sequence[str]) -> tuple[Array, Array] | None:
-    """Times (k,) and the true states (k, n) at them; None where they are not stored."""
+    """Return times (k,) and reference states (k, n); None if they are not stored."""
     rows = [r for r in run.table("motions") if (r["mechanism"], r["scenario"]) == (name, scenario)]
     times = sorted({number(r, "t") for r in rows})
     at = {(number(r, "t"), str(r["link"])): r for r in rows}
@@ -84,7 +84,7 @@ def _fill(at: dict[tuple[float, str], Row], times: Sequence[float], links: Seque
 
 
 def play_runs(run: Run, name: str, scenario: str, links: Sequence[str], times: Array) -> list[Played]:
-    """The stored runs that have poses, by engine, those with its default settings first."""
+    """Return the stored runs with poses, sorted by engine, default settings first."""
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     rows = [r for r in run.table("poses") if (r["mechanism"], r["scenario"]) == (name, scenario)]
     played = []
@@ -100,13 +100,13 @@ def play_runs(run: Run, name: str, scenario: str, links: Sequence[str], times: A
 
 
 def label_of(row: Row) -> str:
-    """Engine and setting in words, and whether the run may be used."""
+    """Return engine and setting in words, and a mark if the run is not valid."""
     said = " ".join(str(row[k]) for k in ("settings", "integrator", "stabilization") if row[k] not in ("", "default", "none"))
     return f"{row['engine']} {said}".strip() + ("" if row["status"] == "ok" else " (not valid)")
 
 
 def side_by_side(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """The player of two stored runs and its data; None where fewer than two are stored."""
+    """Return the player of two stored runs and its data; None if fewer than two runs are stored."""
     motion = turn_frames(run, name)
     try:
         mechanism = motion[0] if motion else load_document(*_document(run, name, scenario))
@@ -141,13 +141,13 @@ def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """States (k, n) of a turn of a crank, angles unwrapped."""
+    """States (k, n) of a full turn of the crank, angles unwrapped."""
 
     mechanism: Mechanism
     states: Array
 
     def at(self, crank: Array) -> Array:
-        """States (k, n) at angles (k,) [rad] of the crank; links that turn with it are at most a turn off."""
+        """Return states (k, n) at crank angles (k,) [rad]; angles of links may be off by a whole turn."""
         own = crank_angles(self.mechanism, self.states)
         sense = np.sign(own[-1] - own[0])
         place = np.mod((crank - own[0]) * sense, 2 * np.pi)
@@ -155,10 +155,11 @@ class Turn:
 
 
 def _along(x: Played, turn: Turn, truth: Array, canvas: Canvas) -> dict[str, Any]:
-    """A run that the page carries along the turn."""
+    """Return the data of a run that the page draws along the turn of the crank."""
     ahead = x.ahead.reshape(len(x.ahead), -1)
     own = truth[: len(ahead)] + ahead
     rest = (own - turn.at(crank_angles(turn.mechanism, own))).reshape(x.ahead.shape)
+    # angles of the turn are known up to whole turns only
     rest[..., 2] = (rest[..., 2] + np.pi) % (2 * np.pi) - np.pi
     shown = differences(canvas, rest)
     more: dict[str, Any] = {"rest": np.round(shown, 2).swapaxes(0, 1).tolist()} if np.abs(shown).max(initial=0.0) > SEEN else {}
@@ -169,22 +170,22 @@ def _along(x: Played, turn: Turn, truth: Array, canvas: Canvas) -> dict[str, Any
 
 
 def _straight(x: Played, canvas: Canvas) -> dict[str, Any]:
-    """A run that the page carries in straight lines."""
+    """Return the data of a run whose differences the page magnifies in straight lines."""
     return _describe(x) | {"moved": _list(differences(canvas, x.ahead + x.gap))}
 
 
 def _describe(x: Played) -> dict[str, Any]:
-    """Describe a difference, in millimetres."""
+    """Return name, error and loop opening of a run [mm]."""
     return {"name": x.label, "off": [_short(1e3 * y) for y in x.off], "open": [_short(1e3 * y) for y in x.open]}
 
 
 def differences(canvas: Canvas, x: Array) -> Array:
-    """Differences (k, links, 3) [m, m, rad] in [px, px, degrees], y down."""
+    """Convert differences (k, links, 3) from [m, m, rad] to [px, px, degrees], y down."""
     return np.concatenate((canvas.offset(x[..., :2]), -np.degrees(x[..., 2:])), axis=-1)
 
 
 def _list(x: Array) -> list[Any]:
-    """(k, links, 3) by link, DIGITS digits each."""
+    """Return an array (k, links, 3) as lists by link, each number with DIGITS digits."""
     return [[[_short(v) for v in frame] for frame in link] for link in x.swapaxes(0, 1)]
 
 
@@ -193,7 +194,7 @@ def _short(x: float) -> float:
 
 
 def stage(svg: str, runs: Sequence[Played], scale: float, frames: int) -> dict[str, Any]:
-    """Two stages, who is on them, the factor and the time; at first as large a factor as leaves both runs on the stage."""
+    """Return both stages: their runs, factors and times; the initial factor is the largest that keeps both runs in the picture."""
     a = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     b = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if a == 0 else 0)
     reach = scale * max(float(runs[i].off.max()) for i in (a, b))

@@ -22,7 +22,7 @@ def search_page(pages: Sequence[Page], guide: Path) -> Page:
 
 
 def headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:
-    """Addresses of pages and of their headings, with their words."""
+    """Yield addresses and texts of pages and of their headings."""
     for page in pages:
         yield page.file, page.title
         for anchor, words in HEADING.findall(str(page.body)):
@@ -30,7 +30,7 @@ def headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:
 
 
 def documented(guide: Path) -> Iterator[tuple[str, str]]:
-    """Addresses of the documentation's headings, with their words; none where it was not built."""
+    """Yield addresses and texts of the documentation's headings; none if it was not built."""
     if (guide / INDEX).is_file():
         for entry in json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]:
             yield f"{guide.name}/{entry['location']}", f"Guide: {Markup(entry['title']).striptags()}"

@@ -1,9 +1,9 @@
-"""Settings that hold a requirement, and what each costs: what the first screen answers from.
+"""Settings that hold a requirement, and their costs: the data of the first screen.
 
 A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
-raced at that step, or follows from the time of a step of the same variant that was raced at another one; then it is `estimated`.
-Where a linkage was not searched, its settings are the cases of the accuracy suite. The cheapest of each engine that holds what is
-required is picked here, for every requirement that can be chosen, so that a page only has to look it up.
+raced, or is `estimated`: scaled by the number of steps from a race of the same variant at another step. The settings of a linkage
+that was not searched are the cases of the accuracy suite. The cheapest setting of each engine is picked here for every requirement
+that a reader can choose, so that the page only looks it up.
 """
 
 import json
@@ -29,12 +29,14 @@ HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s], those within the stored run
 
 @dataclass(frozen=True)
 class Setting:
-    """One way to run an engine, whose errors are known.
+    """A setting of an engine with known errors.
 
     Attributes:
-        seconds, low, high: processor time until `until`, with its spread where it was raced; NaN where nothing tells it.
-        position, force: largest errors until `until` [m, N]; force NaN where it was not measured.
-        until: end of that run [s].
+        step [s], tolerance: NaN if the setting has none; steps: number of steps of the run.
+        seconds, low, high: processor time of the run [s], with its spread if it was raced; NaN if unknown.
+        estimated: whether `seconds` was scaled from a race at another step.
+        position, force: largest errors of the run [m, N]; force is NaN if it was not measured.
+        until: end of the run [s].
     """
 
     mechanism: str
@@ -59,17 +61,17 @@ class Setting:
 
     @property
     def cost(self) -> tuple[float, float, str]:
-        """By which the cheapest is chosen: its time, and the number of its steps where it has none."""
+        """Sort key: the time, or the number of steps of a setting without a time; settings with a time come first."""
         return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, self.steps, self.words)
 
     @property
     def choice(self) -> tuple[Any, ...]:
-        """Everything that a program of it depends on."""
+        """Everything on which a program for the setting depends."""
         return tuple(getattr(self, k) for k in (*METHOD, "step", "tolerance", "until"))
 
     @property
     def words(self) -> str:
-        """Variant, integrator and stabilisation, without what says nothing or stands in the variant's name."""
+        """Variant, integrator and stabilisation, without "none" and parts that the variant's name contains."""
         return _name_setting(self.settings, self.integrator, self.stabilization)
 
 
@@ -79,7 +81,7 @@ def _name_setting(settings: str, *more: str) -> str:
 
 
 def size_in_words(x: Setting) -> str:
-    """Step or tolerance; or that the engine chooses it."""
+    """Return the step or tolerance in words; "own" if the engine chooses its steps."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
@@ -94,7 +96,7 @@ def in_words(run: Run, x: Setting) -> str:
 
 
 def row_in_words(run: Run, row: Row) -> str:
-    """Return the same for the row of a setting; nothing where its options are not stored."""
+    """Return the words of `in_words` for a row; empty if its options are not stored."""
     choice = tuple(str(row[k]) for k in ("engine", "settings", "integrator", "stabilization"))
     options = _options_in_words(run).get(choice)
     if options is None:
@@ -106,7 +108,7 @@ def row_in_words(run: Run, row: Row) -> str:
 
 @lru_cache(maxsize=2)
 def _options_in_words(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Engine, variant, integrator and stabilisation -> its options besides those of the engine's first variant."""
+    """Return (engine, variant, integrator, stabilisation) -> its options that differ from the engine's first variant."""
     found: dict[tuple[str, ...], list[str]] = {}
     for engine, rows in group_rows(run.table("search_space"), lambda r: str(r["engine"])).items():
         first = json.loads(str(rows[0]["options"]))
@@ -118,7 +120,7 @@ def _options_in_words(run: Run) -> dict[tuple[str, ...], list[str]]:
     return found
 
 
-UNSAID = ("remark",)  # of options: words about them
+UNSAID = ("remark",)  # options that are comments
 
 
 def _option_in_words(name: str, value: Any) -> str:
@@ -129,7 +131,7 @@ def _option_in_words(name: str, value: Any) -> str:
 
 
 def method_of(row: Row) -> tuple[str, ...]:
-    """What METHOD names of a row."""
+    """Return the values of a row in the columns METHOD."""
     return tuple(str(row[k]) for k in METHOD)
 
 
@@ -138,26 +140,27 @@ def _size(row: Row) -> tuple[float, ...]:
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
-    """A setting from a row and what the row does not say; numbers that neither knows are NaN."""
+    """Make a setting from a row and further fields; numbers that both lack are NaN."""
     known: dict[str, Any] = dict(zip(METHOD, method_of(row), strict=True)) | {k: number(row, k) for k in NUMBERS}
     return Setting(**{"estimated": False} | known | more)
 
 
 @lru_cache(maxsize=2)
 def all_settings(run: Run) -> tuple[Setting, ...]:
-    """Every setting with known errors, of all linkages; those whose time nothing tells have none."""
+    """Return every setting with known errors, of all linkages, with or without a time."""
     searched = {str(r["mechanism"]) for r in run.table("search_ladder")}
     return (*_search(run), *(x for x in _cases(run) if x.mechanism not in searched))
 
 
 def _search(run: Run) -> Iterable[Setting]:
+    """Yield the settings of the searched linkages, each with its raced or estimated time."""
     raced = group_rows((r for r in run.table("search_times") if r["status"] == "ok" and is_known(r.get("seconds"))), method_of)
     steps_of: dict[tuple[Any, ...], float] = {(method_of(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
     for row in run.table("search_ladder"):
         times = raced.get(method_of(row), [])
         if row["status"] != "ok" or not is_known(row.get("position_error")) or not number(row, "steps") > 0:
             continue
-        same = next((t for t in times if _size(t) == _size(row)), None)
+        same = next((t for t in times if _size(t) == _size(row)), None)  # the race at this very step or tolerance
         if same is not None:
             raced_at = {
                 "seconds": number(same, "seconds"),
@@ -166,6 +169,7 @@ def _search(run: Run) -> Iterable[Setting]:
             }
         else:
             steps = number(row, "steps")
+            # estimate: time per step in the race of the same variant whose number of steps is nearest on a log scale
             by = {steps_of.get((method_of(t), _size(t)), math.nan): number(t, "seconds") for t in times}
             near = min(by, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
             raced_at = {"seconds": by.get(near, math.nan) / max(near, 1.0) * steps}
@@ -174,6 +178,7 @@ def _search(run: Run) -> Iterable[Setting]:
 
 
 def _cases(run: Run) -> Iterable[Setting]:
+    """Yield the valid cases of the accuracy suite as settings with estimated times."""
     for row in run.results:
         error = number(row, "length_error") if is_known(row.get("length_error")) else number(row, "position_error")
         if may_rank(row) and is_known(error) and is_known(run_time(row)):
@@ -183,7 +188,7 @@ def _cases(run: Run) -> Iterable[Setting]:
 
 
 def cheapest(settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
-    """Engine -> its cheapest setting that holds, of equal ones the first by name; where none has a time, that of fewest steps."""
+    """Return engine -> its cheapest setting that holds the requirement; without a time, the one with the fewest steps."""
     leaders: dict[str, Setting] = {}
     for one in settings:
         if one.holds(position, force) and (one.engine not in leaders or one.cost < leaders[one.engine].cost):
@@ -192,7 +197,7 @@ def cheapest(settings: Sequence[Setting], position: float, force: float = math.i
 
 
 def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float) -> dict[str, Setting]:
-    """The same, with the winner of a race where just this was raced: it alone was told from what ties it."""
+    """Return engine -> its cheapest setting; the winner of a race at exactly this requirement replaces the estimate."""
     leaders = cheapest(settings, position, force)
     if not math.isinf(force):
         return leaders
@@ -208,17 +213,17 @@ def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], posit
 
 
 def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
-    """Return times over the least of them, whoever it belongs to."""
+    """Return each time divided by the smallest time."""
     least = min((x for x in seconds.values() if is_known(x)), default=math.nan)
     return {k: x / least for k, x in seconds.items() if is_known(x)}
 
 
 def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, Any]:
-    """The answers of the first screen for a linkage: settings, each engine's pick for each requirement, or why there is none."""
+    """Return the data of the first screen for a linkage: settings, and for each requirement every engine's pick or its reason."""
     own = [x for x in settings if x.mechanism == mechanism]
     listed: list[Setting] = []
     picks: dict[str, list[Any]] = {}
-    beyond: dict[str, list[int]] = {}  # engine -> for each requirement the place of its answer in `words`, -1 where it holds
+    beyond: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it holds
     words: dict[str, int] = {}
     for i, position in enumerate(POSITIONS):
         for j, force in enumerate(FORCES):
@@ -233,11 +238,11 @@ def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, 
             for engine, missed in not_held(run, mechanism, own, position, force).items():
                 places = beyond.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
                 places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
-    told = [_describe(run, x) for x in listed]
+    described = [_describe(run, x) for x in listed]
     until = max((x.until for x in own if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
     return {
-        "settings": told,
+        "settings": described,
         "picks": picks,
         "none": beyond,
         "words": list(words),
@@ -253,7 +258,7 @@ def _describe(run: Run, x: Setting) -> dict[str, Any]:
 
 
 def not_held(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Reach]:
-    """Engine -> the answer, of those none of whose settings on a linkage holds what is required."""
+    """Return engine -> its reach, for the engines without a setting that holds the requirement."""
     held = {x.engine for x in settings if x.holds(position, force)}
     engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
     return {e: answer_of(run, mechanism, e, settings, position, force) for e in engines if e not in held}
@@ -262,7 +267,7 @@ def not_held(run: Run, mechanism: str, settings: Sequence[Setting], position: fl
 def answer_of(
     run: Run, mechanism: str, engine: str, settings: Sequence[Setting], position: float, force: float = math.inf
 ) -> Reach:
-    """Return the answer of an engine: from its ladders, or from its cases on a linkage that was not searched."""
+    """Return the reach of an engine from its ladders, or from its cases if the linkage was not searched."""
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in settings if x.engine == engine]
     if cases and engine not in engines_of(run, mechanism):
@@ -271,7 +276,7 @@ def answer_of(
 
 
 def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
-    """Return the answer of an engine on a linkage that was not searched, from its cases of the accuracy suite."""
+    """Return the reach of an engine from its cases of the accuracy suite."""
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     ladders: dict[tuple[str, ...], list[Trial]] = {}
@@ -282,7 +287,7 @@ def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) ->
 
 
 def linkages(run: Run) -> tuple[str, ...]:
-    """Those that were searched or run, in order of their names."""
+    """Return the names of the linkages that were searched or run, sorted."""
     return tuple(sorted({str(r["mechanism"]) for r in (*run.results, *run.table("search_ladder"))}))
 
 

@@ -1,4 +1,4 @@
-"""The data: every table of the run as files, with what its columns mean; and how to cite it."""
+"""The data page: every table of the run as files, with the meaning of its columns; and the page on citing it."""
 
 import lzma
 from collections.abc import Mapping
@@ -11,12 +11,12 @@ from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_p
 
 FOLDER = "tables"
 LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed
-HUGE = 150_000  # a table with more is there as Parquet alone: the site stays below its 8 MB
+HUGE = 150_000  # numbers and words: a larger table is published as Parquet alone, to keep the site below 8 MB
 PACKED = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "pb": 0}]  # text of numbers: no bytes are aligned
 
 
 def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path]:
-    """Write every table that has rows as Parquet, and as CSV unless it is huge. The same rows give the same bytes."""
+    """Write every table with rows as Parquet, and as CSV unless it is huge; equal rows give equal bytes."""
     written = []
     for name, rows in tables.items():
         if rows:
@@ -39,15 +39,15 @@ def csv_file(name: str, rows: tuple[Row, ...]) -> str:
 
 
 def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:
-    """Every table with its columns, units and meaning, as the schema has them."""
+    """Return the page with every table, its columns, units and meanings."""
     described = []
     for name, rows in sorted(tables.items()):
         if rows:
             columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
             csv = [] if is_huge(name, rows) else [(f"{FOLDER}/{csv_file(name, rows)}", "CSV")]
-            said = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}."
+            summary = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}."
             files = [*csv, (f"{FOLDER}/{name}.parquet", "Parquet")]
-            described.append({"name": name, "said": said, "files": files, "columns": lay_out("columns", columns, name=name)})
+            described.append({"name": name, "said": summary, "files": files, "columns": lay_out("columns", columns, name=name)})
     return plain_page(
         "data", "Data", "Every table this site was built from, with what each column means.", "Data", described=described
     )

@@ -1,7 +1,7 @@
-"""Writes the whole site of a run into one folder; built twice from the same rows, every file is the same byte for byte.
+"""Write the site of a run into a folder; equal rows give equal files, byte for byte.
 
-Pages carry their text and tables; what their scripts draw stands in classic scripts beside them, so that a page opens from a folder
-as from any address, and asks nobody for anything.
+Pages contain their text and tables. Data for figures is in classic scripts beside them, so that a page opens from a folder or from
+any address, without requests to other servers.
 """
 
 import shutil
@@ -37,14 +37,14 @@ def write_site(
     findings: Sequence[Finding] = (),
     programs: Programs | None = None,
 ) -> list[Path]:
-    """Write the site of a run under `out`/site, in the place of an earlier one; returns what was written.
+    """Write the site of a run to `out`/site, replacing an earlier one, and return the written files.
 
     Args:
-        findings: what the sections found.
-        programs: choices -> programs that run them; without it the first screen has calls of this package.
+        findings: of the sections.
+        programs: choices -> programs that run them; by default the first screen shows calls of this package.
     """
     folder = out / SITE
-    if (folder / "site.css").is_file():  # ours: nothing else of the reader's is taken away
+    if (folder / "site.css").is_file():  # an earlier site: no other folder is ever emptied
         for old in folder.iterdir():
             if old.is_file():
                 old.unlink()
@@ -81,13 +81,13 @@ def write_site(
 
 @cache
 def drawing_script() -> str:
-    """The bundle of Vega, Vega-Lite and Vega-Embed, which leaves `vegaEmbed` behind and nothing else; no module, no request."""
+    """Return Vega, Vega-Lite and Vega-Embed as one classic script that defines only `vegaEmbed`."""
     bundle = str(vl_convert.javascript_bundle("window.vegaEmbed = vegaEmbed;", vl_version=VEGA_LITE))
     return f"(function () {{\n{bundle}\n}})();\n"
 
 
 def all_pages(run: Run, findings: list[Finding], programs: Programs | None) -> list[Page]:
-    """Every page, in the order of the contents."""
+    """Return all pages in the order of the table of contents."""
     settings, names = all_settings(run), linkages(run)
     pages: list[Page | None] = [first_page(run, findings, programs)]
     pages += [linkage_page(run, name, scenario_of(run, name), settings) for name in names]
