@@ -29,7 +29,7 @@ def follow(lines: Callable[[Array], Array], start: float, at: Array, angles: Arr
     fine = TURN / PIECES * (length or 1.0)
     below, above = (int(np.ceil(x / fine)) + (not turning) for x in (start - low, high - start))
     grid = start + fine * np.arange(-below, above + 1)
-    followed = np.unwrap(np.nan_to_num(lines(grid)), axis=0)  # NaN where the linkage cannot be: such samples are never asked for
+    followed = np.unwrap(np.nan_to_num(lines(grid)), axis=0)  # NaN where the linkage cannot close
     followed += angles - followed[below]  # grid[below] is the start
     turns = np.floor((at - start) / TURN) * turning
     inside = np.stack([np.interp(at - TURN * turns, grid, x) for x in followed.T], axis=-1)

@@ -110,7 +110,7 @@ class OwnSteps:
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
         """Return the state after `count` steps of h [s]; accelerations asked for after time `last` [s] are those at `last`."""
-        # The last stage of a step may fall just behind a kink of the forces; `held_back` evaluates it on the near side.
+        # A step that ends where forces jump must not see what comes after the jump: `held_back` evaluates it on the near side.
         step, rate = STEPS[self.choice.integrator], held_back(self.stabilized, last)
         for i in range(count):
             t = begin + i * h

@@ -202,12 +202,10 @@ class MinimalModel:
         evaluator, on = Evaluator(self.mechanism), self._on_branch(self.first)
         for row in on[:: max(1, len(on) // CHECKED)]:
             q, v = self.walk.q[row], self.walk.v[row]
-            derived, expected = self._derived(self.first, q, v), gauss(evaluator.terms(0.0, q, v)).a
-            pairs = {
-                name: (own, other, size(other))
-                for name, own, other in zip(("places", "speeds", "accelerations"), derived, (q, v, expected), strict=True)
-            }
-            require_agreement(pairs, AGREEMENT)
+            derived = self._derived(self.first, q, v)
+            expected = gauss(evaluator.terms(0.0, q, v)).a
+            quantities = zip(("places", "speeds", "accelerations"), derived, (q, v, expected), strict=True)
+            require_agreement({name: (own, other, size(other)) for name, own, other in quantities}, AGREEMENT)
 
     def _state(self, equation: Equation, q: Array, v: Array) -> Array:
         """Translate a state of the linkage to the equation's state (2n,)."""
@@ -267,14 +265,16 @@ class MinimalModel:
                 self._equal(row, h, every, samples)
 
     def _equal(self, row: int, h: float, every: int, samples: int) -> None:
-        """Equal steps from the sample `row` to `samples` further ones."""
+        """Take equal steps of h [s] from the sample `row` to `samples` further ones, `every` steps apart."""
         done, t, total = 0, float(self.times[row]), every * samples
         while done < total and not self.lost:
             due = every - done % every  # steps to the next sample
+            # After a change of coordinate between two samples, one call goes to the next sample only.
             count, each = (total - done, every) if due == every else (due, due)
             machine, start = self.machines[self.now], self.y
             states, moved, y = machine.steps(start, t + done * h, h, count, each)
-            y = y.copy()
+            y = y.copy()  # the machine's memory is used again by the next call
+            # A machine that stops early does not count the state where it stopped, even if a sample is due there.
             states = np.vstack([states, y]) if moved < count and moved and moved % each == 0 else states.copy()
             self.stretches.append(Stretch(machine.equation, row + 1 + done // every, start, states, y))
             done, self.y, self.steps = done + moved, y, self.steps + moved
