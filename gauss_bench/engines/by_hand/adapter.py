@@ -1,8 +1,8 @@
 """Two linkages by equations derived on paper, in C: the code of an expert who has one linkage and wants it fast.
 
 The derivations are `crank_slider.c` and `four_bar.c`: the loop is closed by trigonometry, then Lagrange's equation is written in
-the angle of the crank, the one degree of freedom. They use no generated code. They cover these two kinds of loops and the loads that
-`loops.py` names; every other linkage is refused. Each model is compared with the linkage before it is used. The velocities and
+the angle of the crank, the one degree of freedom. They use no generated code. They cover these two kinds of loops and the loads
+that `loops.py` names; every other linkage is refused. Each model is compared with the linkage before it is used. The velocities and
 accelerations of the other links follow from those of the crank by the linkage's constraint rows.
 """
 
