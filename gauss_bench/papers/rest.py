@@ -88,8 +88,8 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
     """Return the bound between values with which the crank comes to rest and with which it runs on, and its uncertainty.
 
-    The uncertainty is half the bracket of the bisection, whose relative width is `width`, plus the change of the bound under a finer
-    integration.
+    The uncertainty is half the bracket of the bisection, whose relative width is `width`, plus the change of the bound under a
+    finer integration.
 
     Raises:
         ValueError: the crank does not come to rest with `settled`, or does with `running`.
