@@ -43,6 +43,7 @@ def release(request: Mapping[str, Any], say: Say) -> None:
         if x is None or not len(x.t):
             say(event)
             continue
+        # as many samples as the page shows in a second, and no more than MOST in all; the last sample is always shown
         every = max(1, round(1 / FRAMES / max(float(np.median(np.diff(x.t))) if len(x.t) > 1 else 1.0, 1e-9)), len(x.t) // MOST + 1)
         chosen = np.unique(np.append(np.arange(0, len(x.t), every), len(x.t) - 1))
         say(event | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})

@@ -127,6 +127,7 @@ class CasadiModel:
         self.times, self.steps, self.evaluations = times, 0, 0
         self.x = np.full((len(times), 2 * self.mechanism.n), np.nan)
         self.x[0] = np.concatenate([self.mechanism.q0, self.mechanism.v0])
+        # With projection every interval between samples is one call, and intervals of the same length share an integrator.
         spans = np.diff(times) if self.choice.stabilization == "projection" else np.array([])
         self.spans = [float(f"{x:.12g}") for x in spans]
         grids = {x: [x] for x in self.spans} if self.spans else {0.0: list(times[1:] - times[0])}

@@ -262,6 +262,7 @@ class _Motion:
         square = r * r - y * y
         root = self.graph.sqrt(square)
         x = root * sign
+        # 1 / x = x / square: one division serves the root and its reciprocal
         inverse, a, s = x * self.graph.inverse(square), u * x + n * y, x - u.dot(way.p)
         omega = (n.dot(way.d) + guide.omega * s) * inverse
         slip = -(omega * y) - (u.dot(way.d) - guide.omega * height)
