@@ -120,7 +120,7 @@ VARIATIONS = [  # none of them is one of the catalogue's
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> None:
     """A coupler that is a millimetre too long: by the file's dimensions its loop is open, and no step or force changes that."""
-    longer_one = of("length of coupler", Cause.LENGTH, linkage=partial(alter, pin="B", by=1e-3))
+    longer_one = of("length of coupler", Cause.LENGTH, linkage=partial(alter, joint="B", by=1e-3))
     found = verdict(longer_one, FOUR_BAR, stabilization=stabilization)
     assert found.cause is Cause.LENGTH, found.sentence
     assert found.cause.part is Part.MODEL

@@ -1,6 +1,6 @@
-"""Everything that runs a mechanism: own formulations and adapters to foreign engines, by name, loaded when asked for.
+"""All engines by name: the suite's formulations and the adapters to foreign libraries, each imported only when it is asked for.
 
-A library that is missing is said with the extra of this package that brings it.
+If a library is missing, the message names the extra of this package that installs it.
 """
 
 from importlib.util import find_spec
@@ -15,17 +15,17 @@ FOREIGN = {
     "mujoco": "gauss_bench.engines.mujoco.adapter:Mujoco",
     "casadi": "gauss_bench.engines.casadi.adapter:Casadi",
 }
-DERIVED = {  # the suite's own equations beside its formulations, compiled: for some linkages only, as libraries are
+DERIVED = {  # the suite's own equations beside its formulations, compiled; like a library, they take only some linkages
     "minimal": "gauss_bench.engines.minimal.adapter:Minimal",
 }
-RIVALS = {  # known to searches and whoever asks by name; suites leave them out: they need a C compiler, or fit few linkages
+RIVALS = {  # searches use them, users can name them; suites leave them out: they need a C compiler, or fit few linkages
     "by_hand": "gauss_bench.engines.by_hand.adapter:ByHand",
     "pinocchio_casadi": "gauss_bench.engines.pinocchio.symbolic:PinocchioCasadi",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
 OWN_CLASS, COMPILED_CLASS = "gauss_bench.engines.interpreted:Interpreted", "gauss_bench.engines.compiled:Compiled"
-AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # by the suite's authors: none of them is a rival
+AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # written by the suite's authors, so none of them counts as a rival
 
 EXTRAS = {  # library -> the extra of the package that brings it
     "pinocchio": "pinocchio",
@@ -42,32 +42,32 @@ EXTRAS = {  # library -> the extra of the package that brings it
 
 
 class UnknownEngine(BadInput, KeyError):
-    """There is no engine of that name; the message says which there are."""
+    """No engine has that name; the message lists the names that exist."""
 
 
 def is_class(name: str) -> bool:
-    """Tell whether a name is MODULE:CLASS, an adapter that nobody has installed under a name of its own."""
+    """Tell whether a name has the form MODULE:CLASS, which addresses an adapter that is not registered under a name."""
     module, colon, last = name.partition(":")
     return bool(colon) and last.isidentifier() and all(x.isidentifier() for x in module.split("."))
 
 
 def names() -> list[str]:
-    """All engines: own formulations, compiled and derived ones, foreign engines, then what others add in gauss_bench.engines."""
+    """List all engines: formulations, compiled and derived ones, foreign ones, then entry points of gauss_bench.engines."""
     from importlib.metadata import entry_points
 
     return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *(p.name for p in entry_points(group="gauss_bench.engines"))]
 
 
 def all_names() -> list[str]:
-    """Those of `names`, and the rivals that suites leave out."""
+    """List the engines of `names` and the rivals that suites leave out."""
     return [*names(), *RIVALS]
 
 
 def get(name: str) -> Engine:
-    """The engine of that name, or of the class MODULE:CLASS.
+    """Return the engine of that name, or an instance of the class MODULE:CLASS.
 
     Raises:
-        KeyError: there is none.
+        KeyError: there is no such engine.
         ImportError: its adapter cannot be imported. Adapters import their library only when they build.
     """
     if name in (*OWN, *COMPILED):
@@ -84,11 +84,11 @@ def get(name: str) -> Engine:
 
 
 class MissingExtra(BadInput, ImportError):
-    """A library of an extra that what was asked for cannot do without."""
+    """The library that an engine or a verb needs is not installed; one of the package's extras brings it."""
 
 
 def not_installed(error: ImportError) -> str:
-    """Name the missing module, and how to install it where one of the extras has it."""
+    """Name the missing module, and the command that installs it if it belongs to one of the extras."""
     if isinstance(error, MissingExtra):
         return str(error)
     library = (error.name or "").partition(".")[0]
@@ -97,10 +97,10 @@ def not_installed(error: ImportError) -> str:
 
 
 def require(library: str) -> None:
-    """Nothing where a library of EXTRAS is there.
+    """Check that a library of EXTRAS is installed.
 
     Raises:
-        MissingExtra: it is not; with the sentence of `not_installed`.
+        MissingExtra: it is not installed; the message is that of `not_installed`.
     """
     if find_spec(library) is None:
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)

@@ -1,4 +1,4 @@
-"""The one face of everything that runs a mechanism.
+"""The interface of every engine: how a mechanism is built, stepped and read back.
 
 The bench owns the clock: `prepare` and `read` are never timed, `run` is. An engine translates to and from the absolute coordinates
 of the mechanism, here and nowhere else, and reports failures as RunFailure; it never grades itself.
@@ -17,11 +17,12 @@ CHOSEN = ("integrator", "stabilization")  # knobs that a run is given beside its
 
 @dataclass(frozen=True)
 class Choice:
-    """The choices of a run: names from the engine's own lists, the step [s], and how exact an adaptive run is to be.
+    """The setting of a run: names from the engine's own lists, the step size, and the tolerance of an adaptive integrator.
 
     Attributes:
-        tolerance: relative, of an integrator that chooses its own steps (absolute: a hundredth of it, in SI units); None for that
-            of the settings.
+        step: step size [s] of a fixed-step integrator.
+        tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it, in
+            SI units. None takes both tolerances from the settings.
     """
 
     settings: str = "default"
@@ -31,16 +32,16 @@ class Choice:
     tolerance: float | None = None
 
     def tolerances(self, relative: float, absolute: float) -> tuple[float, float]:
-        """Relative and absolute tolerance: those asked for, else those of the settings."""
+        """Return the relative and absolute tolerance: this choice's own where it has one, else the two that are passed in."""
         return (relative, absolute) if self.tolerance is None else (self.tolerance, self.tolerance / 100)
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One point of the searched space: everything that is chosen but the step or tolerance.
+    """One candidate of a search: a complete setting, except for the step size or tolerance.
 
     Attributes:
-        options: knob -> value, all of them but `integrator` and `stabilization`.
+        options: knob -> value, for every knob except `integrator` and `stabilization`.
     """
 
     name: str
@@ -53,17 +54,17 @@ class Model(Protocol):
     """A mechanism built in an engine, ready to run."""
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Accelerations (n,) at a given state q, v (n,) in absolute coordinates: what the engine makes of the same state.
+        """Return the engine's accelerations (n,) at a given state q, v (n,), all in absolute coordinates.
 
         Raises:
-            RunFailure: the engine has no usable answer there.
+            RunFailure: the engine has no usable accelerations there.
         """
         ...
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to q0, v0 at times[0] and allocate for samples at the times (k,); not timed.
 
-        `native` asks for the engine's own loop between samples, else one call per step from Python.
+        With `native` the engine's own loop takes the steps between samples; without it, Python calls the engine once per step.
         """
         ...
 
@@ -83,11 +84,11 @@ class Model(Protocol):
 class Engine(Protocol):
     """Builds models of mechanisms.
 
-    It may have `in_python(mechanism, choice)` beside these: what of the suite's own runs in Python inside the time of a run, in
-    words; empty where nothing does.
+    An engine may also have `in_python(mechanism, choice)`, which names the suite's own Python code that runs inside the timed part
+    of a run; the text is empty if there is none.
 
     Attributes:
-        name: what the command line and the tables call it.
+        name: its name on the command line and in the tables.
         integrators: names it offers; the first is its default.
         stabilizations: names it offers.
         settings: label -> options, as printed in the report; the first is its default.
@@ -113,11 +114,11 @@ class Engine(Protocol):
         ...
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """The reason why this mechanism cannot be modelled with this choice, or None. Needs no foreign library."""
+        """Return the reason why this mechanism cannot be modelled with this choice, or None. Needs no foreign library."""
         ...
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Model:
-        """The model; timed apart, as build time.
+        """Build the model; its build time is measured apart from runs.
 
         Raises:
             RunFailure: the engine refuses the model.

@@ -1,11 +1,12 @@
-"""C for engines that are compiled where a compiler is there: finding it, equal steps around any acceleration, and calling them.
+"""Engines in C: find a compiler, generate fixed steps around an acceleration, compile both and call them.
 
-What is handed in defines N and
+The caller's source defines N and
 
     static void acceleration(double t, const double *q, const double *v, double *a)        q, v, a of N numbers
 
-in one source with the steps, so that the compiler may put the one into the other. Methods are those of `integrate/fixed_step.py`,
-with DOP853's coefficients from scipy. Rounding may be reordered (-ffast-math): it is what whoever writes C for speed would allow.
+and is compiled in one source with the steps, so that the compiler may inline it. The methods are those of
+`integrate/fixed_step.py`, with DOP853's coefficients from scipy. -ffast-math lets the compiler reorder sums, as anyone who writes C
+for speed would.
 """
 
 import ctypes
@@ -23,7 +24,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, finite, in_a_sentence
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
-LONGEST = 300.0  # [s] to compile
+LONGEST = 300.0  # [s] after which compilation is given up
 NO_COMPILER = "no C compiler: none of cc, gcc and clang is installed"
 
 ACCELERATE = "void accelerate(double t, const double *q, const double *v, double *a) { acceleration(t, q, v, a); }"
@@ -31,12 +32,12 @@ METHODS = ("rk4", "dop853_fixed")
 
 
 def compiler() -> str | None:
-    """The path of a C compiler, or None."""
+    """Return the path of a C compiler, or None if there is none."""
     return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
 
 
 def steps(name: str) -> str:
-    """The stages of a method in C, those coefficients that are zero left out."""
+    """Write the C function of a Runge-Kutta method, without terms whose coefficient is zero."""
     nodes, rows, weights = tableau(name)
     last = len(weights)
     lines = [f"    double x[N], {', '.join(f'v{k}[N], a{k}[N]' for k in range(last))};"]
@@ -51,14 +52,15 @@ def steps(name: str) -> str:
 
 
 def _sums(row: Array, name: str) -> str:
+    """Write a weighted sum of stages, such as "0.5 * v0[i] + 0.5 * v1[i]"."""
     return " + ".join(f"{float(x)!r} * {name}{k}[i]" for k, x in enumerate(row) if x) or "0.0"
 
 
 class Code:
-    """A compiled acceleration with its steps, of N coordinates.
+    """A compiled acceleration of N coordinates, with the fixed steps around it.
 
     Raises:
-        RunFailure: there is no compiler, or it refuses the source.
+        RunFailure: there is no compiler, or it rejects the source.
     """
 
     def __init__(self, acceleration: str, n: int):
@@ -83,7 +85,7 @@ def _pointer(x: Array) -> ctypes.c_void_p:
 
 @lru_cache(maxsize=64)
 def _library(source: str) -> ctypes.CDLL:
-    """The shared library of a source; linked without -ffast-math, which would change rounding in the whole process."""
+    """Compile and load a source; linked without -ffast-math, which would change rounding in the whole process."""
     program = compiler()
     if program is None:
         raise RunFailure(Status.SKIP, NO_COMPILER)
@@ -102,11 +104,11 @@ def _library(source: str) -> ctypes.CDLL:
 
 
 class CompiledSteps:
-    """A model that is stepped from sample to sample by compiled code, in place.
+    """A model that compiled code steps in place, from one sample to the next.
 
     Attributes:
         start: coordinates and rates (n,) at the beginning.
-        note: a remark on every run.
+        note: a remark that goes with every run.
     """
 
     choice: Choice
@@ -118,11 +120,11 @@ class CompiledSteps:
         raise NotImplementedError
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
-        """q, v, a (k, n) of the linkage at states (k, n)."""
+        """Return q, v, a (k, n_q) of the linkage at times t (k,) and states x, dx (k, n)."""
         raise NotImplementedError
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """There is only the compiled loop, whatever `native` says."""
+        """Reset to the start; steps are always taken by the compiled loop, whatever `native` says."""
         self.times, self.plan = times, step_counts(times, self.choice.step)
         self.x, self.dx = np.full((2, len(times), len(self.start[0])), np.nan)
         self.x[0], self.dx[0] = self.start

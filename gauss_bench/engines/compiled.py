@@ -1,6 +1,6 @@
-"""The suite's own formulations as native code: the same linkage file, generated and compiled instead of interpreted.
+"""The suite's own formulations as native code, generated from the same linkage file that the interpreted engines read.
 
-Gauss and Lagrange come from the same eliminator, so that what differs between the two is the formulation and nothing else.
+The same code generator eliminates Gauss's and Lagrange's equations, so the two engines differ in nothing but the formulation.
 """
 
 from collections.abc import Callable
@@ -77,6 +77,7 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Reset to the start and compile whatever the run needs, so that no timed run compiles."""
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
         self.evaluations = 0
@@ -93,7 +94,7 @@ class CompiledModel:
             self._run_fixed()
 
     def _adaptive(self) -> None:
-        if self.times[-1] == self.times[0]:
+        if self.times[-1] == self.times[0]:  # no duration: there is nothing to integrate
             return
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
@@ -101,34 +102,36 @@ class CompiledModel:
         self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _run_fixed(self) -> None:
+        """Take fixed steps; consecutive sample intervals with the same steps are one call of the native loop."""
         for row, count, h, intervals in self.runs:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:
                 self.q[row + 1], self.v[row + 1] = self._roll(q, v, t, h, count, None)
             elif self.native:
-                whole = slice(row + 1, row + 1 + intervals)
-                self.q[whole], self.v[whole] = self._roll(q, v, t, h, count * intervals, count)
+                rows = slice(row + 1, row + 1 + intervals)
+                self.q[rows], self.v[rows] = self._roll(q, v, t, h, count * intervals, count)
             else:
-                for k in range(intervals):
+                for k in range(intervals):  # one call from Python per step, as a user's own loop would make
                     for i in range(count):
                         q, v = self._roll(q, v, t + (k * count + i) * h, h, 1, None)
                     self.q[row + 1 + k], self.v[row + 1 + k] = q, v
         self.steps = self.planned
-        differences = 2 * self.kernel.directions if self.choice.integrator == IMPLICIT else 0  # in positions and velocities
+        # An implicit step also evaluates finite differences for its Jacobian, in positions and in velocities.
+        differences = 2 * self.kernel.directions if self.choice.integrator == IMPLICIT else 0
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 
     def _roll(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
-        """Samples (n / every, n_q) of n steps, or the state (n_q,) they end with."""
+        """Take n steps and return q, v: a sample (n / every, n_q) after each `every` steps, or the last state (n_q,) if None."""
         samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
         self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
         return samples
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
-        """A call that steps every state q, v (k, n), or one of them (n,), `count` times: last positions of the same shape."""
+        """Return a call that steps every state q, v (k, n), or one (n,), `count` times and gives the last positions."""
         return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count, integrator=self.choice.integrator)[0])
 
     def read(self) -> Trajectory:
-        """The samples; how often the guard changed the partition, or left a step to the library, stands in the note."""
+        """Return the samples; the note counts changes of the coordinate partition and steps that were left to the rank decision."""
         reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
         a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])
         changed = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"

@@ -1,4 +1,4 @@
-"""Angles of links that are known to whole turns only, followed along a coordinate of which they are functions."""
+"""Unwrapping of link angles: each angle is known only up to whole turns, as a function of one coordinate of the linkage."""
 
 from collections.abc import Callable
 
@@ -7,31 +7,35 @@ import numpy as np
 from gauss_bench.terms import Array
 
 TURN = 2 * np.pi
-PIECES = 720  # of a turn: away from dead centres links turn by far less than half a turn from one to the next
+PIECES = 720  # grid points in a turn: away from dead centres a link turns by far less than half a turn between two of them
 
 
 def follow(lines: Callable[[Array], Array], start: float, at: Array, angles: Array, length: float | None = None) -> Array:
-    """Roughly the angles (k, links) at values `at` (k,) of the coordinate, by those at its start over as many turns as there are.
+    """Return approximate, unwrapped angles (k, links) [rad] at the values `at` (k,) of the coordinate.
+
+    The angles are continuous in the coordinate and equal `angles` at `start`; `wind` then makes the exact angles of it.
 
     Args:
-        lines: values (j,) -> the angles (j, links), but for whole turns.
+        lines: values (j,) of the coordinate -> the angles (j, links), up to whole turns.
+        start: value of the coordinate at which the angles are known.
         angles: (links,) at the start.
-        length: typical length of a coordinate that is one [m]; None for an angle.
+        length: typical length [m] if the coordinate is a length; None if it is an angle.
     """
     low, high = min(start, at.min()), max(start, at.max())
-    turning = length is None and high - low > TURN  # then a turn from the start on tells of all
+    # Over more than a turn of an angle the motion repeats: one turn is tabulated and its advance is added for every further turn.
+    turning = length is None and high - low > TURN
     if turning:
         low, high = start, start + TURN
     fine = TURN / PIECES * (length or 1.0)
     below, above = (int(np.ceil(x / fine)) + (not turning) for x in (start - low, high - start))
     grid = start + fine * np.arange(-below, above + 1)
-    followed = np.unwrap(np.nan_to_num(lines(grid)), axis=0)
-    followed += angles - followed[below]
+    followed = np.unwrap(np.nan_to_num(lines(grid)), axis=0)  # NaN where the linkage cannot close
+    followed += angles - followed[below]  # grid[below] is the start
     turns = np.floor((at - start) / TURN) * turning
     inside = np.stack([np.interp(at - TURN * turns, grid, x) for x in followed.T], axis=-1)
     return np.asarray(inside + np.outer(turns, followed[-1] - followed[0]))
 
 
 def wind(angles: Array, near: Array) -> Array:
-    """Angles by those whole turns that bring them nearest to others."""
+    """Add to each angle the whole turns that bring it nearest to `near`; both in rad, of the same shape."""
     return np.asarray(angles + TURN * np.round((near - angles) / TURN))

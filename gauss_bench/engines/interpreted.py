@@ -1,7 +1,7 @@
-"""The suite's own formulations as engines: terms, stabilisation, formulation, integrator, put together and nothing more.
+"""The suite's own formulations as engines in numpy: terms, stabilisation, formulation and integrator are put together here.
 
-Friction in joints is a loop around any formulation: its force follows from the multipliers, those from the accelerations, and a
-formulation without multipliers gets them from J^T lambda = Q - M a.
+Friction in joints is a fixed-point iteration around any formulation: the friction force depends on the multipliers, and these on
+the accelerations. For a formulation that has no multipliers they are recovered from J^T lambda = Q - M a.
 """
 
 from dataclasses import replace
@@ -56,13 +56,13 @@ class Interpreted:
 
 
 class OwnSteps:
-    """A model that is stepped in Python: a subclass gives accelerations to be integrated, and what comes after a step.
+    """A model that is stepped in Python: a subclass supplies the accelerations to integrate and the projection after a step.
 
     Attributes:
         start: coordinates and rates (n,) at the beginning.
-        x, dx: (k, n) samples of both.
+        x, dx: (k, n) samples of coordinates and rates.
         stabilized: (t, x, dx) -> the acceleration (n,) that the integrator sees.
-        tolerances: of steps that are chosen, where the choice names none.
+        tolerances: relative and absolute tolerance of an adaptive integrator if the choice has none.
     """
 
     mechanism: Mechanism
@@ -73,17 +73,17 @@ class OwnSteps:
     steps = evaluations = 0
 
     def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
-        """The nearest state on the constraints."""
+        """Return the nearest state that satisfies the constraints on positions and velocities."""
         raise NotImplementedError
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """There is no loop but that of Python, whatever `native` says."""
+        """Reset to the start; steps are always taken in Python, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
         self.x, self.dx = np.full((2, len(times), len(self.start[0])), np.nan)
         self.x[0], self.dx[0] = self.start
 
     def run(self) -> None:
-        with np.errstate(all="ignore"):  # what is not finite is found afterwards
+        with np.errstate(all="ignore"):  # values that are not finite are looked for after the steps
             if self.choice.integrator not in ADAPTIVE:
                 self._run_fixed()
             elif self.times[-1] != self.times[0]:
@@ -93,7 +93,7 @@ class OwnSteps:
                     raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
     def _adapt(self, rtol: float, atol: float) -> int:
-        """Fill the samples by steps of its own choice, and count those."""
+        """Fill the samples with an adaptive integrator and return the number of its steps."""
         return resolve_name(ADAPTIVE[self.choice.integrator])(  # type: ignore[no-any-return]
             self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks
         )[0]
@@ -109,7 +109,8 @@ class OwnSteps:
             self.steps += count
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
-        """The state after `count` steps of h [s]; accelerations after `last` [s] are those of that time."""
+        """Return the state after `count` steps of h [s]; accelerations asked for after time `last` [s] are those at `last`."""
+        # A step that ends where forces jump must not see what comes after the jump: `held_back` evaluates it on the near side.
         step, rate = STEPS[self.choice.integrator], held_back(self.stabilized, last)
         for i in range(count):
             t = begin + i * h
@@ -145,11 +146,18 @@ class InterpretedModel(OwnSteps):
         return self._move(t, q, v, baumgarte(terms, self.rate, self.rate) if self.choice.stabilization == "baumgarte" else terms)
 
     def _move(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
+        """Return the accelerations (n,) under the terms, with friction where joints have any."""
         solution = self._solve(t, terms)
         return self._resist(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
 
     def _resist(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
-        """The fixed point a = solve(Q + W N(lambda(a))), from the solution without friction; W (n, p)."""
+        """Iterate a = solve(Q + W N(lambda(a))) to its fixed point, beginning with the solution without friction.
+
+        W (n, p) holds the directions of the p friction forces per unit of joint load N.
+
+        Raises:
+            RunFailure: the iteration does not converge (the joints jam), or values are not finite.
+        """
         if not np.isfinite(solution.a).all():
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")
         loads: Array = np.zeros(W.shape[1])
@@ -159,6 +167,7 @@ class InterpretedModel(OwnSteps):
             multipliers = recover_multipliers(loaded, solution.a) if multipliers is None else multipliers
             before, previous, loads = loads, change, self.friction.loads(multipliers)
             change, scale = float(np.abs(loads - before).max()), float(np.abs(multipliers).max())
+            # Done when the loads settle to the tolerance, or when rounding keeps a change this small from shrinking further.
             if change <= self.friction.TOLERANCE * scale or previous <= change <= self.friction.STALLED * scale:
                 return solution.a
             loaded = replace(terms, Q=terms.Q + W @ loads)
@@ -166,12 +175,18 @@ class InterpretedModel(OwnSteps):
         raise RunFailure(Status.NOT_CONVERGED, f"t = {t:.6g} s: {JAMMED.format(self.friction.ITERATIONS)}")
 
     def _solve(self, t: float, terms: Terms) -> Solution:
+        """Solve the terms by the formulation, and refuse a solution whose rank is higher than at the start.
+
+        Raises:
+            RunFailure: the system is singular or not finite, or redundant constraint rows have become independent.
+        """
         try:
             solution = self.formulation(terms)
         except (SingularSystem, np.linalg.LinAlgError) as error:
             if np.isfinite(terms.J).all() and np.isfinite(terms.gamma).all():
                 raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: {error}") from error
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help") from error
+        # Redundant rows that have drifted apart contradict each other: counted as independent they would lock the linkage.
         if self.mechanism.redundant and solution.rank > self.rank:
             drifted = f"t = {t:.6g} s: redundant rows have drifted apart and count as independent (rank {solution.rank}, "
             raise RunFailure(Status.RANK_LOST, f"{drifted}{self.rank} at the start): the linkage would lock; use projection")

@@ -1,7 +1,7 @@
-"""An engine's own options as a user writes them: NAME, KEY=VALUE,... or NAME,KEY=VALUE,... with NAME of settings or a variant.
+"""An engine's own options as a user writes them: NAME, KEY=VALUE,... or NAME,KEY=VALUE,... where NAME is a setting or a variant.
 
-Without a name the engine's first settings are meant. What is known, and of which type, is what those settings say: a number stays a
-number, a list keeps its length, and a word is one of those that some settings or variant of the engine uses or its knob lists.
+Without a name the engine's first settings apply. These settings also define which options exist and their types: a number stays a
+number, a list keeps its length, and a word must be one that a setting or variant of the engine uses or its knob lists.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any
 
 from gauss_bench.untrusted import parse_toml
 
-COMMA = re.compile(r',(?![^\[]*\])(?=(?:[^"]*"[^"]*")*[^"]*$)')  # in no bracket and no quotes
+COMMA = re.compile(r',(?![^\[]*\])(?=(?:[^"]*"[^"]*")*[^"]*$)')  # a comma outside of brackets and quotes
 BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # a word, or several, without quotes
 
 
@@ -26,9 +26,9 @@ class Known:
     """The names that an engine knows.
 
     Attributes:
-        labels: name of settings or of a variant -> option -> value; the first are the engine's defaults.
-        options: those that may be given one by one.
-        words: option -> further values, of options whose values are words.
+        labels: name of a setting or variant -> option -> value; the first entry holds the engine's defaults.
+        options: the options that a user may give one by one.
+        words: option -> further permitted words, for options whose values are words.
     """
 
     labels: Mapping[str, Mapping[str, Any]]
@@ -36,11 +36,11 @@ class Known:
     words: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def resolve(self, text: str) -> dict[str, Any]:
-        """All options of settings, a variant, or of what a user writes.
+        """Return all options that a text stands for: the name of a setting or variant, options one by one, or both.
 
         Raises:
-            KeyError: no settings and no variant have that name.
-            OptionError: an unknown option, one that is given twice, or a value that it cannot take.
+            KeyError: no setting and no variant has that name.
+            OptionError: an option is unknown or given twice, or its value has the wrong type.
         """
         if text in self.labels:
             return dict(self.labels[text])
@@ -60,15 +60,16 @@ class Known:
         return options | {key: self._value(key, value) for key, value in pairs}
 
     def told(self) -> str:
-        """The options with their usual values."""
+        """List the options with their default values, as KEY=VALUE."""
         usual = next(iter(self.labels.values()), {})
         return ", ".join(f"{key}={_write(usual[key])}" for key in self.options)
 
     def _value(self, key: str, text: str) -> Any:
+        """Read an option's value; its default decides which type it must have."""
         usual = next(iter(self.labels.values()))[key]
         value = _read(text)
         match usual:
-            case bool():
+            case bool():  # before int: Python's bool is an int
                 wanted, good = "true or false", isinstance(value, bool)
             case int():
                 wanted, good = "a whole number from 1 on", _is_number(value, int) and value >= 1
@@ -87,17 +88,18 @@ class Known:
         return value
 
     def _words(self, key: str) -> list[str]:
+        """List the words that an option may take, without repetition."""
         used = (options[key] for options in self.labels.values() if key in options)
         return list(dict.fromkeys([*used, *self.words.get(key, ())]))
 
 
 def is_own(text: str) -> bool:
-    """Tell whether a text names options one by one."""
+    """Tell whether a text gives an option by KEY=VALUE, not a name."""
     return "=" in text
 
 
 def _read(text: str) -> Any:
-    """A value as TOML writes it, or the text itself where it is words."""
+    """Parse a value as TOML, or return the text itself if it is plain words; None if it is neither."""
     try:
         return parse_toml(f"x = {text}")["x"] if "\n" not in text else None
     except tomllib.TOMLDecodeError:
@@ -109,7 +111,7 @@ def _is_number(x: Any, kind: Any = (int, float)) -> bool:
 
 
 def _write(value: Any) -> str:
-    """A value as `resolve` reads it."""
+    """Write a value in the form that `resolve` reads."""
     if isinstance(value, (list, tuple)):
         return f"[{','.join(map(_write, value))}]"
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)

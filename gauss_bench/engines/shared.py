@@ -1,4 +1,4 @@
-"""The common part of adapters to foreign engines: refusals, and checks of what they build and return against the linkage."""
+"""The common part of adapters to foreign engines: reasons to refuse a linkage, and checks of the built model against it."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -27,23 +27,23 @@ from gauss_bench.trajectory import RunFailure, Status
 from gauss_bench.trajectory import finite as finite  # where plug-ins look for them
 from gauss_bench.trajectory import with_accelerations as with_accelerations
 
-SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # rad and m about the start; 10 times that in speeds
-PARALLEL = 1e-12  # sine of the angle between two axes: angles are summed in different orders
+SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start; speeds spread 10 times as far [1/s]
+PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
 
 
 def _nothing() -> None:
-    """Make nothing ready."""
+    """Do nothing: for calls that need no preparation."""
 
 
 @dataclass(frozen=True, eq=False)
 class LibraryCall:
-    """One right-hand side as a library's own experts would ask for it, without the translation of coordinates around it.
+    """One evaluation of a library's right-hand side, in its own coordinates, as an expert of the library would call it.
 
     Attributes:
-        call: what is timed.
-        acceleration: (n,) that it finds, in absolute coordinates.
-        ready: what must come before every call, untimed.
-        count: how many right-hand sides, or implicit steps, a call has.
+        call: the function that is timed.
+        acceleration: (n,) result of the call, translated to absolute coordinates.
+        ready: preparation before every call, not timed.
+        count: number of right-hand sides, or implicit steps, in one call.
     """
 
     call: Callable[[], object]
@@ -53,19 +53,20 @@ class LibraryCall:
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
-    """The reason why a library that is given steady forces alone cannot have the mechanism, or None."""
+    """Return why a library that takes only steady forces cannot model the mechanism, or None if it can."""
     names = ", ".join(f.name for f in mechanism.varying)
     return f"force {names} varies with time or direction, which {library} is not given here" if names else None
 
 
 def refused(mechanism: Mechanism, library: str) -> str | None:
-    """The reason why no adapter takes the mechanism, or None.
+    """Return why no adapter takes the mechanism, or None if they do.
 
     Raises:
-        TypeError: a force of a kind that does not say what it comes to.
+        TypeError: a force is of a kind that cannot be lowered to loads.
     """
     for force in mechanism.forces:
-        if any(isinstance(x, Law) and x.inverse_square for x in ([] if factor_of(force) else loads([force]))):
+        lowered = [] if factor_of(force) else loads([force])  # a force that varies is no sum of constant loads
+        if any(isinstance(x, Law) and x.inverse_square for x in lowered):
             return f"force {force.name} falls with the square of a distance, for which {library} is given no element here"
     if mechanism.couplings:
         return f"{library} is given no {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name}) here"
@@ -75,19 +76,19 @@ def refused(mechanism: Mechanism, library: str) -> str | None:
 
 
 def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
-    """The drivers that prescribe a link's angle or a slide, in order; lengths are no coordinates of a tree."""
+    """List the drivers that prescribe a link's angle or a slide, in order; a driven length is no coordinate of a tree."""
     return [d for d in mechanism.drivers if not isinstance(d, LengthDriver)]
 
 
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
-    """For each driver the tree coordinate that it prescribes, or None where that is a sum or no coordinate."""
+    """List for each driver of `jointed` the index of the tree coordinate that it prescribes, or None if it is not just one."""
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """The reason why a tree of joints that only pins may close cannot be the mechanism, or None."""
+    """Return why a tree of joints whose loops are closed by pins alone cannot model the mechanism, or None if it can."""
     if reason := refused(mechanism, library):
         return reason
     if mechanism.knife_edges:
@@ -96,21 +97,21 @@ def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
     return slide and f"the slide {slide} closes a loop of slides, for which {library} has no constraint"
 
 
-TREES = {"file order": False, "least depth": True}  # of joints, as variants call them: whether links hang near the ground
+TREES = {"file order": False, "least depth": True}  # value of the knob `tree` -> `least_depth` of spanning_tree
 
 
 def joint_tree(mechanism: Mechanism, options: Mapping[str, Any]) -> Tree:
-    """The tree of joints that the options of an engine ask for by their knob `tree`."""
+    """Return the spanning tree of joints that an engine's option `tree` selects."""
     return spanning_tree(mechanism, TREES[options["tree"]])
 
 
 def closing_pins(tree: Tree) -> list[tuple[Point, Point]]:
-    """The pairs of points that the tree leaves apart."""
+    """List the pairs of points that the open pins join: closing them closes the loops of the tree."""
     return [(joint.a, joint.b) for joint in tree.closures if isinstance(joint, Revolute)]
 
 
 def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Array]]:
-    """The start and random tree states y, dy (n,) around it, closed or not."""
+    """Yield the start and random tree states y, dy (n,) around it; their loops need not be closed."""
     random = np.random.default_rng(0)
     for size in SPREAD:
         yield y0 + size * random.uniform(-1.0, 1.0, tree.n), dy0 + 10.0 * size * random.uniform(-1.0, 1.0, tree.n)
@@ -118,15 +119,18 @@ def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Arra
 
 @dataclass(frozen=True, eq=False)
 class OpenTree:
-    """The linkage at a state of its tree whose open pins may be apart, by the suite's own terms.
+    """The suite's own terms at a tree state whose open pins may be apart: the reference for a library's model of the tree.
 
-    With V the map from tree to absolute speeds and a0 the acceleration at rest, its own, unconstrained motion obeys
+    With V the map from tree rates to absolute speeds, and a0 the absolute acceleration at y'' = 0, the open tree obeys
 
         V^T M V y'' = V^T (Q - M a0)
 
     Attributes:
-        q: (n_q,) absolute. mass: (n, n) V^T M V. forces: (n,) V^T (Q - M a0), parts of which have the size `load`.
-        gaps: (pins, 2) of the open pins, point b minus point a.
+        q: (n_q,) absolute coordinates.
+        mass: (n, n) V^T M V.
+        forces: (n,) V^T (Q - M a0).
+        load: size of the parts of `forces`, by which differences are judged.
+        gaps: (pins, 2) point b minus point a of each open pin [m].
     """
 
     q: Array
@@ -137,8 +141,9 @@ class OpenTree:
 
 
 def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree:
-    """At a tree state y, dy (n,)."""
+    """Evaluate the suite's own terms at a tree state y, dy (n,)."""
     q, v, a0 = tree.absolute(y, dy, np.zeros(tree.n))
+    # V^T (n, n_q), row by row: the absolute speeds when one tree rate is 1 and all others are 0
     speeds = tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n)))[1]
     Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
     gaps = np.array([position(q, b) - position(q, a) for a, b in closing_pins(tree)]).reshape(-1, 2)
@@ -147,27 +152,27 @@ def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree
 
 
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:
-    """Compare what a generated model says, what the linkage says, and the size by which to judge their difference.
+    """Check a generated model against the linkage: for each quantity its value in both, and the scale of their difference.
 
     Raises:
-        RunFailure: they differ.
+        RunFailure: a quantity differs by more than the tolerance times its scale.
     """
     for what, (own, expected, scale) in pairs.items():
         error = np.abs(own - expected).max(initial=0.0)
-        if not error <= tolerance * scale:
+        if not error <= tolerance * scale:  # written so that NaN fails too
             raise RunFailure(Status.ERROR, f"the generated model differs from the linkage: {what} by {error:.1e} (of {scale:.1e})")
 
 
 def size(x: Array) -> float:
-    """The largest entry, at least 1."""
+    """Return the largest absolute entry, or 1 if all are smaller."""
     return float(np.abs(x).max(initial=1.0))
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:
-    """The accelerations (n,).
+    """Return the accelerations (n,) if all are finite.
 
     Raises:
-        RunFailure: they are no numbers.
+        RunFailure: some are not finite.
     """
     if not np.isfinite(a).all():
         raise RunFailure(Status.NAN, f"t = {t:.6g} s: {library}'s acceleration is not finite")
@@ -175,5 +180,5 @@ def finite_acceleration(t: float, a: Array, library: str) -> Array:
 
 
 def spatial(x: Any) -> list[float]:
-    """A vector of the plane (2,) in space."""
+    """Return a vector of the plane (2,) as one of space, with z = 0."""
     return [float(x[0]), float(x[1]), 0.0]

@@ -7,9 +7,9 @@ with E = exp(i theta) of the parent, z the centres of mass and r = exp(i theta) 
     prismatic   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free        x, y, theta of the centre of mass
 
-Slides are taken into the tree before pins, so that what is left open are pins wherever possible. Of the pins, the tree takes those
-by which links hang near the ground, or simply the first ones of the file. Branches are listed depth first.
-States are mapped for one state (n,), in plain Python numbers because that is fastest, or a batch (..., n).
+Slides enter the tree before pins, so that the joints left open are pins wherever possible. Of the pins, the tree takes either the
+first ones of the file or those that keep links near the ground. Branches are listed depth first. A single state (n,) is mapped in
+plain Python numbers, because that is fastest; a batch (..., n) is mapped in numpy.
 """
 
 import cmath
@@ -38,7 +38,7 @@ class Branch:
         link, parent: indices; parent may be GROUND.
         kind: "revolute", "prismatic" or "free".
         joint: the joint of the linkage, or None for a free link.
-        at: first tree coordinate of the branch.
+        at: index of the branch's first tree coordinate.
         parent_anchor, anchor: (2,) in the frames of the centres of mass of parent and link [m].
         base, axis: (2,) in the parent's frame; turn: constant relative angle [rad]. For prismatic branches.
     """
@@ -56,7 +56,7 @@ class Branch:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The tree coordinates as those of the linkage, between the bodies of parent and link."""
+        """The branch's tree coordinates, expressed as coordinates of the linkage between parent and link."""
         if self.kind == "revolute":
             return (Angle(self.parent, self.link),)
         near, far = Point(self.parent, self.parent_anchor, ""), Point(self.link, self.anchor, "")
@@ -73,7 +73,7 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Branches in depth-first order and the joints left open ("closures"); `n` counts tree coordinates."""
+    """Branches in depth-first order, and the joints left open ("closures"); `n` is the number of tree coordinates."""
 
     branches: tuple[Branch, ...]
     closures: tuple[Joint, ...]
@@ -81,7 +81,7 @@ class Tree:
     links: int
 
     def absolute(self, y: Array, dy: Array, ddy: Array) -> tuple[Array, Array, Array]:
-        """q, v, a (..., 3 links) of tree states (..., n)."""
+        """Map tree states y, dy, ddy (..., n) to absolute q, v, a (..., 3 links), link by link from the ground outwards."""
         exp = exponential(y)
         Y, dY, ddY = columns(y), columns(dy), columns(ddy)
         rest = (0j, 0.0)
@@ -94,13 +94,15 @@ class Tree:
             near, far, base, axis = b.vectors
             (z, theta), (u, w), (c, alpha) = q[p], v[p], a[p]
             E = exp(1j * theta)
+            # arm: from the parent's centre to the joint; slide, slide_rate: relative velocity and acceleration along the axis
             if b.kind == "revolute":
                 arm, slide, slide_rate = E * near, 0.0, 0.0
                 theta_i, w_i, alpha_i = theta + Y[k], w + dY[k], alpha + ddY[k]
             else:
                 arm, slide, slide_rate = E * (near + base + Y[k] * axis), E * axis * dY[k], E * axis * ddY[k]
                 theta_i, w_i, alpha_i = theta + b.turn, w, alpha
-            r = exp(1j * theta_i) * far
+            r = exp(1j * theta_i) * far  # from the child's centre to the joint
+            # acceleration of the joint against the parent's centre: Euler, centripetal, Coriolis and relative terms
             turning = (1j * alpha - w * w) * arm + 2j * w * slide + slide_rate
             q[i] = (z + arm - r, theta_i)
             v[i] = (u + 1j * w * arm + slide - 1j * w_i * r, w_i)
@@ -116,18 +118,18 @@ class Tree:
 
     @cached_property
     def _written(self) -> Callable[..., list[Array]]:
-        """Tree coordinates and rates, each of which is a coordinate of the linkage."""
+        """A generated function (t, q, v) -> tree coordinates and their rates, for `relative`."""
         at = Symbols(PLANE.size * self.links)
         states = [state(x, at) for b in self.branches for x in b.coordinates]
         return at.written([x.value for x in states], [x.rate for x in states])
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Tree coordinates and rates (..., n) of absolute states (..., 3 links); what leaves the tree's joints is ignored."""
+        """Map absolute states (..., 3 links) to tree coordinates and rates (..., n); gaps at the tree's joints are ignored."""
         y, dy = self._written(0.0, q, v)
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
-        """Tree generalised forces (..., n) with the same virtual work as absolute forces Q (..., 3 links) at state q."""
+        """Return the generalised forces (..., n) of the tree that do the same virtual work as Q (..., 3 links) at q."""
         y, _ = self.relative(q, np.zeros_like(q))
         each, none = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
         speeds = self.absolute(each, none + np.eye(self.n), none)[1]  # (..., n, 3 links), of each coordinate alone
@@ -135,32 +137,32 @@ class Tree:
 
 
 def exponential(x: Array) -> Callable[[Any], Any]:
-    """exp for the entries of one state, or of a batch."""
+    """Return the complex exponential to use: cmath's for a single state (n,), numpy's for a batch."""
     return cmath.exp if x.ndim == 1 else np.exp
 
 
 def columns(x: Array) -> Any:
-    """The coordinates one by one: plain numbers of one state (n,), arrays (...) of a batch (..., n)."""
+    """Return the coordinates one by one: plain numbers for a single state (n,), arrays (...) for a batch (..., n)."""
     return x.tolist() if x.ndim == 1 else np.moveaxis(x, -1, 0)
 
 
 def states_of(x: Array) -> dict[int, Any]:
-    """Link index -> (vector, angle) of an absolute state, with a resting ground."""
+    """Return link index -> (complex vector, angle) of an absolute state, with the ground at rest."""
     rows = bodies(x).tolist() if x.ndim == 1 else np.moveaxis(bodies(x), (-2, -1), (0, 1))
     return {GROUND: (0j, 0.0)} | {i: (a + 1j * b, angle) for i, (a, b, angle) in enumerate(rows)}
 
 
 def ends(joint: Joint) -> tuple[int, int]:
-    """The two links of a pair: guide and block, or a and b."""
+    """Return the two links of a joint: guide and block of a slide, a and b of a pin."""
     first, second = joint.ends
     return first.link, second.link
 
 
 def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
-    """The tree that takes slides first, then pins; links not held by any joint to the ground start free.
+    """Return a spanning tree that takes slides first, then pins; links that no joint connects to the ground become free.
 
-    Pins are taken in file order, which makes a chain of what hangs together, or, with `least_depth`, so that every link is as few
-    joints away from the ground as slides allow.
+    Pins are taken in file order, which makes long chains; with `least_depth` they are taken so that every link is as few joints
+    away from the ground as the slides allow.
     """
     slides = _without_loops(mechanism, mechanism.slides)
     pins = mechanism.pins
@@ -195,7 +197,7 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
 
 
 def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
-    """The joints, in order, but for those that close a loop with earlier ones."""
+    """Return the joints, in order, without those that close a loop with earlier ones (Kruskal's algorithm)."""
     group = {i: i for i in range(GROUND, len(mechanism.links))}
     chosen = []
     for joint in joints:
@@ -207,9 +209,9 @@ def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]
 
 
 def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint]) -> list[Joint]:
-    """All slides, and the pins by which links are reached from the ground over the fewest joints.
+    """Return all slides, and the pins by which links are reached from the ground over the fewest joints (Dijkstra's algorithm).
 
-    A link that is reached brings along at once whatever slides hold to it: a pin to one of those would close a loop over a slide.
+    With a link, all links that slides hold to it are reached at once: a pin to one of those would close a loop over a slide.
     """
     held, pinned = _neighbours(slides), _neighbours(pins)
     chosen: list[Joint] = []
@@ -237,7 +239,7 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
 
 
 def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
-    """Link -> its joints and the links at their other ends."""
+    """Return link -> its joints, each with the link at the other end."""
     neighbours: defaultdict[int, list[tuple[Joint, int]]] = defaultdict(list)
     for joint in joints:
         a, b = ends(joint)
@@ -247,6 +249,7 @@ def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, i
 
 
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
+    """Return the branch by which `child` hangs on `parent`; a joint whose first link is the child is used backwards."""
     none = np.zeros(2)
     (_, offset), (_, turn) = joint.held
     first, second = joint.ends

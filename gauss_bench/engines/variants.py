@@ -1,19 +1,19 @@
 """An engine's knobs, settings and variants as data: `variants.toml` in its room, read in one place.
 
     [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source; `values` lists
-                 words that it may be besides those that stand below
-    [settings]   LABEL = { KNOB = value, ... }: what suites show; the first label gives every knob its value, others what differs
-    [[unfinished]] KNOB = value, ... and cause = "...": which variants stop their solver before its end, and why that may be
-    [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: what searches try
-    first = [NAME, ...], above the tables: which of them are tried first where a user's time is short
+                 further words that the knob may take besides those used in the file
+    [settings]   LABEL = { KNOB = value, ... }: shown by suites; the first label gives every knob a value, others only differences
+    [[unfinished]] KNOB = value, ... and cause = "...": variants that stop their solver before it has converged, and why
+    [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: tried by searches
+    first = [NAME, ...], above the tables: variants that a search tries first if its time is short
 
-A variant is one line. What it leaves out is as in its settings (the first ones where it names none), and "none" for the
-stabilisation. A list in the place of a value stands for each of its entries: the line is then every combination, and each is named
-by the line's name and its own values ("lean/rk4/2"). Settings may carry a `remark` to their readers, which is no knob, and `soft`,
-the cause for which accelerations under them, and under their variants, keep the constraints J a = gamma only roughly.
+A variant is one line. A knob that it leaves out has the value of its settings (the first settings if it names none); the
+stabilisation is then "none". A list of values stands for each of its entries: the line then means every combination, and each
+combination is named by the line's name and its own values ("lean/rk4/2"). Settings may carry a `remark` for readers, which is no
+knob, and `soft`: the reason why accelerations under them, and under their variants, satisfy J a = gamma only roughly.
 
-A knob without an address of documentation, example or tracker, and without a word on why it is our own search, is refused, and so
-is a value of an unknown knob: what nobody can look up is not raced.
+Every knob must give the address of a documentation page, example or tracker, or the reason why it is our own search; otherwise the
+file is refused, as is a value of an unknown knob. So a reader can look up everything that is raced.
 """
 
 import tomllib
@@ -28,7 +28,7 @@ from gauss_bench.engines.own_options import Known
 from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
-LEAST_WORDS = 20  # characters of a reason: shorter ones give none
+LEAST_WORDS = 20  # characters: a shorter text is not accepted as a reason
 REMARK, SOFT = "remark", "soft"
 OWN_SEARCH = "own search: "
 
@@ -41,11 +41,11 @@ class VariantError(ValueError):
 
 @dataclass(frozen=True)
 class Knob:
-    """Something about an engine that can be chosen.
+    """An option of an engine that can be chosen.
 
     Attributes:
-        source: the address of its documentation, or OWN_SEARCH and why it is tried.
-        values: words that it may be besides those that stand in the file.
+        source: the address of its documentation, or OWN_SEARCH and the reason to try it.
+        values: further words that it may take besides those used in the file.
     """
 
     meaning: str
@@ -59,10 +59,10 @@ class Variants:
 
     Attributes:
         settings: label -> knob -> value.
-        space: the points of the searched space by name, in the file's order.
-        first: those that are tried first where time is short.
-        soft: settings and variants that keep J a = gamma only roughly -> cause.
-        unfinished: variants that stop their solver before its end -> cause.
+        space: the variants that a search tries, by name, in the file's order.
+        first: the variants to try first if time is short.
+        soft: setting or variant that satisfies J a = gamma only roughly -> cause.
+        unfinished: variant that stops its solver before it has converged -> cause.
     """
 
     knobs: Mapping[str, Knob]
@@ -73,21 +73,21 @@ class Variants:
     unfinished: Mapping[str, str] = field(default_factory=dict)
 
     def options(self, name: str) -> Mapping[str, Any]:
-        """The options of settings, of a variant, or of a text as `own_options` tells it.
+        """Return the options of a setting, of a variant, or of a text in the form that `own_options` describes.
 
         Raises:
-            KeyError: there is neither of that name.
-            OptionError: an option that there is not, or a value that it cannot take.
+            KeyError: no setting and no variant has that name.
+            OptionError: an option is unknown, or its value has the wrong type.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
         return Known(labels, [k for k in self.knobs if k not in CHOSEN], {k: x.values for k, x in self.knobs.items()}).resolve(name)
 
 
 def read_variants(room: Path) -> Variants:
-    """The knobs, settings and variants of the engine in a folder.
+    """Read the knobs, settings and variants of the engine in a folder.
 
     Raises:
-        VariantError: a table or field that is faulty, a knob without provenance, a value of an unknown knob.
+        VariantError: a table or field is faulty, a knob has no source, or a value is for an unknown knob.
     """
     path = room / FILE
     try:
@@ -99,6 +99,7 @@ def read_variants(room: Path) -> Variants:
 
 
 def _read(file: Mapping[str, Any]) -> Variants:
+    """Check the parsed file table by table and build its variants: knobs, settings, variants, first, unfinished."""
     for name in ("knobs", "settings", "variants"):
         lines = file.get(name)
         tables = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
@@ -110,7 +111,7 @@ def _read(file: Mapping[str, Any]) -> Variants:
     usual, settings, soft = next(iter(file["settings"])), dict[str, Line](), dict[str, str]()
     for label, line in file["settings"].items():
         _known(line, (*own, REMARK, SOFT), f"settings.{label}")
-        options = {**settings.get(usual, {}), **line}
+        options = {**settings.get(usual, {}), **line}  # the first label has no defaults and must give every knob
         lacking = ", ".join(x for x in own if x not in options)
         _require(not lacking, f"settings.{label}", f"{lacking} has no value")
         settings[label] = {x: options[x] for x in own} | ({REMARK: line[REMARK]} if REMARK in line else {})
@@ -139,6 +140,7 @@ def _read(file: Mapping[str, Any]) -> Variants:
 
 
 def _knob(place: str, line: Line) -> Knob:
+    """Check one line of [knobs]: it must have a meaning, and either a source or a reason to try it."""
     for field_name in line.keys() - {"meaning", "source", "own_search", "values"}:
         raise VariantError(f"{place}: unknown field {field_name}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
@@ -155,17 +157,19 @@ def _require(good: bool, place: str, otherwise: str) -> None:
 
 
 def _known(line: Line, names: tuple[str, ...], place: str) -> None:
+    """Refuse a line that has a key besides `names`."""
     for name in line.keys() - {*names}:
         raise VariantError(f"{place}: {name} is no knob: nothing says what it is and where it comes from")
 
 
-def _cause(said: Any, place: str) -> str:
-    _require(isinstance(said, str) and len(said) >= LEAST_WORDS, place, f"gives no cause: {said}")
-    return str(said)
+def _cause(text: Any, place: str) -> str:
+    """Return a cause if it is a text that is long enough to be one."""
+    _require(isinstance(text, str) and len(text) >= LEAST_WORDS, place, f"gives no cause: {text}")
+    return str(text)
 
 
 def _points(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant]:
-    """Every combination of a line."""
+    """Yield a variant for every combination of the values that a line lists."""
     values = {k: x for k, x in line.items() if k != "settings"}
     lists = {k: x for k, x in values.items() if _several(x, usual.get(k))}
     for choice in product(*lists.values()):
@@ -176,5 +180,5 @@ def _points(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant
 
 
 def _several(value: Any, usual: Any) -> bool:
-    """Tell whether a value is a list of values: of a knob whose usual value is a list itself, only a list of lists is."""
+    """Tell whether a value lists several values; for a knob whose default is itself a list, only a list of lists does."""
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -1,1 +1,1 @@
-"""Linkages on their way out to other programs (`export`) and in from them (`import`); README.md walks through the room."""
+"""Export linkages to other programs and import models from them; README.md explains the modules in order."""

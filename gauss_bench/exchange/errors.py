@@ -1,4 +1,4 @@
-"""The error of an exchange: a sentence that names the file, the element and the reason."""
+"""The error of an export or import: a sentence that names the file, the element and the reason."""
 
 from gauss_bench.untrusted import BadInput
 

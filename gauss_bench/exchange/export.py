@@ -1,4 +1,4 @@
-"""The common part of exports: what is asked for, what comes back, what is told at the head of a file, what no file holds."""
+"""The common part of exports: the kinds of files, the head of every file, and the list of what a file leaves out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ class Kind:
     """A kind of file.
 
     Attributes:
-        writer: module whose `write` makes its text.
-        engine: of the suite whose model it is.
-        settings, integrator, stabilization: of that engine, that the file is written with.
-        what: the file is, in words.
-        suffix: that such files usually have.
+        writer: name of the module whose `write` makes the text.
+        engine: the suite's engine whose model the file holds.
+        settings, integrator, stabilization: the setting of that engine with which the file is written.
+        what: the kind in words, such as "a Python script".
+        suffix: the usual suffix of such files.
     """
 
     writer: str
@@ -46,21 +46,21 @@ OWNED = "This file is yours: whoever exported it owns it and may use, change and
 
 @dataclass(frozen=True)
 class Exported:
-    """A file that is not written yet, and what it lacks of the linkage file: sentences."""
+    """The text of a file that is not written yet, and sentences on the parts of the linkage file that it leaves out."""
 
     text: str
     left_out: tuple[str, ...]
 
 
 def export_linkage(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, ...] = ()) -> Exported:
-    """A linkage as a file of one of KINDS.
+    """Return a linkage as the text of a file of the kind `name`, one of KINDS.
 
     Args:
-        step: of the file's integration [s].
-        remarks: sentences for the head of the file, such as what was measured.
+        step: step size of the integration in the file [s].
+        remarks: sentences for the head of the file, such as measured errors.
 
     Raises:
-        ExchangeError: the kind cannot hold the linkage; naming what.
+        ExchangeError: the kind cannot hold the linkage; the message names the part.
         ImportError: the library that builds the model is not installed.
     """
     kind = KINDS[name]
@@ -82,10 +82,10 @@ def export_linkage(mechanism: Mechanism, name: str, step: float, remarks: tuple[
 
 
 def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[str], refused: str, reason: str | None = None) -> str:
-    """The text that a module of this room writes, unless there is a reason against it.
+    """Return the text that a module of this folder writes.
 
     Raises:
-        ExchangeError: `refused`, and why.
+        ExchangeError: there is a `reason` against it, or the model is refused; the message begins with `refused`.
         ImportError: the library that builds the model is not installed.
     """
     if reason:

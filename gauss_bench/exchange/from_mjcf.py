@@ -1,4 +1,7 @@
-"""MJCF: what MuJoCo's compiler has made of a document, as a mechanism in space; what has no place there is refused or listed."""
+"""Import of MJCF: from the model that MuJoCo's compiler makes of a document to a mechanism in space.
+
+Elements that a linkage cannot have are refused; elements that do not change its motion are listed as left out.
+"""
 
 import tomllib
 from pathlib import Path
@@ -13,24 +16,24 @@ from gauss_bench.exchange.safe_xml import refuse_bulk, refuse_files
 from gauss_bench.exchange.spatial import Acting, Between, Body, Joint, OnJoints, Push, Spatial, Spot, Straight
 from gauss_bench.terms import Array
 
-NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # flags without which a model is another
-START = "start"  # the keyframe that is taken before others
-TAGS = {"jnt": "joint"}  # of kinds that are called otherwise in a file
+NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # features that must not be disabled
+START = "start"  # name of the preferred keyframe
+TAGS = {"jnt": "joint"}  # MuJoCo's name of a kind -> its tag in a file, if they differ
 FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))
 
 
 def from_mjcf(root: Element, path: Path) -> Spatial:
-    """The mechanism of a document that has been inspected.
+    """Return the mechanism of a document that `read_xml` has accepted.
 
     Raises:
-        ExchangeError: MuJoCo refuses it, or it holds what a linkage cannot have.
+        ExchangeError: MuJoCo rejects the document, or it holds an element that a linkage cannot have.
         ImportError: MuJoCo is not installed.
     """
     from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_document
 
     refuse_files(root, path)
     refuse_bulk(root, path)
-    try:  # what was inspected: of the file's bytes MuJoCo may read something else
+    try:  # the inspected tree is written anew: MuJoCo's parser might read the file's bytes differently
         x = compile_document(tostring(root, encoding="unicode"))
     except DoesNotCompile as error:
         raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
@@ -38,7 +41,7 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
 
 
 class Reader:
-    """Reads a compiled document `x` of `compiled`."""
+    """A reader of a compiled document `x`, the result of `engines.mujoco.compiled.compile_document`."""
 
     def __init__(self, x: dict[str, Any], file: str):
         self.x, self.file = x, file
@@ -49,6 +52,7 @@ class Reader:
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def called(self, kind: str, k: int, tag: str | None = None) -> str:
+        """Return an element as a message names it: by its name, or by its number if it has none."""
         name, tag = self.x["names"][kind][k], tag or TAGS.get(kind, kind)
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
@@ -56,11 +60,11 @@ class Reader:
         return self.x["names"][kind][k] or f"{kind}{k}"
 
     def word(self, kind: str, number: Any) -> str:
-        """The word for a number of an enumeration."""
+        """Return MuJoCo's word for a number of an enumeration, such as "hinge"."""
         return str(self.x["types"][kind][str(int(number))])
 
     def spatial(self) -> Spatial:
-        """The whole."""
+        """Read the whole document."""
         x = self.x
         self._whole()
         joints = tuple(self._joint(k) for k in range(x["njnt"]))
@@ -80,7 +84,7 @@ class Reader:
         return Spatial(self.file, bodies, joints, gravity, tuple(closures), tuple(welds), spots, tuple(acting), tuple(self.dropped))
 
     def _whole(self) -> None:
-        """Read what concerns all of the document."""
+        """Refuse or list the properties of the document as a whole: media, flags, contacts, keyframes, sensors."""
         x = self.x
         if x["nflex"] or x["nplugin"]:
             raise self.refuse("<mujoco>", "flexible bodies and plug-ins are no parts of a linkage")
@@ -128,12 +132,12 @@ class Reader:
         return closures, welds
 
     def _ends(self, k: int, kind: str, name: str) -> list[tuple[Spot, Array]]:
-        """The points that an equality brings together, each with axes (3, 3), which a weld turns alike."""
+        """Return the two points that an equality joins, each with axes (3, 3), which a weld makes parallel."""
         x, (a, b) = self.x, (int(self.x[f"eq_obj{i}id"][k]) for i in (1, 2))
         if x["eq_objtype"][k] == x["site_object"]:
             return [(self._site(i), x["site_xmat"][i]) for i in (a, b)]
         near, far, turn = x["eq_data"][k][:3], x["eq_data"][k][3:6], np.eye(3)
-        if kind == "weld":  # whose anchor is given in the second body, and whose pose is that of the second in the first
+        if kind == "weld":  # MuJoCo gives a weld's anchor in the second body, and its pose as that of the second in the first
             near, far, turn = far, near, Rotation.from_quat(np.roll(x["eq_data"][k][6:10], -1)).as_matrix()
         ends = [(Spot(name, i, x["xpos"][i] + x["xmat"][i] @ at), x["xmat"][i]) for i, at in ((a, near), (b, far))]
         return [(ends[0][0], ends[0][1] @ turn), ends[1]]
@@ -147,10 +151,10 @@ class Reader:
         return springs
 
     def _on_tendon(self, k: int, name: str, law: Straight) -> Acting:
-        """A law on the length of a tendon between two sites, or on a sum of joints.
+        """Return a law on a tendon: on the distance of its two sites, or on its sum of joints.
 
         Raises:
-            ExchangeError: a tendon of another way.
+            ExchangeError: the tendon has another path.
         """
         x, first = self.x, int(self.x["tendon_adr"][k])
         parts = range(first, first + int(x["tendon_num"][k]))
@@ -174,10 +178,12 @@ class Reader:
         return tendons
 
     def _actuator(self, k: int) -> Acting:
-        """An actuator under the control of the keyframe, else none: force = gain u + b0 + b1 L + b2 L' on L = gear x.
+        """Return an actuator as a force: gain u + b0 + b1 L + b2 L' on the length L = gear x of its transmission.
+
+        The control u is that of the keyframe, or 0 without a keyframe.
 
         Raises:
-            ExchangeError: a force that is not linear, or acts on something else than joints, tendons and points.
+            ExchangeError: the force is not linear, or acts on something else than a joint, a tendon or a point.
         """
         x, element, name = self.x, self.called("actuator", k), self.name("actuator", k)
         words = {sort: self.word(sort, x[f"actuator_{sort}type"][k]) for sort in ("gain", "bias", "dyn", "trn")}

@@ -1,7 +1,7 @@
-"""URDF: a tree of links as a mechanism in space, with its loops closed where a user says so; what has no place there is refused.
+"""Import of URDF: from a tree of links to a mechanism in space. Elements that a linkage cannot have are refused.
 
-The file's numbers are taken as they stand. Links without inertia are frames of the link they are fixed to. Closures are given as
-LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or LINK itself.
+Numbers are taken from the file unchanged. Links without inertia are frames of the link that they are fixed to. URDF cannot close
+loops, so a user gives the closures as LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or LINK itself.
 """
 
 from collections.abc import Sequence
@@ -21,21 +21,21 @@ IGNORED = ("visual", "collision", "gazebo", "transmission", "material", "sensor"
 
 
 def from_urdf(root: Element, path: Path, close: Sequence[str] = ()) -> Spatial:
-    """The mechanism of a document that has been inspected; its root link is the world.
+    """Return the mechanism of a document that `read_xml` has accepted; its root link is the world.
 
     Raises:
-        ExchangeError: an element that is faulty, or that a linkage cannot have; or a closure that names nothing.
+        ExchangeError: an element is faulty, a linkage cannot have it, or a closure names a frame that does not exist.
     """
     return Robot(root, str(path)).spatial(close)
 
 
 class Robot:
-    """Reads a document with the root `robot`.
+    """A reader of a document with the root `robot`.
 
     Attributes:
-        ends: of every joint its parent and child, names of links.
-        hangs: of every link but the root the joint by which it hangs.
-        index: link -> the number of its body, parents first.
+        ends: joint -> names of its parent and child links.
+        hangs: link -> the joint by which it hangs on its parent; the root has none.
+        index: link -> index of its body, parents first.
     """
 
     def __init__(self, root: Element, file: str):
@@ -80,10 +80,10 @@ class Robot:
         return link
 
     def numbers(self, node: Element | None, key: str, usual: Sequence[float]) -> Array:
-        """The numbers of an attribute, as many as are usual.
+        """Return the numbers of an attribute, or the usual ones if it is missing; there must be as many as usual.
 
         Raises:
-            ExchangeError: not so many finite numbers.
+            ExchangeError: the attribute holds another number of values, or values that are not finite.
         """
         text = None if node is None else node.get(key)
         if node is None or text is None:
@@ -100,7 +100,7 @@ class Robot:
         return float(self.numbers(node, key, (0,))[0])
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
-        """Shift (3,) and turn (3, 3) of an element's <origin>: Rz(yaw) Ry(pitch) Rx(roll)."""
+        """Return the shift (3,) and rotation (3, 3) of an element's <origin>: Rz(yaw) Ry(pitch) Rx(roll)."""
         own, turn = None if node is None else node.find("origin"), np.eye(3)
         for angle, (i, j) in zip(self.numbers(own, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
             about = np.eye(3)
@@ -110,7 +110,7 @@ class Robot:
         return self.numbers(own, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
-        """The whole, with the loops that are to be closed."""
+        """Read the whole document, with its loops closed as `close` says."""
         bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._drop()
         for name, k in self.index.items():
             place, turn, parent = np.zeros(3), np.eye(3), WORLD
@@ -131,6 +131,7 @@ class Robot:
         return Spatial(self.file, *parts)
 
     def _drop(self) -> list[str]:
+        """List the elements that are left out: visuals and the like, and limits of joints."""
         counted = {tag: sum(1 for _ in self.root.iter(tag)) for tag in IGNORED}
         ignored = ", ".join(f"{n} <{tag}>" for tag, n in counted.items() if n)
         bounded = [name for name, x in self.joints.items() if x.find("limit") is not None and x.get("type") != "continuous"]
@@ -168,7 +169,7 @@ class Robot:
         return f"{a.name}_{b.name}", a, b
 
     def _find_frame(self, end: str, text: str, bodies: list[Body]) -> Spot:
-        """A frame of a link; names may have dots in them, so that every way to part the text is tried."""
+        """Return the point that LINK.FRAME names; names may contain dots, so the text is split at every dot in turn."""
         parts = end.split(".")
         for k in range(1, len(parts)):
             link, frame = ".".join(parts[:k]), ".".join(parts[k:])

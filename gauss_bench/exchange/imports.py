@@ -1,4 +1,4 @@
-"""The common part of imports: the kind of a file, and from its mechanism in space to the text of a linkage that assembles."""
+"""The common part of imports: recognise the kind of a file, read it, and return the text of a linkage file that assembles."""
 
 import re
 import tomllib
@@ -16,7 +16,7 @@ from gauss_bench.exchange.toml import toml
 from gauss_bench.linkage.errors import AssemblyError, LinkageError
 from gauss_bench.linkage.load import load_document
 
-FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # by the root element
+FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # root element -> kind of file
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class Imported:
     """A linkage file that is not written yet.
 
     Attributes:
-        kind: of the file that was read.
-        left_out: what of it the linkage lacks, or has otherwise: sentences.
-        links, dof: how many.
+        kind: kind of the file that was read.
+        left_out: sentences on its parts that the linkage lacks or has changed.
+        links, dof: numbers of links and of degrees of freedom.
     """
 
     text: str
@@ -37,14 +37,14 @@ class Imported:
 
 
 def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
-    """A model of MuJoCo or a URDF as a linkage file called `name`.
+    """Read an MJCF or URDF file and return it as a linkage file called `name`.
 
     Args:
-        close: LINK.FRAME=LINK.FRAME, loops of a URDF.
+        close: closures LINK.FRAME=LINK.FRAME of a URDF's loops.
 
     Raises:
-        ExchangeError: naming the file, the element and the reason.
-        ImportError: MuJoCo is not installed, which reads MJCF.
+        ExchangeError: the file cannot be imported; the message names the file, the element and the reason.
+        ImportError: the file is MJCF and MuJoCo, which reads it, is not installed.
     """
     if not re.fullmatch("[A-Za-z0-9_]+", name):
         raise ExchangeError(f"{name}.toml: the name of a linkage file has letters, digits and underscores only")

@@ -1,8 +1,8 @@
 """From a mechanism in space to the document of a planar linkage: the plane, the links, their joints and forces, and a start.
 
-The plane is the one that all hinges are normal to, with the world's axes as near to its own as may be: x and z of the world are x
-and y of a linkage in that plane, so that upright stays upright. Bodies that are welded are one link; what is welded to the world is
-ground. A link's frame is that of its first body. Places and vectors of the plane are complex numbers x + i y.
+All hinges are normal to the plane. Its axes follow the world's as nearly as possible: for a mechanism in the world's x-z plane they
+are x and z, so that upright stays upright. Bodies that are welded to each other are one link; bodies that are welded to the world
+are ground. A link's frame is that of its first body. Places and vectors of the plane are complex numbers x + i y.
 """
 
 import re
@@ -25,30 +25,30 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
 from gauss_bench.terms import Array
 
-FLAT = 1e-9  # sine of an angle out of the plane, and offset across it in lengths of the mechanism: what rounding explains
-SAME = 1e-12  # [m] two points of a link that are one
-OPEN = 1e-6  # in lengths of the mechanism: from where it is said that a loop was open
-DURATION = 5.0  # [s] of the scenario: files say nothing of it
+FLAT = 1e-9  # largest sine of an angle out of the plane, or offset relative to the mechanism's size, that rounding explains
+SAME = 1e-12  # [m] distance below which two points of a link are the same
+OPEN = 1e-6  # gap relative to the mechanism's size from which a loop is reported as open
+DURATION = 5.0  # [s] of the scenario: the files have no duration
 SCENARIO = "as_imported"
 Table = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """Axes (3,) in the plane, and its normal."""
+    """A plane in space: two orthogonal axes (3,) and the normal (3,), all of length 1."""
 
     x: Array
     y: Array
     normal: Array
 
     def flat(self, place: Array) -> complex:
-        """x + i y of a vector (3,)."""
+        """Project a vector (3,) into the plane, as x + i y."""
         return complex(place @ self.x, place @ self.y)
 
 
 @dataclass(frozen=True)
 class Move:
-    """A displacement of the plane, turning by `angle` [rad] about the origin and then shifting, with its rates."""
+    """A rigid displacement of the plane with its rates: a rotation by `angle` [rad] about the origin, then a shift [m]."""
 
     angle: float = 0.0
     shift: complex = 0j
@@ -59,11 +59,14 @@ class Move:
         return rect(1.0, self.angle) * x + self.shift
 
     def velocity(self, x: complex) -> complex:
-        """Of the point that was at x, where it is now."""
+        """Return the velocity of the point that was at x before the displacement."""
         return self.speed + 1j * self.omega * self.place(x)
 
     def after(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":
-        """The move of what hangs on this by a joint, a hinge turning about the plane's normal by its sign."""
+        """Return the move of a body that hangs by a joint on a body with this move.
+
+        A hinge turns about the plane's normal, or against it if `sign` is -1.
+        """
         by = joint.start - joint.ref
         if joint.kind == "slide":
             along = rect(1.0, self.angle) * axis
@@ -77,13 +80,15 @@ def pair(x: complex) -> list[float]:
 
 
 class Flattened:
-    """A mechanism on its way into the plane.
+    """A mechanism in space, projected into its plane.
 
     Attributes:
-        group: of every body the first of those that move as one with it, which stands for their link.
-        moves: of every body from the configuration of the file to the start.
-        frames: origin and angle of every link's frame, where the file has it.
-        points: of every link, by name, places in its frame.
+        group: body -> the first of the bodies that are rigidly connected with it; that index stands for their link.
+        moves: body -> its displacement from the configuration of the file to the start.
+        frames: link -> origin and angle [rad] of its frame in the configuration of the file.
+        points: link -> name -> place in its frame [m].
+        held: joints that a weld keeps from moving.
+        told: sentences on parts that are left out or changed.
     """
 
     def __init__(self, spatial: Spatial):
@@ -97,15 +102,16 @@ class Flattened:
         self.moves = self._move_bodies()
         members = {g: [k for k, x in enumerate(self.group) if x == g] for g in dict.fromkeys(self.group)}
         self.members = {g: [spatial.bodies[k] for k in x] for g, x in members.items()}
-        self.index = [g for g in members if g != WORLD]  # groups that are links, in order of their first bodies
+        self.index = [g for g in members if g != WORLD]  # the links, in the order of their first bodies
         self.names = {WORLD: "ground"}
         for g in self.index:
             self.names[g] = name_part(spatial.bodies[g].name, self.names.values())
         self.frames = {g: self._frame(g) for g in members}
         self.points: dict[int, dict[str, complex]] = {g: {} for g in members}
-        self.held: set[int] = set()  # joints that a weld holds
+        self.held: set[int] = set()
 
     def _group_bodies(self) -> list[int]:
+        """Merge bodies that are fixed or welded to each other; a group is named by its first body."""
         group = list(range(len(self.spatial.bodies)))
         fixed = [(b.parent, k) for k, b in enumerate(self.spatial.bodies) if k != WORLD and k not in self.joints_of]
         for a, b in (*fixed, *self.spatial.welds):
@@ -114,7 +120,11 @@ class Flattened:
         return group
 
     def _move_bodies(self) -> list[Move]:
-        """The moves, along the tree of joints."""
+        """Compute the moves along the tree of joints.
+
+        Raises:
+            ExchangeError: a weld does not hold at the start.
+        """
         moves, bodies = [Move()], self.spatial.bodies
         for k, body in enumerate(bodies[1:], 1):
             move = moves[body.parent]
@@ -131,28 +141,32 @@ class Flattened:
         return [self.spatial.joints[k] for k in self.joints_of.get(body, [])]
 
     def sign(self, joint: Joint) -> float:
-        """The sign of a hinge: 1 where it turns about the plane's normal, -1 the other way."""
+        """Return 1 if a hinge's axis points along the plane's normal, -1 if it points the other way."""
         return float(np.sign(joint.axis @ self.plane.normal))
 
     # the link of a group
 
     def _frame(self, g: int) -> tuple[complex, float]:
+        """Return origin and angle of a link's frame; the first axis of its body that lies in the plane gives the angle."""
         body = self.spatial.bodies[g]
         flat = [self.plane.flat(axis) for axis in body.turn.T if abs(axis @ self.plane.normal) < FLAT]
         return (0j, 0.0) if g == WORLD else (self.plane.flat(body.origin), phase(flat[0]) if flat else 0.0)
 
     def local(self, g: int, place: Array) -> complex:
-        """A place (3,) in a group's frame."""
+        """Return a place (3,) of the file's configuration in the frame of a link."""
         origin, angle = self.frames[g]
         return (self.plane.flat(place) - origin) * rect(1.0, -angle)
 
     def unfolded(self, g: int, local: complex) -> complex:
-        """A place of a group's frame, where the file has it."""
+        """Return a place of a link's frame in the plane, at the file's configuration."""
         origin, angle = self.frames[g]
         return origin + rect(1.0, angle) * local
 
     def point(self, spot: Spot, name: str | None = None, anew: bool = False) -> str:
-        """The reference LINK.POINT of a point, which is made where there is none in that place, or anew with a name of its own."""
+        """Return the name LINK.POINT of a point of a link.
+
+        A point that is there already is used again, unless `anew` asks for a point with a name of its own.
+        """
         g = self.group[spot.body]
         at, there, owner = self.local(g, spot.place), self.points[g], self.names[g]
         for key, x in there.items():
@@ -166,26 +180,32 @@ class Flattened:
         return f"{owner}.{key}"
 
     def _link(self, g: int) -> Table:
-        """The table of a link: its points, and mass, centre and inertia of all its bodies together."""
+        """Return the table of a link: its points, and mass, centre and inertia of all its bodies together.
+
+        Raises:
+            ExchangeError: the link has no mass or no moment of inertia.
+        """
         bodies, n, points = self.members[g], self.plane.normal, self.points[g]
         mass = float(sum(b.mass for b in bodies))
         if not mass > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no mass; every link of a linkage has one")
         places = [self.local(g, b.com) for b in bodies]
         com = places[0] if len(places) == 1 else sum(b.mass * x for b, x in zip(bodies, places, strict=True)) / mass
+        # parallel axis theorem: each body's inertia about the normal, moved to the common centre of mass
         inertia = sum(float(n @ b.inertia @ n) + b.mass * abs(x - com) ** 2 for b, x in zip(bodies, places, strict=True))
         inertia += sum(self._armature(j) for j in self.spatial.joints if self.group[j.body] == g)
         if not inertia > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no moment of inertia about the plane's normal")
+        # bars join the points in order; a point in the same place as the one before adds none
         ends = [key for k, key in enumerate(points) if k == 0 or abs(points[key] - points[list(points)[k - 1]]) > SAME]
         bars = {"bars": [[a, b] for a, b in pairwise(ends)]} if len(ends) > 1 else {}
         return {"points": {key: pair(x) for key, x in points.items()}, **bars, "mass": mass, "com": pair(com), "inertia": inertia}
 
     def _armature(self, joint: Joint) -> float:
-        """The inertia of a joint itself, which adds to that of its link.
+        """Return a joint's armature, which adds to the inertia of its link.
 
         Raises:
-            ExchangeError: it is not the link's alone.
+            ExchangeError: the joint is no hinge on the ground, so that the armature is not the inertia of one link.
         """
         grounded = self.group[self.spatial.bodies[joint.body].parent] == WORLD
         if joint.armature and not (joint.kind == "hinge" and grounded and len(self.joints_of[joint.body]) == 1):
@@ -195,7 +215,7 @@ class Flattened:
     # joints
 
     def _joints(self) -> dict[str, Table]:
-        """The tables of joints and closures; the name of each joint of the file goes to `self.joint_names`."""
+        """Return the tables of joints and closures; `self.joint_names` maps a joint of the file to its name there."""
         tables: dict[str, Table] = {}
         self.joint_names: dict[int, str] = {}
         for k, body in enumerate(self.spatial.bodies):
@@ -206,7 +226,7 @@ class Flattened:
                 continue
             kinds = [j.kind for j in own]
             if kinds == ["slide", "slide", "hinge"] and np.linalg.norm(np.cross(own[0].axis, own[1].axis)) > FLAT:
-                continue  # free in the plane
+                continue  # two crossed slides and a hinge: the body is free in the plane and needs no joint
             if len(own) > 1:
                 reason = f"has the joints {' and '.join(kinds)}, which a linkage has with a link between them alone"
                 raise self.refuse(f"body {body.name}", reason)
@@ -229,6 +249,7 @@ class Flattened:
         return {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
     def _check_closure(self, name: str, a: Spot, b: Spot) -> None:
+        """Refuse a closure that can never close; report one that is open, or opening, at the start."""
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
         ends = [(self.moves[x.body], self.plane.flat(x.place)) for x in (a, b)]
@@ -268,12 +289,16 @@ class Flattened:
                 return self._push(acting)
 
     def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
-        """A law on a sum of hinges that is the angle of one link against another, or its negative; none where welds hold them."""
+        """Return the tables of a law on a sum of hinges, which must be plus or minus the angle between two links.
+
+        There are none if welds hold all of these hinges.
+        """
         if self.held.issuperset(joints):
             return []
         wanted = {k: c for k, c in joints.items() if c and k not in self.held}
-        pairs = ((a, b, sign) for a in self.names for b in self.names for sign in (1.0, -1.0) if a != b)
-        angle = next((x for x in pairs if self._turn(x[0], x[1]) == {k: x[2] * c for k, c in wanted.items()}), None)
+        signed = {sign: {k: sign * c for k, c in wanted.items()} for sign in (1.0, -1.0)}
+        pairs = ((a, b, sign) for a in self.names for b in self.names for sign in signed if a != b)
+        angle = next(((a, b, sign) for a, b, sign in pairs if self._turn(a, b) == signed[sign]), None)
         if angle is None:
             raise self.refuse(name, "a sum of joints that is no angle between two links")
         a, b, sign = angle
@@ -293,7 +318,10 @@ class Flattened:
         return tables
 
     def _turn(self, a: int, b: int) -> dict[int, float]:
-        """The angle of group b against that of a as a sum of hinges: joint -> +-1."""
+        """Return the angle of link b against link a as a sum of hinges: joint -> +-1.
+
+        Both are followed to the world; hinges that both share cancel.
+        """
         total: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
             while body != WORLD:
@@ -305,7 +333,7 @@ class Flattened:
         return {k: x for k, x in total.items() if x}
 
     def _on_slide(self, k: int, law: Straight) -> list[Table]:
-        """A law along a slide; of a body that is free in the plane, on the way of its hinge along that axis."""
+        """Return the tables of a law along a slide; for a body that is free in the plane, it acts at the point of its hinge."""
         joint = self.spatial.joints[k]
         parent, own, along = self.spatial.bodies[joint.body].parent, self._own(joint.body), self.plane.flat(joint.axis)
         for other in own[:-1]:
@@ -325,7 +353,10 @@ class Flattened:
         return self._along(point, origin, g, self.plane.flat(acting.direction), law, law.rest)
 
     def _along(self, point: str, origin: str | None, g: int, along: complex, law: Straight, rest: float) -> list[Table]:
-        """A law along an axis of a group: a spring, and a constant force whose opposite at the origin is left out on the ground."""
+        """Return the tables of a law along an axis that is fixed in link g: a spring and damper, and a constant force.
+
+        The opposite of the constant force acts at the origin; on the ground it moves nothing and is left out.
+        """
         angle, tables = phase(along) - self.frames[g][1], list[Table]()
         if law.k or law.c:
             spring = {"type": "axis_spring_damper", "point": point, "origin": origin, "angle": angle}
@@ -337,13 +368,13 @@ class Flattened:
                 tables.append({"type": "force", "point": origin, "value": pair(-push), "frame": of})
         return tables
 
-    # the whole
+    # the document
 
     def document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
-        """The document of a planar linkage, and what was left out or changed, in sentences.
+        """Return the document of a planar linkage, and sentences on the parts that are left out or changed.
 
         Raises:
-            ExchangeError: an element that is not planar, or not expressible; with the reason.
+            ExchangeError: an element is not planar, or a linkage cannot have it; the message gives the reason.
         """
         for spot in self.spatial.spots:
             self.point(spot, anew=True)
@@ -379,7 +410,10 @@ class Flattened:
         return {key: x for key, x in document.items() if x not in ({}, {"points": {}})}, tuple(self.told)
 
     def _start(self, document: Table) -> tuple[Table, str | None, int]:
-        """The table of the start, the crank, and the degrees of freedom: so many coordinates are held, the surest ones."""
+        """Return the table of the start, the crank and the number of degrees of freedom.
+
+        The start prescribes as many coordinates as there are degrees of freedom: those that determine the rest most surely.
+        """
         mechanism = build_mechanism(document, SCENARIO, self.spatial.file, "")
         rows = Constraints(mechanism)
         q = close_joints(mechanism, rows, sketch(mechanism, document))
@@ -397,7 +431,7 @@ class Flattened:
         return start, crank, free.shape[1]
 
     def _velocities(self, mechanism: Mechanism) -> Array:
-        """v (n,) of the links at the start, as the joints of the file have it."""
+        """Return v (n,) of the links at the start, from the speeds of the file's joints."""
         v = []
         for g, link in zip(self.index, mechanism.links, strict=True):
             v += [*pair(self.moves[g].velocity(self.unfolded(g, complex(*link.com)))), self.moves[g].omega]
@@ -405,16 +439,17 @@ class Flattened:
 
 
 def plane_of(spatial: Spatial) -> Plane:
-    """The plane that every hinge is normal to and every slide lies in.
+    """Return the plane to which every hinge is normal and in which every slide lies.
 
     Raises:
-        ExchangeError: there is none.
+        ExchangeError: the joints have no such plane.
     """
     hinges = [j for j in spatial.joints if j.kind == "hinge"]
     slides = [j for j in spatial.joints if j.kind == "slide"]
     if not spatial.joints:
         raise spatial.refuse("the model", "has no joints")
     first = (hinges or slides)[0]
+    # Without hinges, the first slide and another slide, gravity or an axis of the world span the plane.
     others = [*(j.axis for j in slides[1:]), spatial.gravity, *np.eye(3)]
     normals = [first.axis] if hinges else [np.cross(first.axis, x) for x in others]
     normal = next(x / np.linalg.norm(x) for x in normals if np.linalg.norm(x) > FLAT)
@@ -425,7 +460,7 @@ def plane_of(spatial: Spatial) -> Plane:
         if abs(joint.axis @ normal) > FLAT:
             raise spatial.refuse(f"joint {joint.name}", f"slides out of the plane that {first.name} moves in: not planar")
     first_axis, second_axis = np.delete(np.eye(3), np.argmax(np.abs(normal)), axis=0)
-    exact = np.where(np.abs(normal) < SAME, 0.0, normal)
+    exact = np.where(np.abs(normal) < SAME, 0.0, normal)  # without rounding, axes of the world stay exact
     normal = exact / np.linalg.norm(exact)
     x = first_axis - (first_axis @ normal) * normal
     x /= np.linalg.norm(x)
@@ -435,7 +470,7 @@ def plane_of(spatial: Spatial) -> Plane:
 
 
 def name_part(wanted: str, taken: Collection[str]) -> str:
-    """A new name of letters, digits and underscores."""
+    """Return a name that is not taken, of letters, digits and underscores."""
     return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 

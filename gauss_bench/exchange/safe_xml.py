@@ -1,4 +1,4 @@
-"""XML of strangers: bounded, without document types and entities, and nothing in it that would open another file or run code."""
+"""Read XML that may be hostile: limited in size, without document types or entities, and unable to open files or run code."""
 
 from collections.abc import Callable
 from math import prod
@@ -11,18 +11,18 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
-MADE = 1 << 24  # numbers that a document may have made without holding them: a picture of 4096 by 4096
-COUNTS = ("nrow ncol", "width height", "params params", "actdim", "dim", "nsample", "num", "resolution resolution")  # the product
-ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}  # of <size>: numbers a unit, and the power of the units
-UNITS = "KMGTPE"  # of bytes of <size memory>, each 1024 times the one before
+MADE = 1 << 24  # numbers that a short attribute may make MuJoCo allocate: those of a picture of 4096 by 4096
+COUNTS = ("nrow ncol", "width height", "params params", "actdim", "dim", "nsample", "num", "resolution resolution")  # multiplied
+ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}  # attribute of <size> -> (factor, power): numbers allocated
+UNITS = "KMGTPE"  # suffixes of <size memory> in bytes, each 1024 times the one before
 OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
 
 
 def read_xml(path: Path) -> Element:
-    """The root of a file.
+    """Return the root element of a file.
 
     Raises:
-        ExchangeError: it cannot be read, is no XML, too large, or declares a document type or entities.
+        ExchangeError: the file cannot be read, is not XML, is too large, or declares a document type or entities.
     """
     try:
         content = read_bytes(path, MAX_BYTES)
@@ -38,10 +38,10 @@ def read_xml(path: Path) -> Element:
 
 
 def _inspect(content: bytes, path: Path) -> None:
-    """Go through a file without building anything.
+    """Go through a file without building a tree, so that a hostile file costs no memory.
 
     Raises:
-        ExchangeError: naming what is refused, and its line.
+        ExchangeError: the file holds something that is refused; the message names it and its line.
     """
     parser = expat.ParserCreate()
     counts = {"elements": 0, "depth": 0}
@@ -69,16 +69,16 @@ def _inspect(content: bytes, path: Path) -> None:
 
 
 def call_name(node: Element) -> str:
-    """An element, as a message names it."""
+    """Return an element as a message names it."""
     name = node.get("name")
     return f"<{node.tag}>" if name is None else f'<{node.tag} name="{name}">'
 
 
 def refuse_files(root: Element, path: Path) -> None:
-    """Let pass a model in one file.
+    """Refuse a model that needs more than one file.
 
     Raises:
-        ExchangeError: an element that reads another file or loads a plug-in.
+        ExchangeError: an element reads another file or loads a plug-in.
     """
     for node in root.iter():
         tag = str(node.tag)
@@ -90,10 +90,10 @@ def refuse_files(root: Element, path: Path) -> None:
 
 
 def refuse_bulk(root: Element, path: Path) -> None:
-    """Let pass a model that has at most ELEMENTS elements, copies of <replicate> counted, and at most MADE numbers made for it.
+    """Refuse a short file that makes a huge model: more than ELEMENTS elements with all copies of <replicate>, or MADE numbers.
 
     Raises:
-        ExchangeError: naming the element that asks for more.
+        ExchangeError: the model is too large; the message names the element that asks for it.
     """
     elements, made, left = 0.0, 0.0, [(root, 1.0)]
     while left:
@@ -110,7 +110,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
                     f"{path}: <size>: {key}={node.get(key)!r} asks for {arena:.3g} numbers of memory, and {MADE} are given"
                 )
     for node in root.iter():
-        each = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]  # of every element
+        each = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]  # for every element
         for keys in (*map(str.split, COUNTS), *each):
             if any(key in node.attrib for key in keys):
                 made += prod(_largest(node, key) for key in keys) * (elements if keys in each else 1.0)
@@ -122,7 +122,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
 
 
 def _arena(node: Element, key: str) -> float:
-    """Numbers of memory that MuJoCo takes for its own use because a <size> says so."""
+    """Return how many numbers MuJoCo allocates for an attribute of <size>."""
     text = node.get(key, "").strip().upper()
     if key == "memory":
         power = UNITS.find(text[-1:]) + 1 if text else 0
@@ -133,7 +133,7 @@ def _arena(node: Element, key: str) -> float:
 
 
 def _largest(node: Element, key: str) -> float:
-    """The largest number of an attribute, at least 1: MuJoCo says itself what is no number."""
+    """Return the largest number of an attribute, at least 1; MuJoCo itself reports an attribute that is no number."""
     try:
         return max((x for x in map(float, node.get(key, "").split()) if x > 1), default=1.0)
     except ValueError:

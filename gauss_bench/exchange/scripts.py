@@ -1,4 +1,4 @@
-"""Exported programs: templates that are plain programs, filled with the numbers of a linkage."""
+"""Exported programs: jinja templates of plain programs, filled with the numbers of a linkage."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from gauss_bench.exchange.text import c_comment, c_string, heading, python_comme
 from gauss_bench.exchange.transcript import python
 from gauss_bench.mechanism.model import Mechanism
 
-SAMPLES = 100  # rows that a program prints at most, beside the first
+SAMPLES = 100  # largest number of rows that a program prints after the first
 PROGRAMS = Environment(
     loader=PackageLoader("gauss_bench.exchange"),
     undefined=StrictUndefined,
@@ -21,12 +21,12 @@ PROGRAMS.filters |= {"python": python, "comment": python_comment, "c_comment": c
 
 
 def coordinates(mechanism: Mechanism, kinds: tuple[str, str, str] = ("x", "y", "theta")) -> list[str]:
-    """The names of q in order, LINK.x, LINK.y, LINK.theta, as they may head the columns of a table."""
+    """Return the names of q in order, LINK.x, LINK.y, LINK.theta, as headings of columns."""
     return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
 
 
 def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **given: Any) -> str:
-    """A template of templates/ with the linkage's names, start and laws, the sentences at its head, and what else is given."""
+    """Fill a template of templates/ with the linkage, the choice, the sentences `head`, and the template's own variables."""
     names, rates = coordinates(mechanism), coordinates(mechanism, ("vx", "vy", "omega"))
     common = {"mechanism": mechanism, "choice": choice, "head": head, "names": names, "rates": rates, "samples": SAMPLES}
     return PROGRAMS.get_template(template).render(**common, **given)

@@ -1,4 +1,4 @@
-"""Settings to paste: a choice of an engine, as a program in that engine's own language that runs without this package."""
+"""Programs to paste: an engine with its setting, as a program that uses the engine's library without this package."""
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import unsteady
@@ -10,7 +10,7 @@ WRITERS = {"mujoco": "to_mujoco", "pinocchio": "to_pinocchio", "exudyn": "to_exu
 
 
 def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
-    """Tell whether a program of that engine can be written with these steps; `code` is CasADi's knob."""
+    """Tell whether a program for an engine can have this integrator and stabilisation; `code` is the value of CasADi's knob."""
     if engine == "pinocchio":
         return stabilization != "projection"
     if engine == "casadi":
@@ -19,10 +19,10 @@ def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> b
 
 
 def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...] = ()) -> str:
-    """The program, in Python: alone in the engine, or where the engine is this package's own, a call of it.
+    """Return a program in Python that runs the linkage in an engine; for the suite's own engines it calls this package.
 
     Raises:
-        ExchangeError: no program can hold the linkage with this choice; naming what.
+        ExchangeError: no program can hold the linkage with this choice; the message gives the reason.
         ImportError: the engine is not installed.
     """
     if engine not in WRITERS:

@@ -1,7 +1,7 @@
-"""A mechanism in space, as it was found in a file: bodies, joints, closures, forces, in world coordinates at one configuration.
+"""A mechanism in space, as a file describes it: bodies, joints, closures and forces, in world coordinates at one configuration.
 
-That configuration is where every joint has its `ref`: MuJoCo's qpos0, or the zero of a URDF. What is read from a file ends here,
-what becomes a planar linkage begins here (`planar.py`).
+At that configuration every joint's coordinate is its `ref`: MuJoCo's qpos0, or zero in a URDF. `from_mjcf.py` and `from_urdf.py`
+produce this data; `planar.py` makes a planar linkage of it.
 """
 
 from dataclasses import dataclass
@@ -17,9 +17,11 @@ class Body:
     """A rigid body.
 
     Attributes:
-        parent: index of the body it hangs on; the world is its own.
-        origin, turn: (3,) and (3, 3) of its frame.
-        mass: [kg]; com: (3,) [m]; inertia: (3, 3) about it in world axes [kg m^2].
+        parent: index of the body it hangs on; the world is its own parent.
+        origin, turn: (3,) place [m] and (3, 3) rotation of its frame.
+        mass: [kg].
+        com: (3,) centre of mass [m].
+        inertia: (3, 3) about the centre of mass in world axes [kg m^2].
     """
 
     name: str
@@ -36,10 +38,11 @@ class Joint:
     """A coordinate by which a body moves against its parent: a "hinge" [rad] or a "slide" [m].
 
     Attributes:
-        body: that it moves; several joints of one body act in order.
-        anchor, axis: (3,) point on it and unit vector.
-        ref: its coordinate at the configuration that all is given in; start, speed: at the start.
-        armature: inertia of its own.
+        body: index of the body that it moves; several joints of one body act in order.
+        anchor, axis: (3,) a point on the axis, and its unit vector.
+        ref: coordinate at the configuration in which all data are given.
+        start, speed: coordinate and rate at the start.
+        armature: inertia that the joint adds [kg m^2, or kg for a slide].
     """
 
     name: str
@@ -74,7 +77,7 @@ class Straight:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """A law on a sum of joints' coordinates: joint -> coefficient."""
+    """A force law on a sum of joint coordinates; `joints` maps a joint to its coefficient."""
 
     name: str
     joints: dict[int, float]
@@ -83,7 +86,7 @@ class OnJoints:
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """A law on the distance of two points."""
+    """A force law on the distance between two points."""
 
     name: str
     a: Spot
@@ -93,11 +96,11 @@ class Between:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A force at a point along `direction` (3,), fixed in the body `frame` as it stands in the given configuration.
+    """A force at a point along `direction` (3,), which is fixed in the body `frame` and given at the file's configuration.
 
     Attributes:
-        origin: where the opposite force acts, and from where the law's coordinate is measured along the direction; None where
-            nothing takes it, and the force is constant.
+        origin: point at which the opposite force acts and from which the law's coordinate is measured along the direction; None if
+            the force is constant and nothing takes its reaction.
     """
 
     name: str
@@ -116,10 +119,12 @@ class Spatial:
     """The content of a file.
 
     Attributes:
-        file: that it was read from, for messages.
+        file: its path, for messages.
         gravity: (3,) [m/s^2].
-        closures: pairs of points that coincide; welds: pairs of bodies that move as one.
-        dropped: what of the file is left out, in sentences.
+        closures: name and pair of points that coincide.
+        welds: pairs of bodies that are rigidly connected.
+        spots: named points of bodies.
+        dropped: sentences on parts of the file that are left out.
     """
 
     file: str

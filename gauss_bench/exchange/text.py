@@ -1,6 +1,6 @@
-"""Text of a file in other languages: escaping, comments, identifiers. Whatever a user wrote passes here on its way into a file.
+"""Escape text for other languages: strings, comments, identifiers. All text of a user passes through here on its way into a file.
 
-A text in a comment becomes one printable line first, so that no language's end of line or end of comment is in it.
+A text for a comment is first made one printable line, so that it cannot end the line or the comment in any language.
 """
 
 import re
@@ -14,42 +14,45 @@ main accelerate rollout names start end step none rows every"""
 
 
 def xml_comment(lines: Iterable[str]) -> str:
-    """The lines as what may stand between <!-- and -->, where two hyphens may not."""
-    told = "\n".join(re.sub(r"-(?=-|$)", "- ", in_a_sentence(line)) for line in lines)
-    return f"\n{told}\n"
+    """Return the lines as the content of an XML comment, which must not contain two hyphens in a row."""
+    text = "\n".join(re.sub(r"-(?=-|$)", "- ", in_a_sentence(line)) for line in lines)
+    return f"\n{text}\n"
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    """The lines as a comment of C."""
-    told = (re.sub(r"/(?=\*)", "/ ", re.sub(r"\*(?=/)", "* ", in_a_sentence(line))) for line in lines)
-    return "/*\n" + "".join(f" * {line}".rstrip().rstrip("\\") + "\n" for line in told) + " */\n"
+    """Return the lines as a comment of C, in which neither "/*" nor "*/" occurs."""
+    safe = (re.sub(r"/(?=\*)", "/ ", re.sub(r"\*(?=/)", "* ", in_a_sentence(line))) for line in lines)
+    return "/*\n" + "".join(f" * {line}".rstrip().rstrip("\\") + "\n" for line in safe) + " */\n"
 
 
 def c_string(text: str) -> str:
-    """The text as a string of C: bytes outside plain letters in octal, question marks too (three letters of C begin with two)."""
+    """Return the text as a string literal of C.
+
+    Bytes that are not plain ASCII become octal escapes; so do question marks, because two of them begin a trigraph.
+    """
     plain = frozenset(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 _.,:;()[]{}+-*/=<>!&|^~#$%'@")
     encoded = text.encode("utf-8", errors="replace")
     return '"' + "".join(chr(x) if x in plain else f"\\{x:03o}" for x in encoded) + '"'
 
 
 def python_comment(lines: Iterable[str]) -> str:
-    """The lines as comments of Python."""
+    """Return the lines as comments of Python."""
     return "".join(f"# {in_a_sentence(line)}".rstrip() + "\n" for line in lines)
 
 
 def toml_string(text: str) -> str:
-    """The text as a basic string of TOML; what cannot be printed by its number."""
+    """Return the text as a basic string of TOML; characters that cannot be printed are escaped by their numbers."""
     plain = text.encode("utf-8", errors="replace").decode("utf-8")
     return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in plain) + '"'
 
 
 def heading(name: str) -> str:
-    """A name without what would end a column of a table."""
+    """Return a name as the heading of a CSV column, without characters that would end the column."""
     return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
 
 
 def unique(base: str, taken: Collection[str]) -> str:
-    """The name, with a number where it is taken."""
+    """Return the name, with a number after it if it is taken."""
     k, chosen = 1, base
     while chosen in taken:
         k += 1
@@ -58,7 +61,7 @@ def unique(base: str, taken: Collection[str]) -> str:
 
 
 def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
-    """Name -> an identifier of C and Python, each once, and none of the reserved words (blanks between them)."""
+    """Return name -> identifier of C and Python, each different and none of the reserved words (given as one text)."""
     by_name: dict[str, str] = {}
     taken = set(reserved.split())
     for name in names:

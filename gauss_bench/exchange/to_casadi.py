@@ -1,4 +1,4 @@
-"""CasADi: the accelerations in closed form as a serialised casadi.Function, and steps of Runge and Kutta with it."""
+"""Export for CasADi: the accelerations in closed form as a serialised casadi.Function, and an integrator around it."""
 
 from textwrap import wrap
 
@@ -7,7 +7,7 @@ from gauss_bench.exchange.scripts import write_program
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
-WIDTH = 120  # of the lines that the function is written in
+WIDTH = 120  # characters in a line of the serialised function
 METHODS = {
     "rk4": "the classical method of Runge and Kutta in CasADi's virtual machine",
     "dop853_fixed": "the twelve stages of DOP853 without error control, in CasADi's virtual machine",
@@ -17,10 +17,10 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """The script.
+    """Return the script.
 
     Raises:
-        RunFailure: steps that the script cannot take.
+        RunFailure: the script has no such integrator or stabilisation.
         ImportError: CasADi is not installed.
     """
     from gauss_bench.engines.casadi import functions

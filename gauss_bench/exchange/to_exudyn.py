@@ -1,4 +1,4 @@
-"""Exudyn: what the adapter builds its system with, call by call, and a run."""
+"""Export for Exudyn: the calls with which the adapter builds its system, one by one, and a run."""
 
 from typing import Any
 
@@ -21,17 +21,17 @@ STATEMENTS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """The script.
+    """Return the script.
 
     Raises:
-        RunFailure: Exudyn refuses the model, or it differs from the linkage.
+        RunFailure: Exudyn rejects the model, or the model differs from the linkage.
         ImportError: Exudyn is not installed.
     """
     from gauss_bench.engines.exudyn.adapter import ExudynModel, simulation_settings
     from gauss_bench.engines.exudyn.items import System, span
 
     class Transcribed(System):
-        """The adapter's system, with a remark on each part, and user functions by their names in the script."""
+        """The adapter's system, which writes a comment before each part and names user functions as the script does."""
 
         def _link(self, i: int) -> None:
             script.comment(f"link {self.mechanism.links[i].name}")
@@ -51,7 +51,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
             return script.thing(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
 
-    built = ExudynModel(mechanism, choice)  # which is compared with the linkage
+    built = ExudynModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
     script, laws = Script(STATEMENTS), name_laws(mechanism)
     exu = script.thing("exu")
     Transcribed(exu, script.thing("items"), mechanism)

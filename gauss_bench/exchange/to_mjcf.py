@@ -1,4 +1,4 @@
-"""MJCF: the model of MuJoCo's adapter as a document, with what there is to tell in a comment."""
+"""Export as MJCF: the model of MuJoCo's adapter as a document, with a comment that explains it."""
 
 from xml.etree.ElementTree import Comment, indent, tostring
 
@@ -8,7 +8,7 @@ from gauss_bench.mechanism.model import Mechanism
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """The document.
+    """Return the document.
 
     Raises:
         RunFailure: MJCF cannot hold the mechanism.
@@ -19,13 +19,13 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     root = mjcf(mechanism, choice)
     closure = root.find("equality/connect")
     soft = "" if closure is None else f" solref {closure.get('solref')}, solimp {closure.get('solimp')}."
-    told = [
+    lines = [
         *head,
         "Bodies are links, with their frames at the centres of mass; joints open the loops, which connect constraints close again.",
         f"The start is the keyframe {START!r}: mj_resetDataKeyframe(model, data, 0).",
         f"Settings: {choice.settings}, {choice.integrator}, step {choice.step:g} s.{soft}",
-        "solref is two steps: whoever changes the step changes both (MuJoCo raises a smaller solref to two steps).",
+        "solref is two steps: if you change the step, change both (MuJoCo raises a smaller solref to two steps).",
     ]
-    root.insert(0, Comment(xml_comment(told)))
+    root.insert(0, Comment(xml_comment(lines)))
     indent(root)
     return tostring(root, encoding="unicode") + "\n"

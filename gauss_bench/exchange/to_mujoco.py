@@ -1,4 +1,4 @@
-"""A Python script for MuJoCo: the MJCF of `to_mjcf`, what no document can set, and a run."""
+"""Export as a Python script for MuJoCo: the MJCF of `to_mjcf`, the settings that no document can hold, and a run."""
 
 from xml.etree.ElementTree import indent, tostring
 
@@ -11,10 +11,10 @@ from gauss_bench.mechanism.model import Mechanism
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """The script.
+    """Return the script.
 
     Raises:
-        RunFailure: MuJoCo cannot be given the mechanism.
+        RunFailure: MuJoCo cannot model the mechanism.
         ImportError: MuJoCo is not installed.
     """
     from gauss_bench.engines.mujoco.adapter import VARIANTS, MujocoModel

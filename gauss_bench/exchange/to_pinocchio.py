@@ -1,4 +1,4 @@
-"""Pinocchio: what the adapter builds its model with, call by call; forces as it tabulates them, and steps of Runge and Kutta.
+"""Export for Pinocchio: the calls with which the adapter builds its model, its tabulated forces, and an integrator.
 
 Pinocchio has no springs and no integrator for constrained systems. Forces that are affine in the joints' coordinates are the
 adapter's own matrices; the others are written as a table, with the few lines that read it.
@@ -31,10 +31,10 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """The script.
+    """Return the script.
 
     Raises:
-        RunFailure: Pinocchio refuses the model, it differs from the linkage, or a length is prescribed.
+        RunFailure: Pinocchio rejects the model, the model differs from the linkage, or a length is prescribed.
         ImportError: Pinocchio is not installed.
     """
     from gauss_bench.engines.pinocchio.adapter import PinocchioModel
@@ -47,13 +47,13 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         raise RunFailure(Status.SKIP, f"the script holds motion laws of angles and slides only, not of the length {beyond}")
 
     class Transcribed(Multibody):
-        """The adapter's model, with a remark on each link."""
+        """The adapter's model, which writes a comment before each link."""
 
         def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
             script.comment(f"link {mechanism.links[b.link].name}")
             super()._add_link(mechanism, b)
 
-    built = PinocchioModel(mechanism, choice)  # which is compared with the linkage
+    built = PinocchioModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
     script, o, forces, drive = Script(STATEMENTS), built.options, built.forces, built.stabilized.drive
     body, damped = Transcribed(script.thing("pin"), mechanism, built.tree), choice.stabilization == "baumgarte"
     script.comment("the pins that close the loops")
@@ -96,10 +96,10 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def tabulate(others: list[Load]) -> dict[str, list[Any]]:
-    """The loads that are not affine, as the tables that `forces` of the script reads.
+    """Return the loads that are not affine as the tables that the script's function `forces` reads.
 
     Raises:
-        RunFailure: a load of another kind.
+        RunFailure: a load is of a kind that the script does not have.
     """
     tables: dict[str, list[Any]] = {"springs": [], "slides": [], "pushes": []}
     for load in others:
@@ -117,5 +117,5 @@ def tabulate(others: list[Load]) -> dict[str, list[Any]]:
 
 
 def spot(point: Point) -> list[float]:
-    """Link, and place about its centre of mass; -1 is the ground."""
+    """Return [link, x, y]: the link's index (-1 for the ground) and the point in the frame of its centre of mass."""
     return [point.link, *map(float, point.local)]

@@ -1,4 +1,4 @@
-"""The document of a linkage as the text of its file."""
+"""Write the document of a linkage, nested tables, as the TOML text of its file."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -7,16 +7,16 @@ from typing import Any
 
 from gauss_bench.exchange.text import python_comment, toml_string
 
-GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # whose entries are tables of their own
+GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "scenarios")  # each entry gets a [heading] of its own
 
 
 def toml(document: Mapping[str, Any], head: Sequence[str]) -> str:
-    """The text, with sentences at its head."""
+    """Return the text of a document, with the sentences `head` as comments at its beginning."""
     return python_comment(head) + "\n".join(_lines(document, ())) + "\n"
 
 
 def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    """A table with its head: values first, then the tables in it that have heads of their own."""
+    """Return the lines of a table: its heading and values first, then the tables in it that have headings of their own."""
     inner = path == () or (len(path) == 1 and path[0] in GROUPS)
     headed = {k: x for k, x in table.items() if inner and isinstance(x, dict) and k != "expect"}
     lines = [f"{key(k)} = {said(x)}" for k, x in table.items() if k not in headed]
@@ -30,7 +30,7 @@ def key(name: str) -> str:
 
 
 def said(x: Any) -> str:
-    """A value on one line."""
+    """Return a value in one line of TOML."""
     match x:
         case bool():
             return str(x).lower()

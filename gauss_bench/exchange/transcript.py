@@ -1,8 +1,8 @@
-"""A script from what an adapter does: it builds its model in a stand-in for the library, which writes down every call.
+"""Record an adapter's calls as a script: the adapter builds its model with a stand-in for the library that writes down every call.
 
-An adapter that is given the library as a module builds the same model in the stand-in, and the calls it has made, in order, are the
-script that makes the model alone. So there is one translation of a linkage, and the script cannot differ from what was compared
-with the linkage.
+An adapter takes its library as an argument, so it makes the same calls to the stand-in as to the library. The recorded calls, in
+order, are a script that builds the model without the adapter. A linkage is thus translated in one place, and the script cannot
+differ from the model that was compared with the linkage.
 
     mbs = Script({"AddNode": "node_"}).thing("mbs")
     mbs.AddNode(items.NodePoint(name="A"))                       writes: node_1 = mbs.AddNode(items.NodePoint(name='A'))
@@ -19,31 +19,32 @@ from gauss_bench.mechanism.model import Mechanism
 
 
 class Script:
-    """Lines of Python.
+    """A Python script under construction.
 
     Attributes:
-        lines: written so far.
+        lines: the lines written so far.
     """
 
     def __init__(self, statements: Mapping[str, str]):
         """Begin.
 
         Args:
-            statements: name of a function or method -> the variable that holds what it returns, with a number after it where
-                it ends with an underscore, or "" where nothing holds it. Other calls are written where what they return is used.
+            statements: name of a function or method -> name of the variable that takes its result. A name that ends with an
+                underscore gets a number; "" writes the call without a variable. Any other call is written inside the
+                expression that uses its result.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
 
     def thing(self, source: str) -> "Thing":
-        """A name of the script for `source`, such as an imported module."""
+        """Return a stand-in for a name of the script, such as an imported module."""
         return Thing(self, source)
 
     def comment(self, text: str) -> None:
         self.lines.append(python_comment([text]).rstrip("\n"))
 
     def called(self, source: str, text: str) -> "Thing":
-        """The result of a call whose function is `source`."""
+        """Write a call `text` of the function `source`, and return the stand-in for its result."""
         name = source.rpartition(".")[2]
         if name not in self._statements:
             return Thing(self, text)
@@ -57,7 +58,7 @@ class Script:
 
 
 class Thing:
-    """An object of the library, known by how it is written."""
+    """A stand-in for an object of the library; it knows only the expression that denotes it in the script."""
 
     _script: Script
     _source: str
@@ -86,10 +87,10 @@ class Thing:
 
 
 def python(x: Any) -> str:
-    """A value as a script writes it; texts in plain letters, whatever stands in them.
+    """Return a value as Python source; texts are written in ASCII.
 
     Raises:
-        TypeError: a value that no script can hold, such as a function.
+        TypeError: a script cannot hold the value, such as a function.
     """
     if isinstance(x, Thing):
         return x._source
@@ -104,5 +105,5 @@ def python(x: Any) -> str:
 
 
 def name_laws(mechanism: Mechanism) -> dict[int, Thing]:
-    """The functions of a script for the laws of drivers, by the laws' ids."""
+    """Return the script's functions law_1, law_2, ... for the laws of drivers, by the laws' ids."""
     return {id(d.law): Script({}).thing(f"law_{k}") for k, d in enumerate(mechanism.drivers, 1)}

@@ -1,9 +1,9 @@
-"""The audit: every line of the three papers, measured as printed and as it should read, and the verdict that follows.
+"""The audit: measure every line of the three papers, as printed and as it should read, and derive a verdict.
 
-A data file holds what a paper says, line by line, in its order. A line names the function that measures it and its two forms, each
-a function of the chapter's module in `forms` or data that the measure reads: a number, a list, a table. The measure compares any
-form with a truth that knows neither, so that a verdict cannot be set by hand. The file says only why a line fails, once for all
-lines with that cause: they are one mistake however many they are.
+A data file holds the statements of a paper, line by line, in the paper's order. A line has two forms, printed and intended, and
+names the function that measures them. A form is a function of the chapter's module in `forms`, or data: a number, a list, a table.
+The measure compares a form with a reference that is computed without either form, so that a verdict cannot be set by hand. The file
+gives only the cause for which a line fails; lines with the same cause are one mistake.
 """
 
 import math
@@ -19,8 +19,8 @@ import numpy as np
 
 FOLDER = Path(__file__).parent
 PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
-APART = 1e3  # a printed form is called off only where it is this many tolerances off: no verdict within sight of rounding
-WORDS = ("name", "printed", "intended", "cause")  # cells of a row that stand in a line as they are
+APART = 1e3  # a printed form counts as wrong only if it is off by this many tolerances, far beyond rounding
+WORDS = ("name", "printed", "intended", "cause")  # cells of a row that are copied from a line under the same name
 READ = {**dict(zip(WORDS, WORDS, strict=True)), "equation": "place", "sentence": "remark"}
 EXAMPLE = ("example_printed", "example_intended", "example_true")
 
@@ -43,12 +43,13 @@ class Line:
     """One statement of a paper.
 
     Attributes:
-        texts: cells of its row that are read, not measured.
-        verdict: what the file says of it: ok without a cause, else the kind of the cause.
-        printed, intended: both forms, one and the same where the line is right.
-        measure: discrepancy of a form from the truth, >= 0.
+        texts: cells of its row that come from the file and are not measured.
+        verdict: the verdict that the file claims: ok without a cause, else the kind of the cause.
+        printed, intended: both forms; the same object if the line is right.
+        measure: form -> its discrepancy from the reference, >= 0.
         tolerance: largest discrepancy of a right form.
-        example, truth: how a form gives a number that a reader can check by hand, and how that is known; None without one.
+        example: form -> a number that a reader can check by hand; None if the line has none.
+        truth: call that computes that number without the forms; None if the line has none.
     """
 
     texts: dict[str, str]
@@ -62,21 +63,22 @@ class Line:
 
 
 def audit() -> dict[str, Any]:
-    """{"audit": rows}, one a line: its texts, both discrepancies, the verdict and what contradicts it."""
+    """Return {"audit": rows}, one row per line: its texts, both discrepancies, the verdict and any contradiction."""
     return {"audit": [measure_line(line) for line in lines()]}
 
 
 def lines() -> tuple[Line, ...]:
-    """All lines in the order of the papers and their equations."""
+    """Return all lines in the order of the papers and their equations."""
     return tuple(line for name in PAPERS for line in lines_of(read(name)))
 
 
 def read(name: str) -> Table:
-    """A paper's data file."""
+    """Read a paper's data file."""
     return tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def lines_of(paper: Table) -> Iterator[Line]:
+    """Yield the lines of a paper's data file, with their forms and measures resolved to functions."""
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
         room = f"forms.{chapter['forms']}"
@@ -108,7 +110,7 @@ def lines_of(paper: Table) -> Iterator[Line]:
 
 
 def form_of(room: str, form: Any) -> Any:
-    """A form: data as they are, or the function with a name, of this module or by its path in this room."""
+    """Return a form: data unchanged, or the function that a name denotes, in the chapter's module or at a path in `papers`."""
     if not isinstance(form, str):
         return form
     path, _, name = form.rpartition(".")
@@ -116,13 +118,13 @@ def form_of(room: str, form: Any) -> Any:
 
 
 def measure_of(room: str, entry: Table) -> Callable[[Any], float]:
-    """The measure of a line; `on` says which part of a form, or which problems, it looks at."""
+    """Return the measure of a line; a line's `on` restricts it to a part of a form or to some of the problems."""
     measure = form_of(room, entry["measure"])
     return (lambda form: measure(form, entry["on"])) if "on" in entry else measure
 
 
 def discrepancy(line: Line, form: Any) -> float:
-    """The measured discrepancy of a form; infinite where the form cannot even be evaluated, such as by its shape."""
+    """Return the measured discrepancy of a form; infinite if the form cannot be evaluated, as when shapes do not fit."""
     try:
         return float(line.measure(form))
     except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):
@@ -130,7 +132,7 @@ def discrepancy(line: Line, form: Any) -> float:
 
 
 def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: float) -> list[str]:
-    """Say what is wrong with a line itself, from its discrepancies; nothing where the line stands."""
+    """List the contradictions between a line's claimed verdict and its measured discrepancies; empty if there is none."""
     faults = [] if intended <= tolerance else ["what is called right is not"]
     if verdict == Verdict.OK and not printed <= tolerance:
         faults.append("what is printed is not right")
@@ -140,10 +142,10 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 
 
 def measure_line(line: Line) -> dict[str, Any]:
-    """The line measured, as a flat row of texts and numbers.
+    """Measure a line and return a flat row of texts and numbers.
 
-    `verdict` is what the measurement says: ok where the printed form is right, else what the file says, or wrong where that is ok.
-    `stands` tells whether the file says the same.
+    `verdict` is ok if the printed form is measured to be right; otherwise it is the file's verdict, or wrong if the file claims ok.
+    `stands` tells whether measurement and file agree.
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)

@@ -2,8 +2,8 @@
 
     sin th2 = -l1/l2 sin th,   q(th) of crank, rod and slider as in `crank_slider`,   d = dq/dth,   e = d2q/dth2
 
-The true acceleration minimises a distance over all a = d w' + e w^2; the formulas of the paper that are wrong minimise another one
-over the same set, because they too satisfy J a = g:
+The true acceleration minimises a distance over all a = d w' + e w^2 (Gauss's principle). The wrong formulas of the paper also
+satisfy J a = g, so they minimise over the same set, but another distance:
 
     w' = d . (R - W e w^2) / (d . W d)
     true                      W = M,      R = Q           nearest to M^-1 Q in the metric of M
@@ -32,7 +32,16 @@ Event = Callable[[float, Array], float]
 
 @dataclass(frozen=True, eq=False)
 class CrankMotion:
-    """The linkage in the paper's coordinates: lengths [m], masses, torque [N m], the slider's spring and damper, gravity."""
+    """The crank-slider in the paper's seven coordinates, moving in its crank angle alone.
+
+    Attributes:
+        l1, l2: lengths of crank and rod [m].
+        mass: diagonal of M in the seven coordinates.
+        torque: on the crank [N m].
+        k, c, rest: stiffness, damping and rest position of the slider.
+        gravity: [m/s^2].
+        formula: TRUE, EQ_16 or EQS_10_11.
+    """
 
     l1: float
     l2: float
@@ -45,9 +54,9 @@ class CrankMotion:
     formula: str = TRUE
 
     def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
-        """q, dq/dtheta, d2q/dtheta2 at crank angles of any shape: seven entries each, of that shape.
+        """Return q, dq/dtheta, d2q/dtheta2 at crank angles of any shape: seven entries each, of that shape.
 
-        At a single float, by the functions for floats, which an integrator calls a million times.
+        A single float is computed by `math`, which is faster than numpy: an integrator calls this a million times.
         """
         own = math if isinstance(theta, float) else np
         l1, l2, one = self.l1, self.l2, 0 * theta + 1.0
@@ -65,13 +74,13 @@ class CrankMotion:
         return q, d, e
 
     def forces(self, x3: Any, x3_rate: Any) -> Seven:
-        """Eq. (19) at places and speeds of the slider."""
+        """Return the applied forces of eq. (19) at places and speeds of the slider."""
         m1, m2 = self.mass[1], self.mass[4]
         push = self.k * (self.rest - x3) - self.c * x3_rate
         return (0.0, -m1 * self.gravity, self.torque, 0.0, -m2 * self.gravity, 0.0, push)
 
     def acceleration(self, theta: Any, w: Any) -> Any:
-        """Crank acceleration [rad/s^2] by the formula, of the shape of theta and w."""
+        """Return the crank's acceleration [rad/s^2] by `formula`, of the shape of theta and w."""
         q, d, e = self.positions(theta)
         force = inertia = 0.0
         for m, Q, di, ei in zip(self.mass, self.forces(q[6], d[6] * w), d, e, strict=True):
@@ -82,14 +91,14 @@ class CrankMotion:
         return force / inertia
 
     def static_torque(self, theta: Any) -> Any:
-        """Generalised force [N m] of gravity, spring and torque at rest, of the shape of theta."""
+        """Return the generalised force [N m] of gravity, spring and torque at rest, of the shape of theta."""
         q, d, _ = self.positions(theta)
         return sum(di * Q for di, Q in zip(d, self.forces(q[6], 0.0), strict=True))
 
     def run(
         self, t_end: float, start: tuple[float, float] = (0.0, 0.0), rtol: float = RTOL, event: Event | None = None
     ) -> "CrankRun":
-        """The motion from rest, or from an angle and a speed; stops at the event."""
+        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the event."""
 
         def rate(t: float, y: Array) -> list[float]:
             theta, w = float(y[0]), float(y[1])
@@ -112,10 +121,10 @@ class CrankRun:
 
 
 def motion_of(mechanism: Mechanism) -> CrankMotion:
-    """The closed form of the linkage file `crank_slider` in any scenario with its torque and its spring.
+    """Return the closed form of the linkage file `crank_slider` in any scenario with its torque and its spring.
 
     Raises:
-        ValueError: the linkage is another one.
+        ValueError: the mechanism is not this linkage.
     """
     torques = [f.value for f in mechanism.forces if isinstance(f, Torque)]
     springs = [f for f in mechanism.forces if isinstance(f, AxisSpringDamper)]

@@ -1,10 +1,10 @@
-"""The example of Yuan & Ge (2016), section 4, in the paper's own seven coordinates, written down with its misprints corrected.
+"""The example of Yuan & Ge (2016), section 4, in the paper's own seven coordinates, with its misprints corrected.
 
     q = [x1, y1, theta1, x2, y2, theta2, x3]: centres of mass and angles of crank and rod, place of the slider
 
-The paper leaves the slider's height and angle out, which are zero; the linkage file `crank_slider` keeps them. `states` are motions
-of that file, computed in the crank angle alone, and therefore know nothing of the equations here. All functions take one state (7,)
-and, where they are made of elementary functions, complex numbers too: that is how derivatives are taken to rounding.
+The paper leaves out the slider's height and angle, which are zero; the linkage file `crank_slider` keeps them. `states` are motions
+of that file, computed in the crank angle alone and therefore independent of the equations here. All functions take one state (7,).
+Most take complex numbers too, for derivatives by the complex-step method, which are exact to rounding.
 """
 
 from collections.abc import Callable
@@ -24,19 +24,19 @@ from gauss_bench.terms import Array
 
 Number = NDArray[Any]
 
-KEPT = (0, 1, 2, 3, 4, 5, 6)  # of the nine coordinates of the linkage file: all but the slider's y and theta
-TINY = 1e-30  # imaginary step: it is squared away, so that nothing cancels
+KEPT = (0, 1, 2, 3, 4, 5, 6)  # the paper's coordinates among the nine of the linkage file: all but the slider's y and theta
+TINY = 1e-30  # imaginary step of the complex-step method: its square underflows and nothing cancels
 M1, M2, M3 = 0.37, 0.77, 0.1  # [kg]
 L1, L2 = 0.15, 0.56  # [m]
 STIFFNESS, DAMPING, TORQUE = 5.0, 1.0, -0.5  # [N/m], [N s/m], [N m]
-I1, I2 = M1 * L1**2 / 12, M2 * L2**2 / 12  # [kg m^2] not given: uniform bars are assumed
-GRAVITY = 9.81  # [m/s^2] not given
+I1, I2 = M1 * L1**2 / 12, M2 * L2**2 / 12  # [kg m^2] not given in the paper: uniform bars are assumed
+GRAVITY = 9.81  # [m/s^2] not given in the paper
 START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
 
 
 @dataclass(frozen=True, eq=False)
 class ExampleState:
-    """A motion of the linkage file at one instant, in the seven coordinates, with its generalised applied force."""
+    """A motion of the linkage file at one instant: q, v, a and the applied force Q (7,) in the paper's coordinates."""
 
     q: Array
     v: Array
@@ -46,13 +46,13 @@ class ExampleState:
 
 @cache
 def linkage() -> Mechanism:
-    """The linkage file in the paper's scenario."""
+    """Load the linkage file in the paper's scenario."""
     return load("crank_slider", "paper")
 
 
 @cache
 def states(count: int = 24) -> tuple[ExampleState, ...]:
-    """The paper's start and seeded random states at crank speeds up to 30 rad/s, with their true accelerations."""
+    """Return the paper's start and seeded random states at crank speeds up to 30 rad/s, with reference accelerations."""
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
@@ -62,12 +62,12 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
 
 
 def derivative(function: Callable[[Any], Number], x: Array | float, direction: Array | float) -> Array:
-    """d/dt of function(x + t direction) at t = 0, to rounding."""
+    """Return d/dt of function(x + t direction) at t = 0, exact to rounding (complex-step method)."""
     return np.asarray(function(x + 1j * TINY * direction).imag / TINY)
 
 
 def gradient(function: Callable[[Any], Number], x: Array) -> Array:
-    """Derivatives (..., n) of a function of x (n,), to rounding."""
+    """Return the derivatives (..., n) of a function of x (n,), exact to rounding."""
     return np.stack([derivative(function, x, unit) for unit in np.eye(len(x))], axis=-1)
 
 

@@ -1,4 +1,4 @@
-"""Published reference values held against the certified motion: how many of their printed digits are true.
+"""Compare published reference values with the certified motion: how many of their printed digits are right.
 
 Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source: Mazzia and Magherini, Test Set for
 Initial Value Problem Solvers (2008), problem II-12; computed there by PSIDE with both tolerances at 1e-14, and copied since.
@@ -12,7 +12,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import Reference
 
 SQUEEZER = ("squeezer", "squeeze", 0.03)
-VALUES = {  # an angle as link angles added and subtracted -> it and its rate as printed
+VALUES = {  # angle of the problem -> (link angles to add and subtract, its printed value [rad], its printed rate [rad/s])
     "beta": (("+K1",), "15.81077119629904", "1139.920302151208"),
     "Theta": (("+K2", "-K1"), "-15.75637105984298", "-1424.379294994111"),
     "gamma": (("+K3",), "0.04082224013073101", "11.03291221937134"),
@@ -24,7 +24,7 @@ VALUES = {  # an angle as link angles added and subtracted -> it and its rate as
 
 
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
-    """A row per printed value: itself, the certified one, their difference, the bar and the floor of the certified one.
+    """Return a row per printed value: published and certified value, their difference, error bar and floor of the latter.
 
     Raises:
         ValueError: the reference does not end at the time of the published values.

@@ -1,9 +1,8 @@
 """The example of Yuan & Ge (2016), section 4, run again: whether the crank-slider "finally stops in an equilibrium".
 
-Everything is computed from the linkage file and the closed form of `crank_motion`; no number is kept here but the torques that are
-asked about. Where it can rest, and with which data it comes to rest, is computed in `rest`, the steady turning in `running`; what
-each number is stands in `reproduction.toml`. The paper's figures are computed from a reference. Inertias and gravity, which the
-paper does not give, are assumed throughout.
+Everything is computed from the linkage file and the closed form of `crank_motion`. `rest` computes where the crank can rest and
+with which data it comes to rest; `running` computes the steady turning; `reproduction.toml` explains each number. The paper's
+figures are computed from a reference. The paper does not give inertias and gravity, which are assumed throughout.
 """
 
 import tomllib
@@ -22,16 +21,16 @@ from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_rang
 from gauss_bench.papers.running import balance_speed, regime, swept
 from gauss_bench.trajectory import Reference
 
-COARSE = 1e2  # of the tolerance: what a run with it differs by is more than what the finer one is off
-ASKED = (-0.2, 0.2, 0.5)  # [N m] torques that let it settle; the last is the printed one the other way round
-STATIC_WIDTH = 1e-6  # relative: below it the first swing sinks into the integrator's absolute tolerance
+COARSE = 1e2  # factor on the tolerance of a second run, whose difference bounds the error of the finer one
+ASKED = (-0.2, 0.2, 0.5)  # [N m] torques under which the crank settles; the last is the printed one with the opposite sign
+STATIC_WIDTH = 1e-6  # relative: below it the first swing is smaller than the integrator's absolute tolerance
 CORNER_WIDTH = 1e-6  # relative: the bounds of other inertias are quoted to six digits
-INERTIAS = (0.0, 1.0, 2.0, 3.0)  # of a uniform bar's, centre of mass in the middle: 0 all of it there, 3 half at either end
-CORNERS = ((0.0, 0.0), (0.0, 3.0), (3.0, 0.0), (3.0, 3.0))  # of crank and rod
+INERTIAS = (0.0, 1.0, 2.0, 3.0)  # times a uniform bar's: 0 is a point mass at the centre, 3 is half the mass at either end
+CORNERS = ((0.0, 0.0), (0.0, 3.0), (3.0, 0.0), (3.0, 3.0))  # extreme factors of crank and rod
 SAME = 1e-6  # relative: far above rounding, far below any difference of formulas
-WATCHED = 2.0  # [s] as long as the linkage file's scenario
-ROWS = 601  # of the table of the paper's figures
-SPAN = 4.0  # [s] drawn at most: on a longer axis the turns would run together
+WATCHED = 2.0  # [s] duration of the linkage file's scenario
+ROWS = 601  # rows of the table of the paper's figures
+SPAN = 4.0  # [s] longest time drawn: on a longer axis the turns would merge
 COLUMNS = {"x1": 0, "y1": 1, "theta1": 2, "x3": 6}  # of the paper's seven coordinates
 FORMULAS = {"true": TRUE, "eq16": EQ_16, "eqs10_11": EQS_10_11}
 
@@ -39,7 +38,7 @@ Values = dict[str, tuple[float, float | None]]  # key of a row -> value and its 
 
 
 def reproduction() -> dict[str, Any]:
-    """{"reproduction": rows}: group, key, quantity, value, unit, bracket, verdict and statement of each.
+    """Return {"reproduction": rows}; a row has group, key, quantity, value, unit, bracket, verdict and statement.
 
     `value` is None for a claim or an omission; `bracket` is its uncertainty, None where it is exact to rounding; the verdict of a
     claim is "refuted", "holds" or "not shown".
@@ -58,7 +57,7 @@ def reproduction() -> dict[str, Any]:
 
 
 def running(motion: CrankMotion) -> Values:
-    """The regime that the printed data lead to."""
+    """Return the numbers of the running regime to which the printed data lead."""
     fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
     exact = {"taken": fine["taken"], "swept": swept(motion), "balance": balance_speed(motion)}
@@ -66,7 +65,7 @@ def running(motion: CrankMotion) -> Values:
 
 
 def statics(motion: CrankMotion) -> Values:
-    """Torque of weight and spring, and where the crank can rest."""
+    """Return the extreme torques of weight and spring, and the angles at which the crank can rest."""
     values: Values = {}
     for key, extreme in zip(("force_least", "force_most"), torque_range(motion), strict=True):
         values |= {key: (extreme.torque, None), f"{key}_at": (extreme.theta, 1e-8)}
@@ -77,7 +76,7 @@ def statics(motion: CrankMotion) -> Values:
 
 
 def settling(motion: CrankMotion) -> Values:
-    """Torques and dampers that let it come to rest from the printed start."""
+    """Return the bounds of torque and damper within which the crank comes to rest from the printed start."""
     low, high = torque_range(motion)
 
     def twisted(torque: float) -> CrankMotion:
@@ -95,16 +94,16 @@ def settling(motion: CrankMotion) -> Values:
 
 
 def heavier(motion: CrankMotion, crank: float, rod: float, torque: float) -> CrankMotion:
-    """Crank and rod with these multiples of a uniform bar's inertia, and another torque."""
+    """Return the motion with these multiples of a uniform bar's inertia for crank and rod, and another torque."""
     factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)
     return replace(motion, mass=tuple(m * k for m, k in zip(motion.mass, factors, strict=True)), torque=torque)
 
 
 def resting(motion: CrankMotion) -> float:
-    """The crank angle [rad] at which it comes to rest: the only stable equilibrium.
+    """Return the crank angle [rad] at which the crank comes to rest, its only stable equilibrium.
 
     Raises:
-        ArithmeticError: it does not come to rest there, or there are several to choose from.
+        ArithmeticError: the crank does not come to rest, or there are several stable equilibria.
     """
     places = [place.theta for place in equilibria(motion) if place.stable]
     if not settles(motion) or len(places) != 1:
@@ -113,7 +112,7 @@ def resting(motion: CrankMotion) -> float:
 
 
 def formulas(motion: CrankMotion) -> Values:
-    """Acceleration at the start and speed after a while, as the true and the wrong formulas would have them."""
+    """Return the acceleration at the start and the speed after WATCHED seconds by the true and the wrong formulas."""
     values: Values = {}
     for key, formula in FORMULAS.items():
         other = replace(motion, formula=formula)
@@ -123,7 +122,7 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Tell which claims on the example hold: the paper's, and one of this report."""
+    """Tell which claims about the example hold: the paper's, and one of this report."""
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
     return {
@@ -137,14 +136,13 @@ def claims(motion: CrankMotion) -> dict[str, bool]:
 
 
 def paper_motion(mechanism: Mechanism, reference: Reference) -> dict[str, Any]:
-    """The paper's figures 2 to 9, positions and speeds of crank and slider, from a reference: {"paper_motion": rows}.
+    """Return {"paper_motion": rows}, the data of the paper's figures 2 to 9, from a reference.
 
-    Columns t, x1, x1_rate, y1, y1_rate, theta1, theta1_rate, x3, x3_rate [s, m, rad].
-
-    Between samples the motion is the polynomial that has their positions, velocities and accelerations at both ends.
+    Columns are t, x1, x1_rate, y1, y1_rate, theta1, theta1_rate, x3, x3_rate [s, m, rad]. Between samples the motion is the
+    polynomial with their positions, velocities and accelerations at both ends.
 
     Raises:
-        ValueError: the mechanism is not the crank-slider, or the reference not of this mechanism.
+        ValueError: the mechanism is not the crank-slider, or the reference is of another mechanism.
     """
     if mechanism.name != "crank_slider" or reference.q.shape[1] != mechanism.n:
         raise ValueError(f"{mechanism.name}: not the crank-slider with its reference")

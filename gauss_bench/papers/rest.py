@@ -2,10 +2,10 @@
 
     F(theta) = d . Q(q, 0) without the applied torque;   equilibrium F + tau = 0, stable where dF/dtheta < 0
 
-The equation of motion has no time in it, so two motions cannot cross in the plane of crank angle and speed. A crank that starts at
-rest and completes a turn is back at the same angle with a speed; it stays ahead of its first turn in the second and in every later
-one, and never stops. A crank that turns back before that is caught between the angle where it turned and the one where it started,
-because torque, weight and spring give back no more than they took and the damper only takes; it comes to rest.
+The equation of motion does not depend on time, so two motions cannot cross in the plane of crank angle and speed. A crank that
+starts at rest and completes a turn is back at the same angle with some speed; in the second and every later turn it is faster than
+in the first at the same angle, and never stops. A crank that turns back earlier stays between its starting angle and the angle
+where it turned, because torque, weight and spring are conservative and the damper only takes energy; it comes to rest.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,11 @@ from gauss_bench.papers.crank_motion import RTOL, CrankMotion
 from gauss_bench.papers.crank_slider import derivative
 from gauss_bench.terms import Array
 
-GRID = 720  # angles of a turn: the static torque changes its slope a few times a turn only
+GRID = 720  # angles in a turn: the slope of the static torque changes sign only a few times in a turn
 LONGEST = 60.0  # [s]; a first turn takes less than 1 s, longer only within rounding of a bound
-WIDTH = 1e-9  # of the bound: about what the integration leaves
-MARGIN = 100.0  # brackets by which the second search starts outside the first
-FINER = 1e-2  # of the tolerance: integrated again with it, the bound moves by what the integration leaves
+WIDTH = 1e-9  # relative width of the bisection's bracket, about the error of the integration
+MARGIN = 100.0  # widths of the first bracket by which the second search starts outside it
+FINER = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
 
 
 class Extreme(NamedTuple):
@@ -41,7 +41,7 @@ class Equilibrium(NamedTuple):
 
 
 def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
-    """Smallest and largest static torque of weight and spring over a turn."""
+    """Return the smallest and the largest static torque of weight and spring over a turn."""
     idle = replace(motion, torque=0.0)
     theta, step = np.linspace(-np.pi, np.pi, GRID + 1), 2 * np.pi / GRID
     F, extremes = idle.static_torque(theta), []
@@ -54,7 +54,7 @@ def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
 
 
 def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
-    """Angles at which the crank can rest under the motion's torque, in order; empty where no angle balances it."""
+    """Return the angles at which the crank can rest under the motion's torque, in order; empty if no angle balances it."""
     theta = np.linspace(-np.pi, np.pi, GRID + 1)
     F = motion.static_torque(theta)
     places = []
@@ -86,12 +86,13 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
-    """The bound between a value with which the crank comes to rest and one with which it runs on, and its uncertainty.
+    """Return the bound between values with which the crank comes to rest and with which it runs on, and its uncertainty.
 
-    The uncertainty is half the bracket of the bisection, `width` of its end, and what a finer integration moves the bound by.
+    The uncertainty is half the bracket of the bisection, whose relative width is `width`, plus the change of the bound under a
+    finer integration.
 
     Raises:
-        ValueError: it does not come to rest with the first, or does with the second.
+        ValueError: the crank does not come to rest with `settled`, or does with `running`.
     """
     low, high = bisect(make, settled, running, RTOL, width)
     near = MARGIN * (high - low)
@@ -101,6 +102,7 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
 
 
 def bisect(make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float) -> tuple[float, float]:
+    """Narrow the bracket (settled, running) to the relative width by bisection."""
     if not settles(make(settled), rtol) or settles(make(running), rtol):
         raise ValueError(f"no bound between {settled:g} and {running:g}")
     while abs(running - settled) > width * max(abs(running), abs(settled)):

@@ -1,12 +1,12 @@
-"""The running regime of the crank-slider: what it takes in and loses on each turn once every turn is like the one before.
+"""The running regime of the crank-slider: speeds and energy of a turn once every turn is like the one before.
 
-Counted along the turned angle s = |theta|, with direction D = +-1 of the motion, the speed u = |w| obeys du/ds = D w'/u; time and
-the energy lost in the damper are integrated along with it:
+Along the angle s = |theta|, with direction D = +-1 of the motion, the speed u = |w| obeys du/ds = D w'/u. Time and the energy E
+lost in the damper are integrated with it:
 
     dt/ds = 1/u,    dE/ds = c (dx3/dtheta)^2 u
 
-The speed that a turn starts and ends with alike is found by the secant method. A constant torque gives 2 pi |tau| a turn for ever;
-at constant speed the damper would take c u integral (dx3/dtheta)^2 dtheta.
+The secant method finds the speed at which a turn ends with the speed that it started with. A constant torque does the work
+2 pi |tau| in every turn; at constant speed the damper would take c u integral (dx3/dtheta)^2 dtheta.
 """
 
 import numpy as np
@@ -17,29 +17,29 @@ from gauss_bench.papers.crank_motion import RTOL, CrankMotion
 from gauss_bench.terms import Array
 
 TURN = 2 * np.pi
-SAMPLES = 2001  # of a turn: extremes of speed are then found to (2 pi / 2000)^2 / 8, about 1e-6 of their change
-STEADY = 1e-2  # relative: speeds within this of the last one are called steady
-TURNS = 500  # at most; the paper's example needs some 50 to become steady
-POINTS = 4096  # of a turn, for an integral of a smooth periodic function: exact to rounding
+SAMPLES = 2001  # in a turn: extremes of speed are then found to (2 pi / 2000)^2 / 8, about 1e-6 of their change
+STEADY = 1e-2  # relative: a turn that starts within this of the steady speed counts as steady
+TURNS = 500  # largest number of turns; the paper's example needs some 50 to become steady
+POINTS = 4096  # in a turn, for the mean of a smooth periodic function: exact to rounding
 
 
 def swept(motion: CrankMotion) -> float:
-    """Integral of (dx3/dtheta)^2 over a turn [m^2]."""
+    """Return the integral of (dx3/dtheta)^2 over a turn [m^2]."""
     theta = np.arange(POINTS) * TURN / POINTS
     slope = motion.positions(theta)[1][6]
     return float((slope**2).mean() * TURN)
 
 
 def balance_speed(motion: CrankMotion) -> float:
-    """Constant crank speed [rad/s] at which the damper would take what the torque gives."""
+    """Return the constant crank speed [rad/s] at which the damper would take as much energy as the torque gives."""
     return TURN * motion.torque / (motion.c * swept(motion))
 
 
 def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
-    """Time and speed at the end of the first turn from rest.
+    """Return time [s] and speed [rad/s] at the end of the first turn from rest.
 
     Raises:
-        ArithmeticError: the crank does not complete it.
+        ArithmeticError: the crank does not complete the turn.
     """
 
     def completed(t: float, y: Array) -> float:
@@ -53,7 +53,7 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
 
 
 def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
-    """|w|, time and lost energy (3, samples) along a turn that starts at theta = 0 with speed w."""
+    """Integrate a turn that starts at theta = 0 with speed w [rad/s]; return |w|, time and lost energy (3, samples)."""
     direction = float(np.sign(w))
 
     def rate(s: float, y: Array) -> list[float]:
@@ -69,7 +69,7 @@ def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) ->
 
 
 def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
-    """The running regime that a start from rest leads to, one turn of it and the way there.
+    """Return the numbers of the running regime to which a start from rest leads.
 
     Keys: mean, slowest and fastest crank speed of a steady turn, signed [rad/s]; its period [s]; energy taken from the torque and
     lost in the damper [J]; first_speed [rad/s] and first_time [s] at the end of the first turn from rest; steady_after, the time
@@ -104,7 +104,7 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
 
 
 def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
-    """Time [s] from the first turn's end to the first turn that starts within STEADY of the steady speed; later ones are nearer.
+    """Return the time [s] from the end of the first turn to the first turn that starts within STEADY of the steady speed.
 
     Raises:
         ArithmeticError: no turn does.

@@ -1,6 +1,6 @@
-"""The drawing that is not saved yet, kept beside the user's caches, so that neither browser nor server can lose it.
+"""Keep unsaved drawings in the user's cache folder, so that neither a browser nor a server that ends can lose them.
 
-A file belongs to one process and one document; what a dead process left is offered to whoever opens the same document next.
+A file belongs to one process and one document. If the process has ended, its file is offered when the document is opened next.
 """
 
 import hashlib
@@ -19,12 +19,12 @@ from typing import Any
 from gauss_bench.tables import write_text
 
 NAME = re.compile(r"[A-Za-z0-9_]{1,60}")
-LARGEST = 8 << 20  # bytes; what is larger is not ours
+LARGEST = 8 << 20  # bytes: a larger file was not written by the studio
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture behind the grid: as an address that holds it, with its lower left corner [m], width and height [m]."""
+    """A picture behind the grid: its data URL, lower left corner, width and height [m]."""
 
     url: str
     at: tuple[float, float]
@@ -33,17 +33,17 @@ class Picture:
 
     @cached_property
     def id(self) -> str:
-        """By which a page knows whether it has it already."""
+        """A hash by which a page knows whether it has the picture already."""
         return hashlib.sha256(self.url.encode()).hexdigest()[:16]
 
     def as_named(self) -> dict[str, Any]:
-        """Its place and size, and its name instead of itself."""
+        """Return place, size and id, without the picture itself."""
         return {"id": self.id, "at": list(self.at), "width": self.width, "height": self.height}
 
 
 @dataclass(frozen=True)
 class Left:
-    """The remains of a process: the text, ids of what was locked, and the picture behind them."""
+    """Unsaved work that an ended process has left: the text, the ids of locks, and the picture."""
 
     file: Path
     text: str
@@ -52,47 +52,48 @@ class Left:
 
 
 def folder() -> Path:
-    """The folder of drawings that are not saved yet."""
+    """Return the folder of unsaved drawings."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "gauss-bench" / "studio"
 
 
 class Autosave:
-    """The file of this process for one document: `named` is its path, or a word for a new drawing."""
+    """The file that this process keeps for one document; `named` is the document's path, or a word for a new drawing."""
 
     def __init__(self, named: str):
         self.key = hashlib.sha256(named.encode("utf-8", "surrogateescape")).hexdigest()[:20]
         self.file = folder() / f"{self.key}.{os.getpid()}.json"
 
     def keep(self, text: str, locks: tuple[str, ...]) -> None:
-        """Keep this."""
+        """Keep a text and its locks."""
         store(self.file, {"text": text, "locks": locks, "process": os.getpid(), "since": since(os.getpid())})
 
     def lay(self, picture: Picture | None) -> None:
-        """Keep a picture, in a file of its own: it is large, and changes seldom."""
+        """Keep a picture in a separate file, because it is large and changes rarely."""
         store(picture_of(self.file), None if picture is None else asdict(picture))
 
     def forget(self) -> None:
-        """Keep nothing of this document any more."""
+        """Delete what is kept of this document."""
         forget(self.file)
 
     def left(self) -> Left | None:
-        """The newest remains of this document by a process that is no more; spoilt ones are as if they were not there."""
+        """Return the newest unsaved work that an ended process left of this document; damaged files are ignored."""
         saved = []
         with suppress(OSError):
             for path in folder().glob(f"{self.key}.*.json"):
                 with suppress(OSError, ValueError, KeyError, TypeError):
-                    said = load(path)
-                    text, locks, process = said["text"], said["locks"], int(said["process"])
+                    content = load(path)
+                    text, locks, process = content["text"], content["locks"], int(content["process"])
+                    # a process number may be in use again: only number and start time together identify a process
                     sound = isinstance(text, str) and isinstance(locks, list) and all(isinstance(x, str) for x in locks)
-                    if sound and (process == os.getpid() or since(process) != said["since"]) and path != self.file:
+                    if sound and (process == os.getpid() or since(process) != content["since"]) and path != self.file:
                         saved.append(Left(path, text, tuple(locks), _picture(picture_of(path))))
             return max(saved, key=lambda x: x.file.lstat().st_mtime, default=None)
         return None
 
 
 def keep_text(paths: Iterable[Path]) -> list[str]:
-    """Names of those files of which a process that is no more left what it had not saved."""
+    """List the names of the files of which an ended process left unsaved work."""
     with suppress(OSError):
         keys = {path.name.partition(".")[0] for path in folder().glob("*.json")}
         saved = {path.name: Autosave(str(path)) for path in paths}
@@ -101,7 +102,7 @@ def keep_text(paths: Iterable[Path]) -> list[str]:
 
 
 def store(file: Path, content: dict[str, Any] | None) -> None:
-    """Write a file, or none; where the folder cannot be written there is nothing that can be done, and drawing goes on."""
+    """Write a file, or delete it if the content is None; if that fails, drawing goes on without it."""
     with suppress(OSError):
         if content is None:
             file.unlink(missing_ok=True)
@@ -111,10 +112,10 @@ def store(file: Path, content: dict[str, Any] | None) -> None:
 
 
 def load(file: Path) -> Any:
-    """The content of a file of ours.
+    """Load a file that the studio has written.
 
     Raises:
-        OSError, ValueError: it is none.
+        OSError, ValueError: it cannot be read, or the studio has not written it.
     """
     if not file.is_file() or file.is_symlink() or file.stat().st_size > LARGEST:
         raise ValueError("no file of ours")
@@ -128,26 +129,26 @@ def forget(file: Path) -> None:
 
 
 def picture_of(file: Path) -> Path:
-    """The place of the picture that belongs to the text of a file."""
+    """Return the path of the picture that belongs to a kept text."""
     return file.with_suffix(".picture")
 
 
 def _picture(path: Path) -> Picture | None:
-    """The picture of a file; None where there is none, or it is spoilt."""
+    """Load the picture of a file; None if there is none or it is damaged."""
     with suppress(OSError, ValueError, KeyError, TypeError):
-        said = load(path)
-        (x, y), width, height = said["at"], said["width"], said["height"]
-        if isinstance(said["url"], str) and said["url"].startswith("data:image/"):
-            return Picture(said["url"], (float(x), float(y)), float(width), float(height))
+        content = load(path)
+        (x, y), width, height = content["at"], content["width"], content["height"]
+        if isinstance(content["url"], str) and content["url"].startswith("data:image/"):
+            return Picture(content["url"], (float(x), float(y)), float(width), float(height))
     return None
 
 
 @contextmanager
 def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
-    """A file of this text called `name` + suffix, for those who read from files; gone with its folder afterwards.
+    """Yield a temporary file with this text, called `name` + suffix, for functions that read from files.
 
     Raises:
-        OSError: neither under the caches nor among temporary files can one be written.
+        OSError: no file can be written, neither in the cache folder nor in the system's temporary folder.
     """
     try:
         folder().mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -162,7 +163,7 @@ def workplace(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
 
 
 def collect() -> None:
-    """Remove the workplaces of processes that are no more."""
+    """Delete the temporary files of processes that have ended."""
     with suppress(OSError):
         for path in folder().glob("run.*"):
             _, process, began, *_ = [*path.name.split("."), "", ""]
@@ -171,7 +172,7 @@ def collect() -> None:
 
 
 def since(process: int) -> str:
-    """When a process began, in the system's own words; "" where it is no more, though nobody may have asked how it ended."""
+    """Return when a process began, in the system's own units; "" if it has ended, even if it is still a zombie."""
     with suppress(OSError, IndexError):
         fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
         return "" if fields[0] in "ZX" else fields[19]

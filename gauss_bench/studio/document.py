@@ -1,6 +1,6 @@
-"""The text of a linkage file, and how it changes: edits are made to plain tables, and only what differs is written into the text.
+"""The text of a linkage file and its tables: edits change plain dictionaries, and only the differences are written into the text.
 
-So comments, order and spelling of an opened file stay, and whoever edits meets dictionaries and lists alone.
+So an opened file keeps its comments, order and spelling.
 """
 
 import re
@@ -32,15 +32,15 @@ gravity = [0.0, -9.81]
 
 
 def split_path(path: str) -> list[str | int]:
-    """The keys of "links.bar.points[2]": names, and numbers in lists."""
+    """Split a path such as "links.bar.points[2]" into its keys: names, and indices of lists."""
     return [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", path)]
 
 
 def parse_text(text: str) -> Document:
-    """The tables of a text.
+    """Parse a text into tables.
 
     Raises:
-        Refused: it is no TOML, or larger than any linkage file is.
+        Refused: the text is not TOML, or larger than a linkage file may be.
     """
     if len(text.encode("utf-8", "replace")) > MAX_BYTES:
         raise Refused(f"larger than {MAX_BYTES} bytes; not a linkage file")
@@ -54,7 +54,7 @@ def parse_text(text: str) -> Document:
 
 
 def write_document(text: str, document: Document) -> str:
-    """The text with the tables of `document`: what is the same in both stays as it is written."""
+    """Return the text changed so that it holds the tables of `document`; unchanged parts keep their spelling."""
     try:
         kept = tomlkit.parse(text)
         _change(kept, tomllib.loads(text), document, ())
@@ -62,13 +62,14 @@ def write_document(text: str, document: Document) -> str:
         if tomllib.loads(changed) == document:
             return changed
     except (TOMLKitError, ValueError, KeyError, TypeError, AttributeError, IndexError):
-        pass  # a spelling of tables that cannot be changed in place: it is written anew below
+        pass  # some spellings of tables cannot be changed in place: the whole text is written anew below
     return toml({key: document[key] for key in sorted(document, key=_rank)}, ())
 
 
 def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tuple[str, ...]) -> None:
-    """Make the tables of `kept`, which lie at a path and say `old`, say `new`."""
+    """Change the tables of `kept` (tomlkit, at `path`) from the content `old` to the content `new`."""
     gone, come = [k for k in old if k not in new], [k for k in new if k not in old]
+    # One key gone and one new at the same position is a renamed table, which keeps its place and its comments.
     if len(gone) == len(come) == 1 and isinstance(old[gone[0]], dict) and [*old].index(gone[0]) == [*new].index(come[0]):
         _rename(kept, gone[0], come[0])
         old = {come[0] if k == gone[0] else k: x for k, x in old.items()}
@@ -88,12 +89,12 @@ def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tup
 
 
 def _rank(key: str) -> int:
-    """The rank of a table in a file that is written here."""
+    """Return the position of a table in a file that is written anew."""
     return ORDER.index(key) if key in ORDER else -1
 
 
 def _rename(kept: Any, old: str, new: str) -> None:
-    """Another name for an entry, in its place; comments go with the entries."""
+    """Rename an entry in its place; comments stay with their entries."""
     entries = [(new if key == old else key, kept.item(key) if hasattr(kept, "item") else kept[key]) for key in [*kept]]
     for key in [*kept]:
         kept.remove(key)
@@ -102,13 +103,13 @@ def _rename(kept: Any, old: str, new: str) -> None:
 
 
 def _item(value: Any, path: tuple[str, ...]) -> Any:
-    """A new value for the text at a path: tables with names, and other tables of the file, under heads of their own."""
+    """Return a value as tomlkit writes it at a path: tables of the file and of its groups get [headings], others are inline."""
     if not isinstance(value, dict) or len(path) > 2 - (path[0] not in GROUPS) or path == ("expect",):
         return tomlkit.value(said(value))
-    whole: Any = value
+    nested: Any = value
     for key in reversed(path):
-        whole = {key: whole}
-    item: Any = tomlkit.parse(toml(whole, ()) + "\n")
+        nested = {key: nested}
+    item: Any = tomlkit.parse(toml(nested, ()) + "\n")
     for key in path:
         item = item[key]
     return item

@@ -1,4 +1,4 @@
-"""Dragging a linkage, and its other branches: the functions of `kinematics` on the drawing as it stands."""
+"""Drag a drawn linkage and find its other branches, by the functions of `kinematics`."""
 
 import time
 from dataclasses import replace
@@ -18,14 +18,14 @@ from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 
-STEPS = 40  # along the way to one pointer: those that come later go on from there
+STEPS = 40  # largest number of steps towards one position of the pointer; the next position continues from there
 
 
 def take_hold(reading: Reading, locks: frozenset[str], message: Message) -> Drag:
-    """Take hold of a pin or a point.
+    """Begin to drag a pin or a point of a link.
 
     Raises:
-        Refused: it is fixed, or the linkage does not assemble.
+        Refused: the pin is fixed to the ground or holds nothing, or the linkage does not assemble.
     """
     mechanism = assemble(reading, "dragged")
     d = Drawing(reading.document, reading)
@@ -36,7 +36,8 @@ def take_hold(reading: Reading, locks: frozenset[str], message: Message) -> Drag
         raise Refused(f"pin {wanted} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
     if not members:
         raise Refused(f"pin {wanted} holds nothing that could be dragged: move it", where)
-    held: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # names of what is locked, without lengths
+    # locked names by group, without lengths, which a drag never changes
+    held: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}
     for group, _, name in (x.partition(".") for x in sorted(locks) if ":" not in x):
         held.setdefault(group, []).append(name)
     points = [y for x in held["pins"] for y in (d.pins[x].members if x in d.pins else ())[:1] if owner(y) != "ground"]
@@ -48,7 +49,7 @@ def take_hold(reading: Reading, locks: frozenset[str], message: Message) -> Drag
 
 
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
-    """Drag the linkage with the pointer; `ms` of the processor's own time."""
+    """Drag the linkage towards the pointer; `ms` in the reply is the processor time taken."""
     target, began = place(message.get("at")), time.thread_time()
     with np.errstate(all="ignore"):
         moved = drag.to(np.array([target.real, target.imag]), STEPS)
@@ -58,10 +59,10 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
 
 
 def assemble(reading: Reading, word: str) -> Mechanism:
-    """The mechanism of a drawing that is closed.
+    """Return the mechanism of a drawing whose joints close; `word` says in the refusal what it is needed for.
 
     Raises:
-        Refused: it is not.
+        Refused: nothing is drawn, or the joints do not close.
     """
     if reading.mechanism is None:
         raise Refused(f"nothing is drawn yet that could be {word}")
@@ -71,7 +72,7 @@ def assemble(reading: Reading, word: str) -> Mechanism:
 
 
 def inputs(reading: Reading) -> list[str]:
-    """Links whose angles are given: those that the first driven scenario drives, else the crank, else the first on the ground."""
+    """Return the input links: those of the first driven scenario, else the crank, else the first that is pinned to the ground."""
     document = reading.document
     for scenario in document.get("scenarios", {}).values():
         if names := [x["link"] for x in drivers_of(scenario) if "link" in x]:
@@ -82,10 +83,10 @@ def inputs(reading: Reading) -> list[str]:
 
 
 def find_branches(reading: Reading) -> list[Array]:
-    """Other assemblies with the inputs where they are; the one that is drawn first.
+    """Return all assemblies (n,) with the present angles of the input links, the drawn one first.
 
     Raises:
-        Refused: the inputs leave something free.
+        Refused: the inputs leave a coordinate free.
     """
     mechanism = assemble(reading, "assembled in another way")
     drivers = []

@@ -1,4 +1,4 @@
-"""Questions of the drawing to the suite: letting it go, other engines beside, and which setting of which engine to take."""
+"""Simulations of a drawing: release it from rest in one or several engines, and recommend a setting."""
 
 from importlib.util import find_spec
 from typing import Any
@@ -12,21 +12,21 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number
 from gauss_bench.studio.session import Session
 
-LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] of a release, of its run, and of a step
-BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] to look for a recommendation
+LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] longest motion, longest time to compute it, step size
+BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] usual and longest search for a recommendation
 
 
 def engines_here() -> list[dict[str, Any]]:
-    """Every engine of the suite, with why it cannot be used where it cannot."""
+    """List every engine of the suite, whether it can be used here, and the reason if it cannot."""
     told = offers([x for x in all_names() if x in SAFE])
     return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in told]
 
 
 def let_go(session: Session, message: Message) -> tuple[str, float]:
-    """The text with the drawing let go where it is, and the end [s] of what is run.
+    """Return the text with a scenario that releases the drawing where it is, and the end time of the run [s].
 
     Raises:
-        Refused: the drawing does not assemble, or the end is no time.
+        Refused: the drawing does not assemble, or the end time is not valid.
     """
     assemble(session.reading, "let go")
     document = session.document
@@ -41,10 +41,10 @@ def let_go(session: Session, message: Message) -> tuple[str, float]:
 
 
 def release(session: Session, message: Message) -> dict[str, Any]:
-    """Begin a run of the drawing in an engine, and in others beside it.
+    """Start a job that releases the drawing in an engine, and in others to compare with it.
 
     Raises:
-        Refused: an engine is not there; in the words of who knows how to install it.
+        Refused: an engine cannot be used here; the message says how to install it.
     """
     text, until = let_go(session, message)
     overlay = message.get("overlay") or []
@@ -56,10 +56,10 @@ def release(session: Session, message: Message) -> dict[str, Any]:
 
 
 def _usable(engines: list[Any]) -> None:
-    """See that engines are there.
+    """Check that engines can be used here.
 
     Raises:
-        Refused: one is not; in the words of who knows how to install it.
+        Refused: one cannot; the message says how to install it.
     """
     names = all_names()
     for engine in engines:
@@ -70,10 +70,10 @@ def _usable(engines: list[Any]) -> None:
 
 
 def recommend(session: Session, message: Message) -> dict[str, Any]:
-    """Begin to look for the cheapest setting that holds an accuracy.
+    """Start a job that looks for the cheapest setting that holds the required accuracy.
 
     Raises:
-        Refused: nothing is required, or no such number.
+        Refused: no accuracy is required, or a number is not valid.
     """
     wanted = {key: number(message, key) for key in ("position", "angle", "force") if message.get(key) is not None}
     if not wanted or not all(x > 0 for x in wanted.values()):

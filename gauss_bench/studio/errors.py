@@ -1,12 +1,12 @@
-"""Refusals of the studio, in a sentence for whoever asked."""
+"""The error by which the studio refuses a request, with a sentence for the user."""
 
 
 class Refused(ValueError):
-    """Something that is not done.
+    """A request that is refused.
 
     Attributes:
-        where: what of the drawing it is about, as `links.NAME`, `pins.ID`, `slides.NAME`, `forces.NAME`.
-        field: the key that is at fault, or "".
+        where: ids of the parts of the drawing that it concerns: `links.NAME`, `pins.ID`, `slides.NAME`, `forces.NAME`.
+        field: key of the message that is at fault, or "".
     """
 
     def __init__(self, text: str, where: tuple[str, ...] = (), field: str = ""):

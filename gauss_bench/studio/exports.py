@@ -1,4 +1,4 @@
-"""A drawing as other files: its text, a picture, the table and the film of its motion, and the models of engines."""
+"""Export a drawing: its text, a picture, the table or film of its motion, or a model for an engine's library."""
 
 import base64
 from typing import Any
@@ -24,10 +24,10 @@ FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
 
 def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, Any]:
-    """A file of the kind that a message asks for: its name, with its `text` or its bytes in `base64`.
+    """Return a file of the kind that a message asks for: its name, with its `text` or its bytes in `base64`.
 
     Raises:
-        Refused: there is no such kind, or the drawing cannot become it; with the reason.
+        Refused: there is no such kind, or the drawing cannot be exported so; the message gives the reason.
     """
     kind, name = message.get("kind"), str(reading.document.get("name", "drawing"))
     match kind:
@@ -49,13 +49,13 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
 
 
 def curves(mechanism: Mechanism, x: Trajectory) -> History:
-    """Angles of all links and places of observed points, with their rates."""
+    """Return the angles of all links and the places of observed points over time, with their rates."""
     whole, links = mechanism.whole, spread(mechanism, x)
     return History(x.t, (*turn(whole, links, range(len(whole.links))), *observe(whole, links)))
 
 
 def _model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """The model of an engine, built in a process of its own."""
+    """Return the model for an engine's library, built in a worker process."""
     scenarios = reading.document.get("scenarios", {})
     free = next((k for k, x in scenarios.items() if not {"driver", "drivers"} & x.keys()), None)
     chosen = free or next(iter(scenarios), None)

@@ -1,4 +1,4 @@
-"""Texts to begin with, files inside the folder that the studio was started in, and a linkage as a link that carries itself."""
+"""Templates, the files of the working folder, imports, and links that contain a whole linkage."""
 
 import base64
 import tomllib
@@ -27,15 +27,15 @@ FOLDER = Path(__file__).parent / "templates"
 
 
 def texts() -> dict[str, Path]:
-    """Name -> file; the built-in linkages first."""
+    """Return template name -> file, the built-in linkages first."""
     return built_in() | {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
 def path_of(name: str) -> Path:
-    """The file of a template.
+    """Return the file of a template.
 
     Raises:
-        Refused: there is none of that name.
+        Refused: there is no template of that name.
     """
     if name not in texts():
         raise Refused(f"there is no template {name[:60]!r}")
@@ -43,13 +43,13 @@ def path_of(name: str) -> Path:
 
 
 def text_of(name: str) -> str:
-    """The text of a template; Refused as by `path_of`."""
+    """Return the text of a template; Refused as by `path_of`."""
     return path_of(name).read_text(encoding="utf-8")
 
 
 @cache
 def list_templates() -> tuple[dict[str, Any], ...]:
-    """Every template with its title and whether it is built in; drawings are asked for one by one."""
+    """List every template with its title and kind; the page asks for their drawings one by one."""
     titles = {name: tomllib.loads(text_of(name)).get("title", name) for name in texts()}
     kinds = {name: "classic" if path.parent == FOLDER else "built-in" for name, path in texts().items()}
     return tuple({"name": name, "title": title, "kind": kinds[name]} for name, title in titles.items())
@@ -57,7 +57,7 @@ def list_templates() -> tuple[dict[str, Any], ...]:
 
 @cache
 def drawing(name: str) -> str:
-    """A template as SVG; empty where it cannot be drawn.
+    """Return a template as SVG; empty if it cannot be drawn.
 
     Raises:
         Refused: as `path_of`.
@@ -70,10 +70,10 @@ def drawing(name: str) -> str:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """The path of a file of the working folder, symbolic links followed.
+    """Return the path of a file of the working folder, after following symbolic links.
 
     Raises:
-        Refused: it lies elsewhere, or is no name of a linkage file.
+        Refused: the path leaves the folder, or is no name of a linkage file.
     """
     if not name or "\0" in name or len(name) > 200:
         raise Refused("a file has a name", field="path")
@@ -98,11 +98,11 @@ def list_files(folder: Path) -> list[str]:
 
 
 def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
-    """Text and path of a file of the folder; of a built-in linkage or a template its text alone.
+    """Return text and path of a file of the folder, or the text of a template, without a path.
 
     Raises:
-        Refused: there is none, or it lies outside the folder.
-        LinkageError: it cannot be read.
+        Refused: there is no such file, or it lies outside the folder.
+        LinkageError: the file cannot be read.
     """
     if not Path(name).suffix and name in texts():
         return text_of(name), None
@@ -112,10 +112,12 @@ def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
 
 
 def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> None:
-    """Write the text in one move; over a file that is not `own`, or does not say what is `known` of it, only where that is wished.
+    """Write the text to a file in one atomic step.
+
+    Without `replace`, neither a file other than `own` is overwritten, nor `own` if its content is no longer `known`.
 
     Raises:
-        Refused: a name that no linkage may have, or there is a file already, or one that may only be read.
+        Refused: the name is not allowed, the file exists, or it is read-only.
     """
     if path.stem in built_in():
         raise Refused(f"{path.stem} is the name of a built-in linkage: commands would take that one; choose another", field="path")
@@ -134,7 +136,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
 
 
 def has_changed(path: Path, known: str) -> bool:
-    """Tell whether a file says something else than what is known of it; one that is gone does not."""
+    """Tell whether a file's content differs from the known one; a file that was deleted counts as unchanged."""
     try:
         return path.read_text(encoding="utf-8") != known
     except FileNotFoundError:
@@ -144,10 +146,10 @@ def has_changed(path: Path, known: str) -> bool:
 
 
 def import_file(text: str) -> tuple[str, list[str]]:
-    """A model in MJCF or URDF as a linkage file, and what that lacks: sentences. Libraries read it in a process of their own.
+    """Import a model in MJCF or URDF in a worker process; return a linkage file, and sentences on what it leaves out.
 
     Raises:
-        Refused: it is none, or not planar, or what reads it is not installed.
+        Refused: the text is no such model, or is not planar, or the library that reads it is not installed.
     """
     with workplace(text, "model", ".xml") as model:
         try:
@@ -159,16 +161,16 @@ def import_file(text: str) -> tuple[str, list[str]]:
 
 
 def fragment(text: str) -> str:
-    """The text in the characters that an address may carry."""
+    """Compress a text into the characters that a URL may contain."""
     packed = zlib.compress(text.encode("utf-8"), 9)
     return base64.urlsafe_b64encode(packed).decode("ascii").rstrip("=")
 
 
 def of_fragment(given: str) -> str:
-    """The text of `fragment`.
+    """Return the text that `fragment` compressed.
 
     Raises:
-        Refused: it is none, or is larger than any linkage file.
+        Refused: it is no such text, or is larger than a linkage file may be.
     """
     try:
         packed = base64.b64decode(given + "=" * (-len(given) % 4), altchars=b"-_", validate=True)

@@ -1,7 +1,7 @@
-"""One long piece of work in a process of its own, which ends with the studio: what it finds goes out line by line as JSON.
+"""One long job in a process of its own, which sends its results to the studio line by line as JSON.
 
-The request comes in on standard input, which stays open for as long as the studio lives: its end is the end of this process and of
-what it has started.
+The request arrives on standard input, which stays open as long as the studio lives. When it closes, this process and all that it
+has started end.
 """
 
 import contextlib
@@ -17,12 +17,12 @@ import numpy as np
 
 Say = Callable[[dict[str, Any]], None]
 
-FRAMES = 60  # poses in a second of a motion that is shown
-MOST = 3000  # poses of it in all
+FRAMES = 60  # poses per second of a motion for the page
+MOST = 3000  # largest number of poses in a motion
 
 
 def release(request: Mapping[str, Any], say: Say) -> None:
-    """Run a file in one engine after the other, tell each motion with its verdict, and how far the others are from the first."""
+    """Run a file in one engine after the other; send each motion with its verdict, and its distance from the first motion."""
     from gauss_bench.api.simulate import simulate
     from gauss_bench.mechanism.coordinates import spread
     from gauss_bench.studio.motion import pose_motion
@@ -30,22 +30,23 @@ def release(request: Mapping[str, Any], say: Say) -> None:
     first = None
     for engine in request["engines"]:
         say({"event": "progress", "text": f"{engine} runs"})
-        told: dict[str, Any] = {"event": "release", "engine": engine, "times": [], "poses": {}}
+        event: dict[str, Any] = {"event": "release", "engine": engine, "times": [], "poses": {}}
         at, step = [0.0, float(request["until"])], float(request["step"])
         try:
             result = simulate(request["path"], engine, request["scenario"], step=step, at=at, limit=request["limit"])
         except Exception as error:
-            say(told | {"verdict": "error", "reason": str(error)})
+            say(event | {"verdict": "error", "reason": str(error)})
             continue
-        told |= {"verdict": str(result.status), "reason": result.message, "advice": result.advice, "step": result.step}
-        told |= {"trusted_until": result.trusted_until}
+        event |= {"verdict": str(result.status), "reason": result.message, "advice": result.advice, "step": result.step}
+        event |= {"trusted_until": result.trusted_until}
         x = result.trajectory
         if x is None or not len(x.t):
-            say(told)
+            say(event)
             continue
+        # as many samples as the page shows in a second, and no more than MOST in all; the last sample is always shown
         every = max(1, round(1 / FRAMES / max(float(np.median(np.diff(x.t))) if len(x.t) > 1 else 1.0, 1e-9)), len(x.t) // MOST + 1)
         chosen = np.unique(np.append(np.arange(0, len(x.t), every), len(x.t) - 1))
-        say(told | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
+        say(event | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
         links = spread(result.model, x).q
         if first is None:
             first = x.t, links, result.model.whole
@@ -54,7 +55,7 @@ def release(request: Mapping[str, Any], say: Say) -> None:
 
 
 def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
-    """The distance of a motion from another [m], over time, and the link that is furthest."""
+    """Return the distance between two motions over time [m], its maximum, and the link that is farthest apart."""
     times = t[t <= other_t[-1] + 1e-12]
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)
     gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]
@@ -71,7 +72,7 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
 
 
 def recommend(request: Mapping[str, Any], say: Say) -> None:
-    """Look for the cheapest setting of every engine that holds an accuracy; each answer as it comes, at the end all, raced."""
+    """Find the cheapest setting of every engine that holds an accuracy; send each answer at once, and all after their race."""
     from dataclasses import asdict
 
     from gauss_bench.advice.answer import Answer
@@ -79,7 +80,7 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
     from gauss_bench.api.recommend import recommend as recommended
     from gauss_bench.api.recommend import setting_of
 
-    def told(sentence: str) -> None:
+    def tell_progress(sentence: str) -> None:
         say({"event": "progress", "text": sentence})
 
     def tell_better(x: Answer) -> None:
@@ -93,7 +94,7 @@ def recommend(request: Mapping[str, Any], say: Say) -> None:
         position, angle, force, until = (request.get(key) for key in ("position", "angle", "force", "until"))
         engines, asked = request.get("engines") or None, {"scenario": request["scenario"], "budget": request["budget"]}
         recommendation = recommended(
-            request["path"], position, angle, force, until, engines, told=told, better=tell_better, **asked
+            request["path"], position, angle, force, until, engines, told=tell_progress, better=tell_better, **asked
         )
     except NoTruth as error:
         say({"event": "failed", "text": f"nothing can be recommended: {error}"})
@@ -105,7 +106,7 @@ WORK: dict[str, Callable[[Mapping[str, Any], Say], None]] = {"release": release,
 
 
 def _end_with_the_studio() -> None:
-    """Wait for standard input to end, and end all."""
+    """Wait for standard input to close, then kill this process and all that it has started."""
     with contextlib.suppress(OSError, ValueError):
         while os.read(0, 1):
             pass
@@ -114,17 +115,17 @@ def _end_with_the_studio() -> None:
 
 
 def main() -> None:
-    """Read one request, and do it."""
+    """Read one request and carry it out."""
     from gauss_bench.api.telling import plain
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # a library that prints does not spoil the lines
+    os.dup2(2, 1)  # so that a library that prints does not disturb the lines of JSON
 
     def say(event: dict[str, Any]) -> None:
         out.write(json.dumps(plain(event), allow_nan=False) + "\n")
         out.flush()
 
-    line = open(0, "rb", buffering=0, closefd=False).readline()  # and nothing beyond it: its end is waited for below
+    line = open(0, "rb", buffering=0, closefd=False).readline()  # unbuffered, because another thread waits for the end of the input
     if not line.endswith(b"\n"):
         return
     threading.Thread(target=_end_with_the_studio, daemon=True).start()

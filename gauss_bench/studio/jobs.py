@@ -1,4 +1,4 @@
-"""Work that goes on while drawing does: each piece in a process of its own, with its events told to the page as they come."""
+"""Jobs that run beside the drawing, each in a process of its own; their events are sent to the page as they arrive."""
 
 import contextlib
 import json
@@ -15,12 +15,12 @@ from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.errors import Refused
 from gauss_bench.trajectory import in_a_sentence
 
-MOST = 3  # at once
-GRACE = 2.0  # [s] for what is left of a piece of work that is stopped
+MOST = 3  # largest number of jobs at once
+GRACE = 2.0  # [s] that a stopped job has to end
 
 
 class Jobs:
-    """The work that is going on, by number."""
+    """The running jobs, by number."""
 
     def __init__(self, tell: Callable[[dict[str, Any]], object]):
         self.tell = tell
@@ -29,10 +29,10 @@ class Jobs:
         self.count, self.lock = 0, threading.Lock()
 
     def start(self, text: str, request: dict[str, Any], done: str) -> int:
-        """Begin a piece of work on a text; its number. Its last event is called `done`.
+        """Start a job on a text and return its number; its last event has the name `done`.
 
         Raises:
-            Refused: too much is going on already.
+            Refused: too many jobs are running already.
         """
         with self.lock:
             if len(self.running) >= MOST:
@@ -49,7 +49,7 @@ class Jobs:
         return job
 
     def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
-        """Tell what a process finds as it comes, and at the end what it was compared to, or why it failed."""
+        """Send the events of a job as they arrive, and at the end its comparisons, or the reason why it failed."""
         process = self.running[job]
         last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}
         assert process.stdin is not None
@@ -83,12 +83,12 @@ class Jobs:
         self.tell(last)
 
     def stop(self, job: int) -> None:
-        """End a piece of work and what it has started; nothing where it is over."""
+        """End a job and all processes that it has started; do nothing if it is over."""
         with contextlib.suppress(KeyError, ProcessLookupError, PermissionError):
             os.killpg(self.running[job].pid, signal.SIGKILL)
 
     def stop_all(self) -> None:
-        """End everything that goes on, and wait until nothing of it is left."""
+        """End all jobs and wait until they have ended."""
         followers = [*self.followers.values()]
         for job in [*self.running]:
             self.stop(job)

@@ -1,4 +1,4 @@
-"""The content of a page's message: values of one kind or another, checked before anything is made of them."""
+"""Check the values in a page's message before they are used."""
 
 import math
 import sys
@@ -9,14 +9,14 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.security import DEEPEST
 
 Message = Mapping[str, Any]
-FARTHEST = 1e5  # [m]
+FARTHEST = 1e5  # [m] largest coordinate of a place
 
 
 def tell_kind(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
-    """A value of a message.
+    """Return a value of a message, or `otherwise` if it is missing.
 
     Raises:
-        Refused: it is of another kind, or missing where nothing else is given.
+        Refused: the value is of another type, or is missing without a default.
     """
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
@@ -27,10 +27,10 @@ def tell_kind(message: Message, key: str, kind: type, otherwise: Any = None) -> 
 
 
 def number(message: Message, key: str, otherwise: float | None = None) -> float:
-    """A number of a message.
+    """Return a number of a message, or `otherwise` if it is missing.
 
     Raises:
-        Refused: it is none.
+        Refused: the value is no finite number.
     """
     x = message.get(key, otherwise)
     if not isinstance(x, (int, float)) or isinstance(x, bool) or not math.isfinite(x):
@@ -39,10 +39,10 @@ def number(message: Message, key: str, otherwise: float | None = None) -> float:
 
 
 def place(x: Any, field: str = "at") -> complex:
-    """A place x + i y [m] of a message.
+    """Return a place of a message as x + i y [m].
 
     Raises:
-        Refused: it is none, or is further off than a linkage may be.
+        Refused: the value is no place, or is too far away.
     """
     numbers = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not numbers or not all(abs(y) <= FARTHEST for y in x):
@@ -51,10 +51,10 @@ def place(x: Any, field: str = "at") -> complex:
 
 
 def sound(message: Message) -> None:
-    """Check that every number of a message is one to compute with, every text one to write, and none of it endlessly deep.
+    """Check that every number of a message fits a double, every text can be written, and the nesting is limited.
 
     Raises:
-        Refused: it is not so.
+        Refused: one of these is not true.
     """
     level: list[Any] = [message]
     for _ in range(DEEPEST):

@@ -1,4 +1,4 @@
-"""A drawing moved by its law: positions, what points do, what drives, and where it stops; by the functions of `kinematics`."""
+"""The kinematics of a drawing under its motion laws, for the page: poses, points, forces, singular positions, instant centres."""
 
 from cmath import rect
 from typing import Any
@@ -29,14 +29,14 @@ from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
-SAMPLES, MOST = 120, 2000  # positions of a motion
+SAMPLES, MOST = 120, 2000  # usual and largest number of steps between positions
 
 
 def moving(text: str, reading: Reading, scenario: Any) -> Mechanism:
-    """The linkage in the scenario that is asked for, else in its first driven one, else driven by the first thing that can be.
+    """Return the mechanism in the given scenario, else in its first driven one, else with the first possible driver.
 
     Raises:
-        Refused: nothing drives it, or the drivers leave something free.
+        Refused: nothing can be driven, or the drivers leave a coordinate free.
         LinkageError, ChoiceError: the file or the driver cannot be used.
     """
     document = reading.document
@@ -57,10 +57,10 @@ def moving(text: str, reading: Reading, scenario: Any) -> Mechanism:
 
 
 def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
-    """The mechanism that was moved, its motion over the law's duration, and why it stopped before the end, if it did.
+    """Return the mechanism, its motion over the law's duration, and the reason if the motion stops before the end.
 
     Raises:
-        Refused, LinkageError, ChoiceError: it cannot be moved, in a sentence.
+        Refused, LinkageError, ChoiceError: the drawing cannot be moved.
     """
     count = message.get("samples", SAMPLES)
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
@@ -79,10 +79,10 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
 
 
 def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
-    """The motion of a drawing as the page shows it, and the mechanism that was moved; what is singular is looked for apart.
+    """Return the mechanism and its motion as the page shows it; `singular` finds the singular positions separately.
 
     Raises:
-        Refused, LinkageError, ChoiceError: it cannot be moved, in a sentence.
+        Refused, LinkageError, ChoiceError: the drawing cannot be moved.
     """
     mechanism, x, stopped = move(text, reading, message)
     links, first = spread(mechanism, x), mechanism.drivers[0]
@@ -105,13 +105,13 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
 
 
 def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
-    """Link -> [[x, y, theta], ...] of its own frame at states (k, n)."""
-    told = [poses(mechanism, state) for state in q]
-    return {link.name: [x[link.name] for x in told] for link in mechanism.whole.links}
+    """Return link -> [[x, y, theta], ...] of its own frame at states (k, n)."""
+    at_states = [poses(mechanism, state) for state in q]
+    return {link.name: [x[link.name] for x in at_states] for link in mechanism.whole.links}
 
 
 def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """The effort of the first driver, and the loads of pins and slides, while the motion goes as its law says."""
+    """Return the torque or force of the first driver, and the loads of pins and slides, along a driven motion."""
     if not len(x.t):
         return {"torque": None, "pins": []}
     evaluator = Evaluator(mechanism)
@@ -127,33 +127,31 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
 
 
 def gain(mechanism: Mechanism, q: Array) -> dict[str, Any]:
-    """Velocity ratios and mechanical advantages; none, where more than one coordinate is driven."""
+    """Return velocity ratios and mechanical advantages; there are none if more than one coordinate is driven."""
     try:
         with np.errstate(all="ignore"):
             pairs = advantages(mechanism, q)
     except ValueError:
         pairs = ()
-    told = [{"input": x.input, "output": x.output, "values": x.mechanical, "velocity": x.velocity} for x in pairs]
-    return {"advantage": told}
+    return {"advantage": [{"input": x.input, "output": x.output, "values": x.mechanical, "velocity": x.velocity} for x in pairs]}
 
 
 def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
-    """Limits and dead centres, or why they cannot be listed."""
+    """Return limit positions and dead centres, and the reason if they cannot be listed."""
     try:
         with np.errstate(all="ignore"):
             positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:
         return [], str(error)
     keys = ("kind", "coordinate", "value", "input")
-    shown = [(poses(mechanism, x.q), {key: getattr(x, key) for key in keys}) for x in positions]
-    return [told | {"poses": at} for at, told in shown], ""
+    return [{key: getattr(x, key) for key in keys} | {"poses": poses(mechanism, x.q)} for x in positions], ""
 
 
 def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
-    """The instant centre of every two links where poses {link: [x, y, theta]} have them, or where they are drawn.
+    """Return the instant centre of every pair of links at poses {link: [x, y, theta]}, or at the drawing if `given` is None.
 
     Raises:
-        Refused: they depend on which of several motions the linkage does.
+        Refused: the linkage has several degrees of freedom there, on which the centres depend.
     """
     mechanism = reading.mechanism
     if mechanism is None:
@@ -168,10 +166,10 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
 
 def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
-    """The instant centres of every two links along a motion, poses {link: [[x, y, theta], ...]}: places, None where there is none.
+    """Return the instant centres of every pair of links along a motion {link: [[x, y, theta], ...]}; None where there is none.
 
     Raises:
-        Refused: these are no poses of this drawing, or there are centres nowhere along them.
+        Refused: the poses are not those of this drawing, or there are no centres anywhere along them.
     """
     lists = [*given.values()] if isinstance(given, dict) else []
     if not lists or not all(isinstance(x, list) and 0 < len(x) == len(lists[0]) <= MOST for x in lists):
@@ -183,16 +181,16 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
         except Refused:
             if not any(found) and k == len(lists[0]) - 1:
                 raise
-            found.append([])  # a fork of the motion, say
+            found.append([])  # such as at a fork of the motion
     pairs = [x["links"] for x in next(filter(None, found))]
     return [{"links": links, "at": [x[i]["at"] if x else None for x in found]} for i, links in enumerate(pairs)]
 
 
 def state_of(reading: Reading, given: Any) -> Array:
-    """q (n,) of poses as the page has them.
+    """Convert the page's poses of links to q (n,).
 
     Raises:
-        Refused: they are not those of this drawing.
+        Refused: the poses are not those of this drawing.
     """
     mechanism, q = reading.mechanism, []
     for link in mechanism.links if mechanism else ():

@@ -1,7 +1,7 @@
-"""A linkage file read as far as it goes: half a drawing is a drawing too.
+"""Read a linkage file that may be incomplete or faulty, so that an unfinished drawing can be shown.
 
-What the loader refuses is told as a problem, with the place in the drawing that it is about, and left out; what is left is built
-and placed by the loader's own functions. So nothing is read here in another way than the suite reads it.
+A part that the loader refuses becomes a problem, with its place in the drawing, and is left out. The loader's own functions build
+and place the rest, so that the studio reads a file exactly as the suite does.
 """
 
 import copy
@@ -30,15 +30,23 @@ from gauss_bench.studio.document import Document, split_path
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory, in_a_sentence
 
-ROUNDS = 200  # of leaving out what is at fault; each leaves out something
-MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link that says nothing of either, so that it can be shown
-STILL = {"drawn": {"duration": 1.0}}  # a scenario in which nothing is held, driven or pushed
-TRIED = 6  # scenarios that are looked at whether they start
+ROUNDS = 200  # largest number of rounds in which faulty parts are removed
+MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] assumed for a link that gives none, so that it can be shown
+STILL = {"drawn": {"duration": 1.0}}  # a scenario without drivers, forces or prescribed coordinates
+TRIED = 6  # largest number of scenarios that are tested for a start
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong or missing: `level` is error, warning or hint, `where` what of the drawing it is about."""
+    """One thing that is wrong or missing in a drawing.
+
+    Attributes:
+        level: "error", "warning" or "hint".
+        text: a sentence for the user.
+        where: ids of the parts of the drawing that it concerns.
+        loop: links of the loop that does not close.
+        apart: gap of that loop [m].
+    """
 
     level: str
     text: str
@@ -52,12 +60,13 @@ class Reading:
     """The readable part of a document.
 
     Attributes:
-        document: as it was given.
-        rest: what is left of it, which has no faults but those of its scenarios.
-        mechanism: that, without forces and drivers; None where there are no links.
-        q: (n,) where the links are drawn; closed, where the joints close from there.
-        unplaced: links of which the drawing does not say where they are.
-        problems: what is wrong, errors first.
+        document: the document as given.
+        rest: the document without its faulty parts and with one scenario in which nothing acts.
+        mechanism: the mechanism of `rest`; None if it has no links.
+        q: (n,) where the links are drawn, with joints closed if `closed`.
+        closed: whether the joints can be closed from the drawing.
+        unplaced: links whose place the drawing does not determine.
+        problems: errors first.
     """
 
     document: Document
@@ -70,12 +79,12 @@ class Reading:
 
     @cached_property
     def joints(self) -> Constraints | None:
-        """The rows of the joints alone."""
+        """The constraint rows of the joints alone, without drivers and knife edges."""
         return None if self.mechanism is None else Constraints(replace(self.mechanism, drivers=(), knife_edges=()))
 
     @cached_property
     def rank(self) -> int:
-        """The number of independent rows of the joints, the drawing being of no special kind."""
+        """The number of independent rows of the joints, at a position near the drawing that is not singular."""
         if self.mechanism is None:
             return 0
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError):
@@ -83,19 +92,19 @@ class Reading:
         return 0
 
     def poses(self, q: Array) -> dict[str, list[float]]:
-        """Link -> [x, y, theta] of its own frame at a state q (n,)."""
+        """Return link -> [x, y, theta] of its own frame at a state q (n,)."""
         return {} if self.mechanism is None else poses(self.mechanism, q)
 
 
 def of_links(mechanism: Mechanism, q: Array) -> Array:
-    """States (..., n) of the bodies of a mechanism as those of the links of its file."""
+    """Convert states (..., n) of a mechanism's bodies to those of the file's links; welded links are one body."""
     if not mechanism.parts:
         return q
     return spread(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
 
 
 def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
-    """Link of the file -> [x, y, theta] of its own frame in the world, at a state q (n,)."""
+    """Return link of the file -> [x, y, theta] of its own frame in the world, at a state q (n,)."""
     by_link = {}
     for link, (x, y, theta) in zip(mechanism.whole.links, of_links(mechanism, q).reshape(-1, 3).tolist(), strict=True):
         origin = complex(x, y) - rect(1.0, theta) * complex(*link.com)
@@ -104,7 +113,7 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
 
 
 def read(document: Document, starts: bool = True) -> Reading:
-    """Read a document, whatever is wrong with it; whether its scenarios start is most of the work."""
+    """Read a document, however faulty; `starts` also tests whether its scenarios start, which takes most of the time."""
     problems: list[Problem] = []
 
     def tell(level: str, text: str, *where: str) -> None:
@@ -143,7 +152,7 @@ def read(document: Document, starts: bool = True) -> Reading:
 
 
 def place(document: Document, path: str) -> tuple[str, ...]:
-    """The part of the drawing that the path of a fault is about."""
+    """Return the id of the part of the drawing to which a path in the file belongs, if any."""
     parts = path.split(".")
     if len(parts) < 2:
         return ()
@@ -162,7 +171,7 @@ def place(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Pins that nothing holds: places of the drawing that bear the name of no joint and no point."""
+    """Return the pins that hold nothing: places of the sketch that are named after no joint and no point."""
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
@@ -173,20 +182,20 @@ def is_place(x: Any) -> bool:
 
 
 def _is_told_otherwise(document: Document, fault: Fault) -> bool:
-    """Tell whether a fault only says that a drawing is not finished, which is told in the words of a drawing."""
+    """Tell whether a fault only means that the drawing is unfinished; a hint reports that instead."""
     lone = {f"assembly.sketch.{name}" for name in lone_pins(document)}
     return fault.path in lone or (fault.path in ("links", "scenarios") and not table(document, fault.path))
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """The faults of a document that it did not have before."""
+    """Return the faults of a document that it did not have before an edit."""
     known = {(x.path, x.text) for x in document_faults(before)}
     lone = {f"assembly.sketch.{x}" for x in lone_pins(after)}
     return [x for x in document_faults(after) if (x.path, x.text) not in known and x.path not in lone]
 
 
 def _still(document: Document) -> Document:
-    """The document without what moves it: one scenario in which nothing acts; and without pins that hold nothing."""
+    """Return the document with one scenario in which nothing acts, and without pins that hold nothing."""
     for name in lone_pins(document):
         del document["assembly"]["sketch"][name]
     still = {key: x for key, x in document.items() if key not in ("expect", "measure", "observe", "crank")}
@@ -194,7 +203,10 @@ def _still(document: Document) -> Document:
 
 
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
-    """The mechanism of what is left of a document once all that is at fault is left out of it, and what only building showed."""
+    """Remove faulty parts from a document until the rest can be built.
+
+    Returns the mechanism, or None if nothing is left, and the faults that only building it revealed.
+    """
     more: list[Fault] = []
     for _ in range(ROUNDS):
         if not table(document, "links"):
@@ -216,7 +228,7 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
 
 
 def leave_out(document: Document, fault: Fault) -> None:
-    """Take out what a fault is about; of a link that lacks a mass or an inertia, give it one instead."""
+    """Remove the part of a document that a fault names; a link without mass or inertia gets one instead."""
     keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
@@ -229,6 +241,7 @@ def leave_out(document: Document, fault: Fault) -> None:
         case ["name"]:
             document["name"] = "drawing"
             return
+    # Follow the path as far as the document has it, and delete the innermost entry that was found.
     holder: Any = None
     last: Any = None
     owner: Any = document
@@ -242,7 +255,10 @@ def leave_out(document: Document, fault: Fault) -> None:
 
 
 def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
-    """Places of the links by the sketch; those that it does not place stand at the origin, or hang from the one point known."""
+    """Return q (n,) by the sketch, and the links that it does not place.
+
+    Such a link is shown unrotated, at its one known point if it has one, else at the origin.
+    """
     unplaced: list[str] = []
     document = copy.deepcopy(document)
     assembly = document.setdefault("assembly", {})
@@ -265,7 +281,7 @@ def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, 
 
 
 def _open(mechanism: Mechanism, q: Array) -> Problem:
-    """The pair that does not assemble, with how far its ends are apart in the drawing."""
+    """Return the problem of a drawing that does not assemble: the joint that stays open, and its gap [m]."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         with np.errstate(all="ignore"):
             loop = put_together(replace(mechanism, q0=q, v0=0 * q)).open
@@ -281,25 +297,25 @@ def _open(mechanism: Mechanism, q: Array) -> Problem:
 
 
 def _scenarios(document: Document) -> Iterator[Problem]:
-    """Scenarios that do not start, and what the loader warns of."""
-    told: set[str] = set()
+    """Yield a problem for each scenario that does not start, and for each warning of the loader, once each."""
+    reported: set[str] = set()
     for name, _ in [*items(document, "scenarios")][:TRIED]:
         try:
             mechanism = load_document(document, name)
         except LinkageError as error:
             for fault in error.faults:
-                if str(fault) not in told:
+                if str(fault) not in reported:
                     yield Problem("warning", f"scenario {name} does not start: {fault}", (f"scenarios.{name}",))
-                told.add(str(fault))
+                reported.add(str(fault))
             continue
         for sentence in mechanism.warnings:
-            if sentence not in told:
+            if sentence not in reported:
                 yield Problem("warning", sentence, place(document, sentence.split(":")[0]))
-            told.add(sentence)
+            reported.add(sentence)
 
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:
-    """The links of every independent loop, without the ground, whatever hangs on nothing."""
+    """Return the links of every independent loop, without the ground; links that hang on nothing do not matter."""
     return [
         [mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND]
         for loop in find_graph(held_coordinates(mechanism)).loops
@@ -307,7 +323,7 @@ def loops_of(mechanism: Mechanism) -> list[list[str]]:
 
 
 def pins_of(document: Document) -> list[tuple[str, list[str]]]:
-    """Joint -> references of every pin joint, those of cylinders too."""
+    """Return (joint, references of its points) for every pin joint, those of cylinders included."""
     return [
         (name, sequence(joint, "at")) for name, joint in items(write_out(document), "joints") if joint.get("type") == "revolute"
     ]

@@ -23,14 +23,8 @@ from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
 
 Reply = dict[str, Any]
-APART = (
-    "drawing",
-    "motion",
-    "centres",
-    "stop",
-    "import",
-    "export",
-)  # long, or not to wait for others; they mind the lock themselves
+# These take long or must not wait for others: they run beside other requests and take the session's lock themselves.
+APART = ("drawing", "motion", "centres", "stop", "import", "export")
 
 
 def hello(session: Session, message: Message) -> Reply:
@@ -46,13 +40,13 @@ def hello(session: Session, message: Message) -> Reply:
 
 
 def in_folder(session: Session, message: Message) -> Reply:
-    """The files of the folder, and those of which more was drawn than was saved."""
+    """List the files of the folder, and those that have unsaved changes which were kept."""
     here = files.list_files(session.folder)
     return {"files": here, "kept": keep_text(session.folder / name for name in here)}
 
 
 def remains_of(session: Session) -> dict[str, str] | None:
-    """The unsaved changes of this document by a process that is no more."""
+    """Return the unsaved changes that an ended process left of this document, if any."""
     left = session.autosave.left()
     return None if left is None else {"text": left.text}
 
@@ -68,7 +62,7 @@ def open_file(session: Session, message: Message) -> Reply:
 
 
 def save(session: Session, message: Message) -> Reply:
-    """Write the file; the linkage is called as the file is."""
+    """Save the drawing to a file and name the linkage after it."""
     name = tell_kind(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
     path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
     if not NAME.fullmatch(path.stem):
@@ -87,7 +81,7 @@ def bring_in(session: Session, message: Message) -> Reply:
 
 
 def recover(session: Session, message: Message) -> None:
-    """Take what a process that is no more left of this document, or let it go."""
+    """Take over the unsaved changes that an ended process left of this document, or discard them."""
     left = session.autosave.left()
     if left is not None:
         if message.get("take", True):
@@ -97,6 +91,7 @@ def recover(session: Session, message: Message) -> None:
 
 
 def make_edit(session: Session, message: Message) -> Reply:
+    """Make an edit; a `trial` only returns the scene as it would be, and `continues` merges it with the edit before."""
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.try_edit(session, message), session.locks)}
     before = session.text
@@ -107,7 +102,7 @@ def make_edit(session: Session, message: Message) -> Reply:
 
 
 def behind(session: Session, message: Message) -> Reply:
-    """The picture itself, which scenes only name."""
+    """Return the picture behind the grid; a scene only has its id."""
     return {"picture": session.picture.id, "url": session.picture.url} if session.picture else {"picture": None, "url": None}
 
 
@@ -121,7 +116,7 @@ def drag(session: Session, message: Message) -> Reply:
         raise Refused("nothing is being dragged")
     moved = dragging.drag_linkage(session.drag, session.reading, message)
     if message.get("centres") is True:
-        with contextlib.suppress(Refused):  # where several motions are free there are none
+        with contextlib.suppress(Refused):  # with several degrees of freedom there are no instant centres
             moved["centres"] = motion.instant_centres(session.reading, moved["poses"])
     return moved
 
@@ -147,20 +142,20 @@ def branch(session: Session, message: Message) -> None:
 
 
 def read_apart(session: Session) -> tuple[str, Reading]:
-    """Text and reading of one moment, for verbs that mind the lock themselves."""
+    """Return text and reading of the same moment, for verbs that take the lock themselves."""
     with session.lock:
         return session.text, session.reading
 
 
 def move_by_law(session: Session, message: Message) -> Reply:
-    """The motion at once; what is singular along it in an event, because looking for that takes seconds."""
+    """Return the motion at once, and send its singular positions later in an event, because finding them takes seconds."""
     text, reading = read_apart(session)
     mechanism, reply = motion.motion(text, reading, message)
     session.motions += 1
-    job = -session.motions  # of no process that could be stopped
+    job = -session.motions  # negative: it is no process that could be stopped
 
     def look() -> None:
-        with session.looking:  # one at a time, and of nothing that was drawn otherwise meanwhile
+        with session.looking:  # one search at a time, and none for a drawing that has changed meanwhile
             if session.text != text:
                 return
             try:
@@ -185,7 +180,7 @@ def stop(session: Session, message: Message) -> Reply:
     return {}
 
 
-VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # what replies nothing is told with the scene
+VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb without a reply is answered by the scene
     "hello": hello,
     "files": in_folder,
     "new": lambda session, _: session.open(EMPTY),
@@ -218,7 +213,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # what replies
 
 
 def answer(session: Session, message: Message) -> Reply:
-    """The reply to a message: what it asked for, or a sentence on why not; never an exception of whatever kind."""
+    """Return the reply to a message: its result, or an error with a sentence. No exception leaves this function."""
     id, verb = message.get("id"), message.get("do")
     error: dict[str, Any] = {"where": (), "field": ""}
     try:
@@ -235,7 +230,7 @@ def answer(session: Session, message: Message) -> Reply:
     except LinkageError as faults:
         error["text"] = "; ".join(str(x) for x in faults.faults[:5])
     except Exception as fault:
-        said = f"a fault of the studio, not of the drawing: {type(fault).__name__}: {in_a_sentence(fault)}"
-        error |= {"text": said, "fault": True}
+        text = f"a fault of the studio, not of the drawing: {type(fault).__name__}: {in_a_sentence(fault)}"
+        error |= {"text": text, "fault": True}
     named = isinstance(id, (int, str)) and not isinstance(id, bool)
     return {"id": id if named else None} | ({"ok": False, "error": error} if "text" in error else answered)

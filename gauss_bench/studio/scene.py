@@ -1,4 +1,4 @@
-"""The scene that the page draws: a reading in plain data. The page computes nothing but where a rigid link's points are."""
+"""The scene that the page draws: a reading as plain data. The page itself computes only the points of rigid links."""
 
 import tomllib
 from cmath import rect
@@ -16,11 +16,14 @@ from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.reading import Reading, is_place, lone_pins, loops_of, pins_of
 
-FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encoding="utf-8"))  # labels, and usual numbers
+FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encoding="utf-8"))  # labels and default numbers
 
 
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
-    """The drawing; `locks` are ids of pins and slides, `links.NAME`, `links.NAME:a-b` of lengths, `joints.NAME` of angles."""
+    """Return the scene of a reading.
+
+    `locks` are ids of pins and slides, `links.NAME` for angles, `links.NAME:a-b` for lengths, `joints.NAME` for relative angles.
+    """
     document, locked = reading.document, {*locks}
     return {
         "name": _text(document, "name"),
@@ -48,7 +51,7 @@ def _text(document: Document, key: str) -> str:
 
 
 def _ground(reading: Reading) -> dict[str, list[float]]:
-    """Name -> place of every point of the ground; those that are given as [x, y] even where there is nothing else."""
+    """Return name -> place of every point of the ground; without a mechanism, of those given as [x, y]."""
     if reading.mechanism is not None:
         return {name: x.tolist() for name, x in reading.mechanism.ground_points.items()}
     given = table(table(reading.document, "ground"), "points")
@@ -56,7 +59,7 @@ def _ground(reading: Reading) -> dict[str, list[float]]:
 
 
 def where(reading: Reading) -> dict[str, list[float]]:
-    """Reference -> place in the world of every point of the ground and of the links."""
+    """Return LINK.POINT -> place in the world for every point of the ground and of the links."""
     places, poses = {f"ground.{name}": x for name, x in _ground(reading).items()}, reading.poses(reading.q)
     for link in reading.mechanism.whole.links if reading.mechanism else ():
         x, y, theta = poses[link.name]
@@ -92,9 +95,9 @@ def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 
 def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
-    """Every place where points lie: joints, points on their own, and pins that hold nothing yet."""
+    """List every place where points lie: joints, single points, and pins that hold nothing yet."""
     places, grouped = where(reading), dict[str, list[str]]()
-    of: dict[str, str] = {}
+    of: dict[str, str] = {}  # point -> id of its pin: joints that share a point are one pin
     for joint, references in pins_of(reading.rest):
         known = [x for x in references if isinstance(x, str) and x in places]
         id = next((of[x] for x in known if x in of), joint)
@@ -140,13 +143,13 @@ def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 
 def as_written(mechanism: Mechanism, point: Point) -> str:
-    """The reference of a point as the file has it: a welded link's point is named after the link, and not its body."""
+    """Return LINK.POINT as the file writes it: a welded link's point is named after the link, not after the body it is part of."""
     owner, _, name = point.name.partition(".")
     return name if "." in name else f"{owner}.{name}"
 
 
 def forces(reading: Reading) -> list[dict[str, Any]]:
-    """Forces and cylinders, where they act: at points, at links' frames, at the first point of a joint."""
+    """List forces and cylinders with the places where they act: points, links' frames, or the first point of a joint."""
     document, places, joints = reading.document, where(reading), dict(pins_of(reading.rest))
     for name, pose in reading.poses(reading.q).items():
         places[name] = pose[:2]
@@ -163,7 +166,7 @@ def forces(reading: Reading) -> list[dict[str, Any]]:
 
 
 def label(name: str, kind: str, entry: dict[str, Any]) -> str:
-    """A force in a few words."""
+    """Return a short label of a force: its name, and its main number with unit."""
     if kind == "cylinder":
         return f"cylinder {name}"
     key, unit = FORCES["labels"].get(kind, ("value", ""))
@@ -171,7 +174,7 @@ def label(name: str, kind: str, entry: dict[str, Any]) -> str:
 
 
 def drivers_possible(reading: Reading) -> list[dict[str, str]]:
-    """The coordinates that a law can prescribe: links that turn on the ground, slides, cylinders among them."""
+    """List the coordinates that a law can prescribe: angles of links that are pinned to the ground, slides and cylinders."""
     kinds: dict[str, str] = {}
     for name, joint in items(write_out(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
@@ -183,7 +186,7 @@ def drivers_possible(reading: Reading) -> list[dict[str, str]]:
 
 
 def status(reading: Reading) -> dict[str, Any]:
-    """The state of assembly, with counts at a position of no special kind near the drawing."""
+    """Return whether the drawing assembles, and its counts, taken at a position near the drawing that is not singular."""
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}

@@ -1,4 +1,4 @@
-"""Access to the studio: only pages that it served itself, on this machine, with the token of its address."""
+"""Access control: the studio answers only pages that it served itself, on this machine, with the token of its address."""
 
 import hmac
 import secrets
@@ -6,18 +6,18 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
-LARGEST = 2 << 20  # bytes of a message
-RATE, WINDOW = 300, 1.0  # messages in so many seconds that are answered: drags send some 60 a second
+LARGEST = 2 << 20  # bytes in a message
+RATE, WINDOW = 300, 1.0  # messages per WINDOW seconds that are answered: a drag sends some 60 a second
 SOCKETS = 8  # pages at once
-UNREAD = 64  # messages that wait for a page to read them; one that reads none is let go
-BESIDE = 4  # long requests of a page that go on while it asks others
-DEEPEST = 40  # levels of a message
-WAITING = 128  # connections that ask for nothing; beyond them the oldest is closed
-ASKING = 64  # that are being answered; beyond them a request gets 503
+UNREAD = 64  # messages in the queue of a page; with a full queue the page is disconnected
+BESIDE = 4  # long requests of a page that run beside its other requests
+DEEPEST = 40  # levels of nesting in a message
+WAITING = 128  # idle connections; beyond them the oldest is closed
+ASKING = 64  # connections that are being answered; beyond them a request gets 503
 
 
 def headers(port: int) -> dict[str, str]:
-    """The headers of every answer: nothing from elsewhere runs, frames or is guessed."""
+    """Return the headers of every response: no foreign scripts, no framing, no guessing of content types."""
     sockets = f"ws://127.0.0.1:{port} ws://localhost:{port}"
     policy = (
         f"default-src 'self'; connect-src 'self' {sockets}; img-src 'self' data: blob:; media-src 'self' blob:; object-src 'none'; "
@@ -36,7 +36,7 @@ def headers(port: int) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Guard:
-    """The demands on a request: the address of this server as Host, its own or no Origin, and the token."""
+    """The conditions on a request: this server's address as Host, its own Origin or none, and the token."""
 
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
@@ -46,7 +46,7 @@ class Guard:
         return frozenset(f"{name}:{self.port}" for name in ("127.0.0.1", "localhost"))
 
     def refusal(self, host: str | None, origin: str | None) -> str:
-        """The reason why a request is refused by where it comes from; "" where it is not."""
+        """Return why a request is refused because of its origin; "" if it is not."""
         if host not in self.hosts:
             return "the studio answers to its own address alone"
         if origin is not None and origin not in {f"http://{x}" for x in self.hosts}:
@@ -54,18 +54,18 @@ class Guard:
         return ""
 
     def knows(self, token: str | None) -> bool:
-        """Tell whether this is the token of the address."""
+        """Tell whether a token is that of the address, in constant time."""
         return token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
 
 class Rate:
-    """The number of messages that came lately."""
+    """A limit on the number of messages in a sliding window of time."""
 
     def __init__(self) -> None:
         self.times: deque[float] = deque()
 
     def allows(self, now: float | None = None) -> bool:
-        """Count one more; False where there are too many."""
+        """Count one more message; return False if there are too many."""
         now = time.monotonic() if now is None else now
         while self.times and self.times[0] <= now - WINDOW:
             self.times.popleft()

@@ -1,7 +1,7 @@
-"""The studio's server: the page, its files, and one socket; on this machine alone, for as long as the process lives.
+"""The studio's server: the page, its files, and one socket per page, on this machine only and as long as the process lives.
 
-Whatever takes time runs in a thread, so that the socket stays awake. Requests of a page come one after the other, but for those
-that take long, and changes of all pages likewise; what one page has changed is told to the others.
+Requests are handled in threads, so that the socket stays responsive. The requests of a page are handled one after the other, except
+for long ones; so are the changes of all pages. After a change, the other pages get the new scene.
 """
 
 import asyncio
@@ -40,14 +40,14 @@ from gauss_bench.studio.requests import APART, answer
 from gauss_bench.studio.security import ASKING, BESIDE, LARGEST, SOCKETS, UNREAD, WAITING, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
-PAUSE = 0.02  # [s]
-SWITCH = 5e-4  # [s] a thread computes on while another waits: a frame of a drag goes through three, beside a search of seconds
+PAUSE = 0.02  # [s] between looks at whether a page that sends too fast may go on
+SWITCH = 5e-4  # [s] of Python's thread switching: a frame of a drag passes three threads while a long search computes
 PAGE = Path(__file__).parent / "page"
 Unread = asyncio.Queue[str]  # messages for a page that wait until it reads them
 
 
 class Guarded:
-    """Refuses whatever does not come from the studio's own page, before anything else looks at it."""
+    """Middleware that refuses every request that does not come from the studio's own page."""
 
     def __init__(self, app: ASGIApp, guard: Guard):
         self.app, self.guard, self.said = app, guard, headers(guard.port)
@@ -75,7 +75,7 @@ class Guarded:
 
 
 class Connection(H11Protocol):
-    """One connection. Of more than WAITING that have asked for nothing yet, or had their answer, the oldest is closed."""
+    """One connection. If more than WAITING connections are idle, the oldest of them is closed."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -83,11 +83,11 @@ class Connection(H11Protocol):
         waiting = [x for x in self.connections if isinstance(x, Connection) and x.waits()]
         if len(waiting) > WAITING:
             oldest = min(waiting, key=lambda x: x.since)
-            self.connections.discard(oldest)  # which would be counted until the loop comes round
+            self.connections.discard(oldest)  # otherwise it would be counted until the event loop closes it
             oldest.transport.abort()
 
     def waits(self) -> bool:
-        """Tell whether nothing is owed to it: no request has come whole, or all of its answer has left."""
+        """Tell whether the connection is idle: no complete request has arrived, or its response has been sent."""
         return (self.cycle is None or self.cycle.response_complete) and not self.transport.get_write_buffer_size()
 
 
@@ -96,8 +96,8 @@ class Studio:
 
     def __init__(self, session: Session, guard: Guard):
         self.session, self.guard = session, guard
-        self.pages: dict[Unread, asyncio.Task[Any] | None] = {}  # what a page has not read yet, and the task that listens to it
-        self.revision = session.revision  # that all pages were told of
+        self.pages: dict[Unread, asyncio.Task[Any] | None] = {}  # unread messages of a page -> its task
+        self.revision = session.revision  # the last revision that all pages have
         self.loop: asyncio.AbstractEventLoop | None = None
         routes = [Route("/", self.index), Route("/page/{name}", self.file), WebSocketRoute("/socket", self.socket)]
         self.app = Guarded(Starlette(routes=routes, lifespan=self._lifespan), guard)
@@ -119,18 +119,19 @@ class Studio:
         return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
 
     async def socket(self, socket: WebSocket) -> None:
+        """Serve one page until it disconnects: answer its messages in order, and long requests beside them."""
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
             await socket.close(1008)
             return
         page, rate = Unread(UNREAD), Rate()
         self.pages[page] = asyncio.current_task()
-        tasks: set[asyncio.Task[None]] = set()  # what sends, and long requests beside it
+        tasks: set[asyncio.Task[None]] = set()  # the sender, and long requests beside it
         try:
             await socket.accept()
             tasks.add(asyncio.create_task(self._send(socket, page)))
             while True:
                 message = heard(await socket.receive_text())
-                while not rate.allows():  # who sends faster waits, and so does what it sends
+                while not rate.allows():  # a page that sends too fast is slowed down
                     await asyncio.sleep(PAUSE)
                 answering = self._answer(message, page)
                 if message.get("do") not in APART:
@@ -142,7 +143,7 @@ class Studio:
                 tasks.add(task)
                 task.add_done_callback(tasks.discard)
         except (WebSocketDisconnect, KeyError, RuntimeError, asyncio.CancelledError):
-            pass  # gone, it sent bytes, it read nothing, or the studio ends
+            pass  # the page disconnected, sent bytes or did not read its messages, or the studio ends
         finally:
             del self.pages[page]
             for task in tasks:
@@ -156,7 +157,7 @@ class Studio:
                 await socket.send_text(await page.get())
 
     async def _answer(self, message: dict[str, Any], page: Unread) -> None:
-        """Answer the page, and tell the others what it has changed."""
+        """Answer a page's message, and send the new scene to the other pages if it changed the drawing."""
         try:
             reply = UNHEARD if message is UNHEARD else await asyncio.to_thread(answer, self.session, message)
         except RuntimeError:  # the studio ends
@@ -168,14 +169,14 @@ class Studio:
             self._tell_all(as_json({"event": "scene", "scene": scene}), page)
 
     def tell(self, event: dict[str, Any]) -> None:
-        """Tell every page; from any thread."""
+        """Send an event to every page; may be called from any thread."""
         if self.loop is not None and not self.loop.is_closed():
             text = as_json(event)
             with contextlib.suppress(RuntimeError):  # it has ended meanwhile
                 self.loop.call_soon_threadsafe(self._tell_all, text)
 
     def _tell_all(self, text: str, but: Unread | None = None) -> None:
-        """Put on its way what pages have not asked for; one that reads nothing is let go."""
+        """Queue a message for all pages but one; a page whose queue is full is disconnected."""
         for page, task in self.pages.items():
             if page is not but and not page.full():
                 page.put_nowait(text)
@@ -186,10 +187,10 @@ class Studio:
 UNHEARD: dict[str, Any] = {"id": None, "ok": False, "error": {"text": "a message is an object of JSON", "where": (), "field": ""}}
 
 
-def heard(told: str) -> dict[str, Any]:
-    """The message of a text; `UNHEARD` where it is none."""
+def heard(text: str) -> dict[str, Any]:
+    """Parse a message; `UNHEARD` if the text is not an object of JSON."""
     try:
-        message = json.loads(told, parse_constant=_no_number)
+        message = json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError):
         return UNHEARD
     return message if isinstance(message, dict) else UNHEARD
@@ -204,10 +205,10 @@ def _no_number(word: str) -> float:
 
 
 def session_of(linkage: str | None, folder: Path) -> Session:
-    """A session with a linkage of that name or file; a file's folder is then the one that is worked in.
+    """Return a session that opens a linkage by name or file; a file's folder becomes the working folder.
 
     Raises:
-        LinkageError, Refused: it cannot be read.
+        LinkageError, Refused: the linkage cannot be read.
     """
     if linkage is None:
         return Session(folder)
@@ -225,8 +226,8 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     """Serve the studio until it is interrupted.
 
     Raises:
-        ExchangeError: the port cannot be had, or what is to be opened cannot be read.
-        LinkageError: likewise.
+        ExchangeError: the port is not available, or the file to open is refused.
+        LinkageError: the linkage to open cannot be read.
     """
     try:
         session = session_of(linkage, folder)
@@ -236,7 +237,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind(("127.0.0.1", port))
-        listening.listen()  # so that whoever reads the address is heard
+        listening.listen()  # before the address is printed, so that a browser can connect at once
     except (OSError, OverflowError) as error:
         listening.close()
         raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
@@ -261,12 +262,12 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         timeout_graceful_shutdown=2,
         limit_concurrency=WAITING + ASKING,
     )
-    threading.Thread(target=engines_here, daemon=True).start()  # the page asks for them first
+    threading.Thread(target=engines_here, daemon=True).start()  # in advance: the page asks for the engines first
     if browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(address)
     with contextlib.suppress(KeyboardInterrupt), listening:
-        signal.signal(signal.SIGHUP, signal.default_int_handler)  # a terminal that is closed ends it in order
+        signal.signal(signal.SIGHUP, signal.default_int_handler)  # closing the terminal ends the studio in order
         uvicorn.Server(config).run(sockets=[listening])
     session.jobs.stop_all()
     if session.close():

@@ -1,4 +1,4 @@
-"""One drawing and its history: texts of the file, forwards and back, with what is locked and the picture behind it."""
+"""One open drawing with its history of texts for undo and redo, its locks and the picture behind it."""
 
 import threading
 from collections.abc import Callable
@@ -12,20 +12,20 @@ from gauss_bench.studio.jobs import Jobs
 from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.scene import scene
 
-STEPS = 200  # texts that are remembered for undo
+STEPS = 200  # largest number of steps that can be undone
 
 
 class Session:
-    """The open document. All of it is plain state: the text is the truth, and the reading follows from it.
+    """The open document. Its state is the text of the linkage file; everything that is drawn follows from it.
 
     Attributes:
-        folder: where files may be opened and saved.
-        text: of the linkage file as it stands.
-        path: the file that it was opened from or saved to, or None.
-        saved: the text that is on disk; of a new drawing the empty one.
-        locks: ids of pins, slides, links and lengths that a drag leaves alone.
-        picture: what is shown behind the grid, or None.
-        revision: how often anything changed.
+        folder: folder in which files may be opened and saved.
+        text: present text of the linkage file.
+        path: file that it was opened from or saved to, or None.
+        saved: text that is on disk; for a new drawing the empty one.
+        locks: ids of pins, slides, links and lengths that a drag must not change.
+        picture: picture behind the grid, or None.
+        revision: number of changes so far.
     """
 
     def __init__(self, folder: Path):
@@ -52,10 +52,10 @@ class Session:
         self.drag: Drag | None = None
 
     def open(self, text: str, path: Path | None = None) -> None:
-        """Begin anew with a text; one that was read from a file is saved there.
+        """Begin a new history with a text, which was read from the file `path` if one is given.
 
         Raises:
-            Refused: it is no linkage file.
+            Refused: the text is no linkage file.
         """
         parse_text(text)
         self.autosave.forget()
@@ -65,7 +65,7 @@ class Session:
         self._change()
 
     def save_as(self, path: Path, text: str) -> None:
-        """The text stands on disk now."""
+        """Record that a text has been saved to a file."""
         self.autosave.forget()
         self.text, self.saved, self.path = text, text, path
         self.autosave = Autosave(self._named())
@@ -78,21 +78,21 @@ class Session:
 
     @property
     def document(self) -> Document:
-        """The tables of the text, for whoever changes them: a new copy each time."""
+        """The tables of the text, parsed anew each time, so that an edit may change them."""
         return parse_text(self.text)
 
     @property
     def reading(self) -> Reading:
-        """The readable part of the text."""
+        """The reading of the present text."""
         if self._read is None or self._read[0] != self.text:
             self._read = self.text, read(self.document)
         return self._read[1]
 
     def put(self, text: str, locks: frozenset[str]) -> None:
-        """Another text, as one step of the history.
+        """Replace text and locks, as one step of the history.
 
         Raises:
-            Refused: it is no linkage file.
+            Refused: the text is no linkage file.
         """
         if (text, locks) == (self.text, self.locks):
             return
@@ -103,7 +103,7 @@ class Session:
         self._change()
 
     def join(self) -> None:
-        """Make one step of the last two of the history."""
+        """Merge the last two steps of the history into one."""
         if len(self.done) > 1:
             self.done.pop()
 
@@ -120,7 +120,7 @@ class Session:
             self._change()
 
     def lay(self, picture: Picture | None) -> None:
-        """Another picture behind the grid, or none; no step of the history."""
+        """Set or remove the picture behind the grid; this is no step of the history."""
         self.picture = picture
         self.autosave.lay(picture)
         self._change()
@@ -134,7 +134,7 @@ class Session:
             self.autosave.forget()
 
     def scene(self) -> dict[str, Any]:
-        """The scene that the page draws."""
+        """Return the scene that the page draws, with the state of the session."""
         drawn = scene(self.reading, self.locks)
         state = {
             "revision": self.revision,
@@ -147,7 +147,7 @@ class Session:
         return state | drawn
 
     def close(self) -> bool:
-        """End; True where something is not saved, which is kept and will be offered again."""
+        """End the session; return True if there are unsaved changes, which are kept and will be offered again."""
         if not self.unsaved:
             self.autosave.forget()
         return self.unsaved

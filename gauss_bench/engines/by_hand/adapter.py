@@ -1,10 +1,9 @@
-"""Two linkages by equations derived on paper, in C: what an expert writes who has one linkage and wants it fast.
+"""Two linkages by equations derived on paper, in C: the code of an expert who has one linkage and wants it fast.
 
-The derivations are `crank_slider.c` and `four_bar.c`: the loop closed by trigonometry, then Lagrange's equation in the angle of the
-crank, which is all that moves a linkage of one degree of freedom. Nothing of the suite's generator is in them. They are written for
-these two kinds of loops and for the loads that `loops.py` names; every other linkage is refused. Each model is compared with the
-linkage before it is used, and with its motion in absolute coordinates the same way afterwards: what the crank's turning makes of
-the other links follows from the linkage's constraint rows.
+The derivations are `crank_slider.c` and `four_bar.c`: the loop is closed by trigonometry, then Lagrange's equation is written in
+the angle of the crank, the one degree of freedom. They use no generated code. They cover these two kinds of loops and the loads
+that `loops.py` names; every other linkage is refused. Each model is compared with the linkage before it is used. The velocities and
+accelerations of the other links follow from those of the crank by the linkage's constraint rows.
 """
 
 import ctypes
@@ -27,7 +26,7 @@ from gauss_bench.terms import Array
 FOLDER = Path(__file__).parent
 SETTINGS = {"default": {"compiler_flags": " ".join(FLAGS)}}
 AGREEMENT = 1e-9  # relative: rounding and the closure of the start leave 1e-13, a wrong term about 1
-CHECKED = 0.3  # [rad] between states of the comparison
+CHECKED = 0.3  # [rad] crank angle between the states that are compared
 
 
 class ByHand:
@@ -74,16 +73,16 @@ class ByHandModel(CompiledSteps):
         self._verify()
 
     def _verify(self) -> None:
-        """Compare with the linkage.
+        """Compare the derivation with the linkage at the start and at a crank angle on either side.
 
         Raises:
-            RunFailure: they differ.
+            RunFailure: accelerations, joints or the start differ.
         """
         th, w = self.start
         for turn, rate in ((0.0, w), (-CHECKED, np.ones(1)), (CHECKED, -10.0 * np.ones(1))):
             (q,), (v,), (a,) = self.motion(np.zeros(1), th[None] + turn, rate[None])
             if not np.isfinite(q).all():
-                continue  # the crank does not reach so far
+                continue  # the crank does not reach this angle
             terms = self.evaluator.terms(0.0, q, v)
             pairs = {"accelerations": (a, gauss(terms).a, size(a)), "joints": (terms.phi, 0 * terms.phi, 1.0)}
             if turn == 0.0:
@@ -104,7 +103,7 @@ class ByHandModel(CompiledSteps):
         return q, v, self._solve(q, v, second)[1]
 
     def _solve(self, q: Array, v: Array, given: Array) -> tuple[Array, Array]:
-        """What J x = 0, and J x = gamma, make of the crank's rate or second rate (k,)."""
+        """Solve J x = 0 and J x = gamma for all links, x (k, n) each, given the crank's rate or second rate (k,)."""
         rows = self.evaluator.constraints(0.0, q, v)
         crank = np.broadcast_to(np.eye(self.mechanism.n)[self.crank], (len(q), 1, self.mechanism.n))
         right = np.stack([0 * rows.gamma, rows.gamma], axis=-1)
@@ -113,7 +112,7 @@ class ByHandModel(CompiledSteps):
         return found[..., 0], found[..., 1]
 
     def _place(self, th: Array) -> Array:
-        """q (k, n) at crank angles (k,): each link from the pin by which it hangs on the one before."""
+        """Return q (k, n) at crank angles (k,), placing each link at the pin that joins it to the one before."""
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
         angles = self._angles(th)
         for link, angle, (before, pin) in zip(loop.links, wind(angles, self._followed(th)).T, loop.pins, strict=True):
@@ -122,7 +121,7 @@ class ByHandModel(CompiledSteps):
         return q
 
     def _angles(self, th: Array) -> Array:
-        """Angles (k, 3) of the links, the crank's as it is."""
+        """Return the angles (k, 3) [rad] of the links at crank angles (k,), up to whole turns except for the crank."""
         lines, out = np.empty((len(th), 3)), np.zeros(2)
         for row, x in zip(lines, th, strict=True):
             self.code.library.told(ctypes.c_double(x), ctypes.c_void_p(out.ctypes.data))

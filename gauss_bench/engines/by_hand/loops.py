@@ -1,4 +1,4 @@
-"""The numbers of the two loops that are derived by hand, read off a linkage, or why it is neither.
+"""The numbers that the two derivations by hand need, taken from a linkage, or the reason why it fits neither.
 
 A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a second ground pin
 in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
@@ -15,23 +15,23 @@ from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 
-LEVEL = 1e-12  # [rad] of a guide's or spring's direction
+LEVEL = 1e-12  # [rad] largest angle of a guide or spring that counts as level
 
 
 class Underived(ValueError):
-    """A linkage whose equation nobody has derived here; the message says what is different."""
+    """No equation was derived by hand for this linkage; the message gives the difference."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """One of the two loops.
+    """A linkage as one of the two loops.
 
     Attributes:
-        source: the file of its derivation.
-        numbers: what the derivation calls them -> value.
+        source: the file of the derivation.
+        numbers: name in the derivation -> value.
         links: crank, second and third link (indices).
-        lines: (3,) angles [rad] in the links' frames of the lines whose angles the derivation tells; of a slider less its own.
-        pins: by which each hangs on the ground or the link before: the point there, and its own.
+        lines: (3,) direction [rad], in each link's frame, of the line whose angle the derivation uses; a slider's minus its angle.
+        pins: for each link the pin that joins it to the ground or to the link before: the point there, and the link's own.
     """
 
     source: str
@@ -42,10 +42,10 @@ class Loop:
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
-    """The loop that a linkage is.
+    """Recognise a linkage as one of the two loops and return its numbers.
 
     Raises:
-        Underived: it is neither of the two, or a load acts that the derivations have not.
+        Underived: it is neither of the two, or the derivations lack one of its loads.
     """
     crank = mechanism.crank
     held = mechanism.drivers or mechanism.constraints or mechanism.has_friction
@@ -80,9 +80,9 @@ def loop_of(mechanism: Mechanism) -> Loop:
 
 
 def _pin(pins: Sequence[Revolute], a: int, b: int) -> tuple[Point, Point] | None:
-    """The points of a pin on links a and b."""
-    ways = [way for pin in pins for way in ((pin.a, pin.b), (pin.b, pin.a))]
-    return next(((x, y) for x, y in ways if (x.link, y.link) == (a, b)), None)
+    """Return the points of the pin that joins links a and b, in this order, or None."""
+    ends = [pair for pin in pins for pair in ((pin.a, pin.b), (pin.b, pin.a))]
+    return next(((x, y) for x, y in ends if (x.link, y.link) == (a, b)), None)
 
 
 def _angle(x: Array) -> float:
@@ -90,7 +90,10 @@ def _angle(x: Array) -> float:
 
 
 def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) -> dict[str, float]:
-    """Inertia about the pivot, and the moments of weight by cosine and minus sine of the angle of the line from pivot to tip."""
+    """Return a link's inertia about its pivot, and the moments of its weight.
+
+    The moment at the angle th of the line from pivot to tip is WC cos(th) - WS sin(th).
+    """
     body, (gx, gy) = mechanism.links[link], mechanism.gravity
     x, y = body.mass * turn_vector(-pivot.local, -_angle(tip.local - pivot.local))
     inertia = body.inertia + body.mass * float(pivot.local @ pivot.local)
@@ -98,7 +101,7 @@ def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) 
 
 
 def _free(mechanism: Mechanism, link: int, near: Point, line: Array) -> dict[str, float]:
-    """Length, mass, inertia and centre of the second link, in the frame along its line from the crank's pin."""
+    """Return length, mass, inertia and centre of the second link, in a frame along its line from the crank's pin."""
     body, (x, y) = mechanism.links[link], turn_vector(-near.local, -_angle(line))
     return {"L": float(np.linalg.norm(line)), "M2": body.mass, "I2": body.inertia, "A2": float(x), "B2": float(y)}
 
@@ -110,7 +113,7 @@ def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> di
 
 
 def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> dict[str, float]:
-    """Torque and damping on the crank; stiffness, damping and rest of the slider's pin along x."""
+    """Return torque and damping on the crank, and stiffness, damping and rest of the slider's pin along x."""
     coefficients = {"T": 0.0, "D": 0.0} | ({} if slider is None else {"K": 0.0, "C": 0.0, "X0": 0.0})
     for load in loads(mechanism.forces):
         match load:

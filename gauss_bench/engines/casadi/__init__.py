@@ -1,7 +1,7 @@
-"""CasADi with SUNDIALS, and CasADi's differentiation as a second derivation of everything the suite writes by hand.
+"""CasADi with SUNDIALS.
 
-`equations` derives the equations of motion from positions alone, `functions` gives them away as casadi.Function objects, `adapter`
-integrates them with IDAS and CVODES, `equal_steps` in generated C.
+`equations` writes the equations of motion in CasADi's symbols, `functions` offers them as casadi.Function objects, `adapter`
+integrates them with IDAS and CVODES, and `equal_steps` with fixed steps in generated C.
 """
 
 from gauss_bench.engines.casadi.functions import Functions, functions

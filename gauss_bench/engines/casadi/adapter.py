@@ -1,4 +1,4 @@
-"""CasADi's integrators on a linkage in absolute coordinates: IDAS for its differential-algebraic equations, CVODES without them.
+"""CasADi's integrators on a linkage in absolute coordinates: IDAS for differential-algebraic equations, CVODES for ordinary ones.
 
     idas          q' = v,  v' = a        with a, lambda from   M a + J^T lambda = Q,  J a = gamma             (index 1: it drifts)
     idas_ggl      q' = v - H^T mu,  v' = a,                    M a + J^T lambda = Q,  c = 0,  phi = 0         (stabilised index 2)
@@ -6,11 +6,12 @@
     cvodes_adams  the same by Adams' method and functional iteration
     rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-with H the holonomic rows of J. Those of SUNDIALS choose steps and orders for themselves: `step` is only where samples are taken,
-unless the state is projected there, which starts the method again, at order 1 and with a small step; that shows in the steps and
-evaluations. The projection is the suite's. Multipliers and accelerations are left out of the error test, as the documentation
-of IDAS advises for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange
-equations with constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
+with H the holonomic rows of J. The integrators of SUNDIALS choose steps and orders themselves, so `step` does not change them. With
+projection, which is the suite's, the state is projected at every sample and the method starts again there, at order 1 and with a
+small step; its steps and evaluations increase accordingly. Multipliers and accelerations are left out of the error test, as the
+documentation of IDAS advises for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of
+Euler-Lagrange equations with constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw.
+31 (2005).
 """
 
 import re
@@ -32,8 +33,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
-# Absolute tolerance by which algebraic variables are as good as left out of Newton's convergence test: in index 2 they converge
-# like 1/h only, and where IDAS is to find them at a state that was just projected, they are exact already and its search fails.
+# Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them. In index 2 they converge only
+# like 1/h. At a state that was just projected they are exact already, and IDAS' search for them fails.
 LOOSE = 1e9
 REASONS = {
     "TOO_MUCH_WORK": "too many steps between two samples",
@@ -97,7 +98,7 @@ class CasadiModel:
         self.system = self._system(e, solution)
 
     def _system(self, e: Any, solution: Any) -> dict[str, Any]:
-        """The system with its start time as parameter: one integrator then serves every interval of a length."""
+        """Return the system with its start time as a parameter, so that one integrator serves all intervals of the same length."""
         from gauss_bench.engines.casadi.equations import stabilize
 
         ca, n = self.ca, self.mechanism.n
@@ -122,10 +123,11 @@ class CasadiModel:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """There are only the integrators' own steps, whatever `native` says."""
+        """Reset to the start and create one integrator for each length of interval; steps are CasADi's, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
         self.x = np.full((len(times), 2 * self.mechanism.n), np.nan)
         self.x[0] = np.concatenate([self.mechanism.q0, self.mechanism.v0])
+        # With projection every interval between samples is one call, and intervals of the same length share an integrator.
         spans = np.diff(times) if self.choice.stabilization == "projection" else np.array([])
         self.spans = [float(f"{x:.12g}") for x in spans]
         grids = {x: [x] for x in self.spans} if self.spans else {0.0: list(times[1:] - times[0])}
@@ -139,7 +141,7 @@ class CasadiModel:
             options |= {k.removeprefix("idas."): x for k, x in self.options.items() if k.startswith("idas.")}
         if method == "adams":
             options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
-        if method == "ggl":  # what IDAS offers to make a start consistent is for index 1, and this one is consistent
+        if method == "ggl":  # IDAS can make a start consistent in index 1 only; this start is consistent already
             start = self._start(float(self.times[0]), self.x[0])
             options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *start[: self.mechanism.n]]}
         if method == "ggl" or (kind == "idas" and self.spans):
@@ -147,7 +149,7 @@ class CasadiModel:
         return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
 
     def _start(self, t: float, x: Array) -> Array:
-        """Algebraic variables at a state: accelerations, multipliers, and no velocity correction."""
+        """Return the algebraic variables at a state: accelerations, multipliers, and velocity corrections, which are zero."""
         n, size = self.mechanism.n, self.system["z"].shape[0] if "z" in self.system else 0
         algebraic = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
         return np.concatenate([algebraic, np.zeros(size)])[:size]
@@ -163,11 +165,11 @@ class CasadiModel:
         for k, span in enumerate(self.spans):
             x = self._integrate(span, float(self.times[k]), self.x[k])[-1]
             if not np.isfinite(x).all():
-                return  # as the samples from here on say
+                return  # the samples from here on stay NaN
             self.x[k + 1] = np.concatenate(self.evaluator.project(float(self.times[k + 1]), x[:n], x[n:]))
 
     def _integrate(self, span: float, t: float, x: Array) -> Array:
-        """States (k, 2n) at the ends of one integrator's grid, from t and x.
+        """Return the states (k, 2n) at the k times of an integrator's grid, starting from x (2n,) at time t.
 
         Raises:
             RunFailure: SUNDIALS gave up.
@@ -190,7 +192,7 @@ class CasadiModel:
 
 
 def why(text: str, integrator: str) -> str:
-    """A sentence on what CasADi's exception says."""
+    """Return a sentence for the message of CasADi's exception: the meaning of SUNDIALS' code, else its last line."""
     code = re.search(r'"(?:IDA|CV)_(\w+)"', text)
-    said = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
-    return f"{integrator} gave up: {said}"
+    reason = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
+    return f"{integrator} gave up: {reason}"

@@ -1,7 +1,7 @@
-"""Equal steps on CasADi's closed form of the accelerations: its generated C, compiled with the steps, or its virtual machine.
+"""Fixed steps on CasADi's closed form of the accelerations: its generated C, compiled with the steps, or its virtual machine.
 
-The equations are those of `adapter`, without an integrator of SUNDIALS: what whoever uses CasADi for speed would write. Where no C
-compiler is found, or the variant says so, steps are mapped over CasADi's own virtual machine, and the run says so.
+The equations are those of `adapter`, without an integrator of SUNDIALS, as someone who uses CasADi for speed would write them. If
+there is no C compiler, or the variant asks for it, the steps run in CasADi's virtual machine; a note of the run tells which.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,11 +17,11 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 GENERATED = "generated C"
-CHUNK = 500  # steps in one call of the virtual machine: what calling costs no longer counts
+CHUNK = 500  # steps in one call of the virtual machine: enough to make the cost of the call negligible
 
 
 class EqualSteps(CompiledSteps):
-    """A mechanism as CasADi's accelerations, stepped."""
+    """A mechanism whose accelerations are CasADi's and whose steps are fixed."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
         import casadi
@@ -42,7 +42,7 @@ class EqualSteps(CompiledSteps):
             self.note += f": {NO_COMPILER}"
 
     def _compile(self) -> Callable[[Array, Array, float, float, int], None]:
-        """Steps in place, in C."""
+        """Return a call that takes steps in place, in C."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.used)
         f, n = self.used, self.mechanism.n
@@ -59,7 +59,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         return lambda q, v, t, h, count: code.step(self.choice.integrator, q, v, t, h, count)
 
     def _map(self) -> Callable[[Array, Array, float, float, int], None]:
-        """Steps in place, in CasADi's virtual machine."""
+        """Return a call that takes steps in place, in CasADi's virtual machine."""
         ca, n = self.ca, self.mechanism.n
         x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")
         step = ca.Function("step", [x, h], [self._step(x, h)])
@@ -78,7 +78,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         return advance
 
     def _step(self, x: Any, h: Any) -> Any:
-        """The state [q, v, t] after a step of h [s], in symbols."""
+        """Return the state [q, v, t] after a step of h [s], in symbols."""
         n = self.mechanism.n
 
         def rate(x: Any) -> Any:

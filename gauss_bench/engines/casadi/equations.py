@@ -1,7 +1,7 @@
-"""The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py`, whose numbers are expressions.
+"""The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py` evaluated on expressions instead of numbers.
 
-Rates of motion laws are left to differentiation. The Jacobian of rows and their bias could be, too; written out they take fewer
-instructions.
+CasADi differentiates the motion laws. It could also differentiate the constraints; their Jacobian and bias are written out because
+that takes fewer instructions.
 """
 
 from collections.abc import Sequence
@@ -24,13 +24,13 @@ class Equations:
     """Expressions in the symbols t (1), q (n,) and v (n,): M a + J^T lambda = Q subject to J a = gamma.
 
     Attributes:
-        phi: (h,) residual of the holonomic rows [m, rad]: joints two each, then drivers.
+        phi: (h,) residual of the holonomic rows [m, rad]: two for each joint, then the drivers.
         c: (m,) d phi/dt, then one row for every knife edge [m/s, rad/s].
         mass: (n,) diagonal of M [kg, kg m^2].
-        J: (m, n); gamma: (m,).
-        Q: (n,) [N, N m].
+        J, gamma: (m, n) and (m,).
+        Q: (n,) applied forces [N, N m].
         potential: V [J].
-        power: of what has no potential [W].
+        power: of the forces that have no potential [W].
     """
 
     t: Symbol
@@ -72,7 +72,7 @@ class _Arithmetic:
 
 
 def equations(mechanism: Mechanism) -> Equations:
-    """The equations of a mechanism, whose numbers may be symbols too; dry friction is not among them."""
+    """Return the equations of a mechanism, whose numbers may be symbols too; dry friction is not included."""
     n = mechanism.n
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
     at = Symbols(t, q, v)
@@ -95,7 +95,7 @@ def equations(mechanism: Mechanism) -> Equations:
 
 
 def jacobian(every: Sequence[Row], n: int) -> Symbol:
-    """J (m, n), sparse."""
+    """Return J (m, n), sparse."""
     J = ca.SX(len(every), n)
     for i, row in enumerate(every):
         for k, x in row.entries.items():
@@ -104,13 +104,13 @@ def jacobian(every: Sequence[Row], n: int) -> Symbol:
 
 
 def stabilize(e: Equations, rate: float) -> Equations:
-    """The equations with Baumgarte's terms, alpha = beta = rate [1/s]."""
+    """Return the equations with Baumgarte's terms: gamma - 2 alpha c - beta^2 phi with alpha = beta = rate [1/s]."""
     held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
     return replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * held)
 
 
 def solution(e: Equations) -> tuple[Symbol, Symbol]:
-    """Accelerations (n,) and multipliers (m,) in closed form: J M^-1 J^T lambda = J M^-1 Q - gamma, by a sparse L D L^T."""
+    """Return accelerations (n,) and multipliers (m,) in closed form: J M^-1 J^T lambda = J M^-1 Q - gamma, by a sparse L D L^T."""
     weighted = e.J / ca.repmat(e.mass.T, e.J.shape[0], 1)
     D, L, order = ca.ldl(weighted @ e.J.T)
     multipliers = ca.ldl_solve(weighted @ e.Q - e.gamma, D, L, order)
@@ -122,7 +122,7 @@ def stack(rows: list[Symbol]) -> Symbol:
 
 
 def prescribe(law: MotionLaw, t: Symbol) -> Symbol:
-    """A motion law's value at t; its rates are left to differentiation. The ends of a law belong to its motion."""
+    """Return a motion law's value at t; its rates follow by differentiation. The ends of a law belong to its motion."""
     made = law.numbers
     if law.name == "constant":
         return made["start"] + made["speed"] * t
@@ -138,7 +138,7 @@ def prescribe(law: MotionLaw, t: Symbol) -> Symbol:
 
 
 def cubic_spline(times: Any, values: Any, t: Symbol) -> Symbol:
-    """Cubic spline at rest at both ends and outside."""
+    """Return a cubic spline through the values that is at rest at both ends and outside."""
     from scipy.interpolate import CubicSpline  # its import takes longer than most runs
 
     spline = CubicSpline(times, values, bc_type="clamped")

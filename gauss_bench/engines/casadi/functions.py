@@ -1,4 +1,4 @@
-"""A linkage as casadi.Function objects, to be used, differentiated, saved or turned into C code by whoever has CasADi."""
+"""A linkage as casadi.Function objects, which a user of CasADi can evaluate, differentiate, save or turn into C code."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,16 +14,17 @@ from gauss_bench.mechanism.model import Mechanism, loads
 class Functions:
     """The equations M a + J^T lambda = Q subject to J a = gamma in absolute coordinates q = [x, y, theta] of every link (SI units).
 
-    Every function takes the parameters p (k,) as its last argument where some were left open.
+    If parameters were left open, every function takes them, p (k,), as its last argument.
 
     Attributes:
         acceleration: (t, q, v) -> a (n,), multipliers (m,).
-        residual: (t, q, v) -> phi (h,), phi_dot (m,); knife edges have a phi_dot alone, and stand last.
+        residual: (t, q, v) -> phi (h,), phi_dot (m,); knife edges have a phi_dot but no phi, and come last.
         jacobian: (t, q, v) -> J (m, n), gamma (m,).
         mass_matrix: (q) -> M (n, n).
         forces: (q, v) -> Q (n,).
         energy: (q, v) -> kinetic plus potential energy.
-        parameters: names of what p holds, in order; values: (k,) what the linkage file says.
+        parameters: names of the entries of p, in order.
+        values: (k,) their values in the linkage file.
     """
 
     acceleration: Any
@@ -37,17 +38,17 @@ class Functions:
 
 
 def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions:
-    """The functions of a linkage, as `gauss_bench.linkage.load.load` gives it.
+    """Return the functions of a linkage.
 
     Args:
-        mechanism: a linkage in one scenario.
+        mechanism: a linkage in one scenario, as `gauss_bench.linkage.load.load` returns it.
         parameters: numbers left open, by name: gravity.x, gravity.y, links.LINK.mass, links.LINK.inertia, forces.FORCE.value (or
             .value.x, .value.y), forces.FORCE.k, .c, .rest and joints.SLIDE.offset.
 
     Raises:
         ImportError: the extra 'casadi' is not installed.
-        ValueError: a parameter that the linkage does not have or that is named twice, dry friction, or rows whose multipliers are
-            not unique.
+        ValueError: the linkage does not have a parameter, a parameter is named twice, or the linkage has dry friction or redundant
+            rows, whose multipliers are not unique.
     """
     import casadi as ca
 
@@ -83,10 +84,10 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
 
 def unfit(mechanism: Mechanism) -> str | None:
-    """The reason why the equations have no closed solution, or None.
+    """Return why the equations have no closed solution, or None if they have one.
 
     Raises:
-        TypeError: a force of a kind that does not say what it comes to.
+        TypeError: a force is of a kind that cannot be lowered to loads.
     """
     if reason := unsteady(mechanism, "CasADi"):
         return reason
@@ -99,10 +100,10 @@ def unfit(mechanism: Mechanism) -> str | None:
 
 
 def put(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]:
-    """The mechanism with a symbol in the place of one number, and the number.
+    """Replace one number of a mechanism by a symbol; return the new mechanism and the number.
 
     Raises:
-        ValueError: it has no such number.
+        ValueError: the mechanism has no such number.
     """
     fields = {
         "gravity": ("x", "y"),

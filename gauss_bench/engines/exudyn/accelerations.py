@@ -1,11 +1,11 @@
 """Accelerations of an Exudyn system at a given state, and the comparison of that system with its linkage.
 
-What is Exudyn's and what is not:
+There are two ways to compute them:
 
-    BuiltIn    all Exudyn, its initial accelerations. They differentiate C_q v by one-sided differences; that, not the formulation,
-               limits them to about 1e-7. They leave out the second rate of motion laws.
-    Readout    M, f and C_q are Exudyn's; the rate of C_q, by fourth-order differences of Exudyn's C_q along v, the second rate of
-               motion laws, and the solution of [M C_q^T; C_q 0] are done here.
+    BuiltIn    Exudyn computes everything: these are its initial accelerations. It differentiates C_q v by one-sided differences,
+               which, not the formulation, limits the accuracy to about 1e-7. They leave out the second rate of motion laws.
+    Readout    Exudyn computes M, f and C_q. This module computes the rate of C_q, by fourth-order differences of that C_q along v,
+               adds the second rate of motion laws, and solves [M C_q^T; C_q 0].
 """
 
 from typing import Any
@@ -18,14 +18,14 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import RunFailure, Status
 
-DIFFERENCE = 1e-3  # turn or shift per half-step of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
-AGREEMENT = 1e-9  # of the largest term, at least of 1: far above the rounding of stiff springs, far below any error of the model
-REDUNDANT = 1e-12  # of the largest singular value of the KKT matrix: rounding leaves 1e-17, usable linkages 1e-7 or more
+DIFFERENCE = 1e-3  # [rad, m] between points of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
+AGREEMENT = 1e-9  # relative to the largest term, or to 1: far above the rounding of stiff springs, far below an error of the model
+REDUNDANT = 1e-12  # relative to the largest singular value of the KKT matrix: rounding leaves 1e-17, usable linkages 1e-7 or more
 CLOSED = 1e-12  # [m, rad] residual of a state at which slides are closed, so that forces along them are exact
 
 
 class BuiltIn:
-    """The accelerations with which Exudyn would start from a state."""
+    """A call (q, v) -> the initial accelerations (n,) that Exudyn computes when a run starts from that state."""
 
     def __init__(self, system: System, settings: Any):
         self.system, self.settings, self.initial = system, settings, system.exu.ConfigurationType.Initial
@@ -44,7 +44,7 @@ class BuiltIn:
 
 
 class Readout:
-    """M, f, C_q and C of Exudyn at a state, with the bias -(C_q)' v by differences."""
+    """A call (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state, and the bias -(C_q)' v by differences."""
 
     def __init__(self, system: System):
         self.system, self.current = system, system.exu.ConfigurationType.Current
@@ -56,14 +56,14 @@ class Readout:
         self.laws = [driver.law for driver in system.mechanism.drivers]  # of the last rows
 
     def jacobian(self, q: Array) -> Array:
-        """C_q (m, n)."""
+        """Return Exudyn's constraint Jacobian C_q (m, n) at q (n,)."""
         self.system.mbs.systemData.SetODE2Coordinates(q - self.system.mechanism.q0, self.current)
-        self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # what follows is added to what is there
+        self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # Exudyn adds to the matrix that is there
         self.solver.ComputeJacobianAE(self.system.mbs, 1.0, 0.0, 1.0, False)
         return np.array(self.solver.GetSystemJacobian())[self.n :, : self.n]
 
     def bias(self, q: Array, v: Array) -> Array:
-        """-(C_q)' v (m,): the derivative of C_q along v by fourth-order central differences."""
+        """Return -(C_q)' v (m,), with the derivative of C_q along v by fourth-order central differences."""
         speed = float(np.abs(v).max(initial=0.0))
         if speed == 0 or self.m == 0:
             return np.zeros(self.m)
@@ -89,9 +89,9 @@ class Readout:
 
 
 def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
-    """Solve [M J^T; J 0] [a; lambda] = [Q; gamma] for the accelerations (n,), apart from the formulations of the suite.
+    """Solve [M J^T; J 0] [a; lambda] = [Q; gamma] for the accelerations (n,), without any formulation of the suite.
 
-    Where rows are redundant the multipliers are not unique, and the shortest solution is taken; a is the same for all.
+    If rows are redundant the multipliers are not unique and the shortest solution is taken; a is the same for all solutions.
     """
     n, m = len(terms.M), len(terms.J)
     K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])
@@ -101,7 +101,7 @@ def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
 
 
 def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
-    """Compare the generated model with the linkage; constraint rows up to their sign.
+    """Compare the generated model with the linkage; a constraint row may have the opposite sign.
 
     Raises:
         RunFailure: degrees of freedom, redundant rows or terms differ.
@@ -133,7 +133,7 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
 
 
 def states_near_the_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
-    """The start and up to two consistent states near it, with speeds of order one."""
+    """Return the start and up to two states near it that satisfy the constraints, with speeds of order one."""
     mechanism = evaluator.mechanism
     states: list[tuple[Array, Array]] = [(mechanism.q0, mechanism.v0)]
     spread = 0.01 * np.tile([mechanism.size, mechanism.size, 1.0], len(mechanism.links))

@@ -4,14 +4,14 @@ Exudyn's state is the displacement u from reference coordinates. With the assemb
 
     q = q0 + u,    v = u',    a = u''
 
-Every model is compared with the terms of the linkage before it is handed out. A run is one call of SolveDynamic where the samples
-lie on one grid of steps. Elsewhere it is one call per sample, which carries u, v, a over but restarts the algorithmic accelerations
-of generalized-alpha, within its order. Adaptive steps are off everywhere: they halve the step without a word, and a benchmark
-compares at equal steps.
+Every model is compared with the terms of the linkage before it is used. If the samples lie on one grid of steps, a run is one call
+of SolveDynamic. Otherwise it is one call per sample, which carries u, v, a over but restarts the algorithmic accelerations of
+generalized-alpha; the error of that is within the method's order. Adaptive steps are off everywhere: they halve the step size
+without notice, and a benchmark compares at equal steps.
 
-Exudyn's initial accelerations ignore the second rate of a motion law, and what they lack stays in the accelerations of the
-trapezoidal rule for the whole run. Driven linkages therefore start from accelerations of the KKT system, whatever the settings, and
-where the law's rate varies the acceleration at a given state is that system's too.
+Exudyn's initial accelerations ignore the second rate of a motion law, and the trapezoidal rule carries that error through the whole
+run. Driven linkages therefore start from accelerations of the KKT system, whatever the settings; so does an acceleration at a given
+state if the law's second rate is not zero there.
 """
 
 import contextlib
@@ -35,13 +35,16 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
-KKT = "KKT system"  # of the knob `acceleration`
+KKT = "KKT system"  # value of the knob `acceleration`
 SOLVERS = {"generalized_alpha": "GeneralizedAlpha", "trapezoidal_index2": "TrapezoidalIndex2"}
-FAR = 0.1  # of the linkage's size (or rad): no truncation error is that large while the motion still means anything
+FAR = 0.1  # gap of a joint, relative to the linkage's size (or in rad), beyond which a run counts as diverged
 
 
 def library() -> tuple[Any, Any]:
-    """Exudyn and its items, silent on the console; the module without range checks, where nothing has imported another before."""
+    """Import Exudyn and its items, silent on the console.
+
+    Exudyn has a fast module without range checks; the flag that selects it must be set before the first import.
+    """
     if not hasattr(sys, "exudynFast"):
         setattr(sys, "exudynFast", VARIANTS.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
     with contextlib.redirect_stdout(None):
@@ -85,7 +88,7 @@ class Exudyn:
 
 
 def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
-    """The settings of the module `exu` for a choice; times and numbers of steps are filled in by the run."""
+    """Return Exudyn's simulation settings for a choice; a run fills in times and numbers of steps."""
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
@@ -106,14 +109,14 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     return settings
 
 
-def linear_solver(said: str, unknowns: int) -> str:
-    """The first of "NAME to MOST, NAME to MOST, NAME" that takes so many unknowns."""
-    pairs = (part.partition(" to ") for part in said.split(", "))
+def linear_solver(rule: str, unknowns: int) -> str:
+    """Return the first solver of a rule "NAME to MOST, NAME to MOST, NAME" that takes that many unknowns."""
+    pairs = (part.partition(" to ") for part in rule.split(", "))
     return next(name for name, _, most in pairs if not most or unknowns <= int(most))
 
 
 class Log:
-    """The log of Exudyn's output: its warnings bypass Python's, so it goes to a file that is searched afterwards."""
+    """A log file for Exudyn's output: its warnings do not reach Python's, so the file is searched after a run."""
 
     def __init__(self, exu: Any) -> None:
         self.exu = exu
@@ -127,7 +130,7 @@ class Log:
         os.unlink(name)  # both hold it open; a process that is killed leaves no file behind
 
     def close(self) -> str | None:
-        """End the file and return its first warning."""
+        """Close the file and return its first warning, if there is one."""
         if self.file is None:
             return None
         self.exu.SetWriteToFile("", False)
@@ -156,6 +159,7 @@ class ExudynModel:
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         try:
             self.system.last = np.inf
+            # Exudyn's own initial accelerations know neither the second rate of a law nor the time of a force.
             uneven = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = uneven or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
             a = self._kkt(t, q, v) if kkt else self.built_in(q, v)
@@ -167,11 +171,12 @@ class ExudynModel:
         return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """There is only Exudyn's own loop, whatever `native` says."""
+        """Reset to the start and plan the calls of SolveDynamic; steps are always taken by Exudyn, whatever `native` says."""
         self.times = times
         counts = step_counts(times, self.choice.step)
         self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
         sizes = np.array([size for _, size in counts])
+        # One call of the solver if all steps have the same size and no force jumps; else one call per sample.
         if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
             self.solver_runs = [Stretch(float(times[0]), int(self.last_steps[-1]), float(sizes[0]), np.inf, len(times) - 1)]
         else:
@@ -183,7 +188,7 @@ class ExudynModel:
         self._record()
 
     def _reset(self) -> None:
-        """Back to the start, with the accelerations Exudyn begins with as the first sample; those of a driven linkage are given."""
+        """Go back to the start; the first sample holds Exudyn's initial accelerations, or for a driven linkage those of the KKT."""
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
         given = bool(self.mechanism.drivers or self.mechanism.varying)
@@ -201,7 +206,7 @@ class ExudynModel:
             self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _record(self) -> None:
-        """Have samples inside a run of the solver kept after their steps; without any, nothing is called from the loop."""
+        """Have Exudyn call back after each step to keep the samples inside one run; without such samples, it calls nothing."""
         if len(self.solver_runs) != 1 or len(self.times) == 2:
             self.system.mbs.SetPostStepUserFunction(0)
             return
@@ -247,7 +252,7 @@ class ExudynModel:
                 return
             if part.row is not None:
                 self._keep(part.row)
-            alpha.computeInitialAccelerations = False  # a further run goes on with the accelerations it is given
+            alpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
             if part.last != np.inf:
                 self._restart(part)
 
@@ -255,7 +260,7 @@ class ExudynModel:
         return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
 
     def _restart(self, part: Stretch) -> None:
-        """Let what follows a kink begin with its own accelerations."""
+        """After a kink, where forces jump, replace the accelerations by those that hold from there on."""
         data = self.system.mbs.systemData
         q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
         try:
@@ -284,10 +289,10 @@ class ExudynModel:
         return trajectory
 
     def _check_closed(self, trajectory: Trajectory) -> None:
-        """SolveDynamic returning True does not mean solved.
+        """Check that joints are closed: SolveDynamic also returns True for runs that have diverged.
 
         Raises:
-            RunFailure: a joint is far open.
+            RunFailure: a joint is open by more than FAR.
         """
         held = [x.unit for joint in self.mechanism.joints for x, _ in joint.held]
         scale = np.array([self.mechanism.size if unit == "m" else 1.0 for unit in held] + [1.0] * len(self.mechanism.drivers))
@@ -299,5 +304,5 @@ class ExudynModel:
 
 
 def sentence(error: Exception) -> str:
-    """The reason of an exception in one line, without the place in the file that Exudyn appends."""
+    """Return the message of an exception in one line, without the place in the source that Exudyn appends."""
     return " ".join(str(error).partition("[Python file")[0].split())

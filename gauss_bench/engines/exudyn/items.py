@@ -1,4 +1,4 @@
-"""A linkage as Exudyn items, and which of its forces have no exact counterpart among them.
+"""A linkage as Exudyn items, and the reasons why a force has no exact counterpart among them.
 
 Links are ObjectRigidBody2D with the centre of mass as reference point, so M is diagonal and constant. Pins and slides are
 ObjectJointRevolute2D and ObjectJointPrismatic2D. Exudyn takes the normal of a slide from its second marker, so the block comes
@@ -7,14 +7,15 @@ first and the guide second, and both rows are those of the linkage with the oppo
     (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        u_b: direction of the line in the block's frame
 
 Forces along an axis need care on moving links. Exudyn applies the opposite force at the origin's marker, which leaves out a torque
-unless origin and point lie on one line along the axis. Where a slide between the two links keeps their distance from that line,
-the marker is moved there and the law is exact; anywhere else the mechanism is skipped.
+unless origin and point lie on one line along the axis. If a slide between the two links keeps the point at a fixed distance from
+the axis, the marker is moved by that distance and the law is exact; otherwise the mechanism is skipped.
 
 A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0; a prescribed
 slide or length is a CoordinateVectorConstraint, whose equation x(q) - law(t) = 0 and Jacobian are user functions.
 
-What varies with time is a user function too: of a force a load's, of a torque a connector's between two angles, which is given
-their relative speed besides, so that it may have a share against its direction. Exudyn differentiates it by differences.
+A force that varies with time is a load with a user function. A torque that varies is a connector between two angles with a user
+function, which also gets their relative speed, so that a part of the torque may depend on the direction of motion. Exudyn
+differentiates these functions by differences.
 """
 
 from typing import Any, assert_never
@@ -54,7 +55,7 @@ COINCIDENT = 1e-12  # [m]
 
 
 def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
-    """The reason why a force has no exact counterpart among Exudyn's items, or None."""
+    """Return why a force has no exact counterpart among Exudyn's items, or None if it has one."""
     if factor := factor_of(force):
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point, whose speed Exudyn's loads are not given"
@@ -82,7 +83,13 @@ def slides_along(mechanism: Mechanism, origin: int, other: int, theta: float) ->
 
 
 class System:
-    """A mechanism as Exudyn items, from the modules `exu` and `items`. `container` owns the system and must live as long."""
+    """A mechanism as Exudyn items, built with the modules `exu` and `items`.
+
+    Attributes:
+        container: owner of the system, which must live as long as the system does.
+        mbs: Exudyn's system.
+        last: time [s] after which user functions keep their value: a force that jumps at the end of a run must not jump in it.
+    """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
         self.exu, self.items, self.mechanism = exu, items, mechanism
@@ -98,7 +105,7 @@ class System:
             self._driver(driver)
         for load in loads(f for f in mechanism.forces if not factor_of(f)):
             self._load(load)
-        self.last = np.inf  # [s] until which what varies goes on as it is: what jumps at the end of a run jumps after it
+        self.last = np.inf
         for force in mechanism.varying:
             self._varying(force)
         self.mbs.Assemble()
@@ -112,16 +119,16 @@ class System:
         add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=spatial(self.mechanism.gravity)))
 
     def _point(self, point: Point) -> Any:
-        """A marker with a position."""
+        """Add a marker with a position at a point."""
         marker = self.items.MarkerBodyPosition(bodyNumber=self.bodies[point.link], localPosition=spatial(point.local))
         return self.mbs.AddMarker(marker)
 
     def _frame(self, link: int, local: Array) -> Any:
-        """A marker with a position and an orientation."""
+        """Add a marker with a position and an orientation at the place `local` (2,) of a link."""
         return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
 
     def _angle(self, link: int) -> Any:
-        """A marker of a link's angle from its reference; the ground has a coordinate that is always zero."""
+        """Add a marker of a link's angle against its reference; for the ground, of a coordinate that is always zero."""
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
 
@@ -153,7 +160,7 @@ class System:
         self.mbs.AddObject(drive)
 
     def _driven(self, driver: SlideDriver | LengthDriver) -> None:
-        """x(q) = law(t) of a slide or a length."""
+        """Add the constraint x(q) = law(t) of a driven slide or length."""
         pair = span(driver)
         nodes = [self.mbs.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[point.link])) for point in pair]
         equation, jacobian = self._equation(driver)
@@ -166,7 +173,7 @@ class System:
         self.mbs.AddObject(drive)
 
     def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
-        """User functions of x(q) = law(t); Exudyn hands over the coordinates of both links one after the other."""
+        """Return user functions for x(q) = law(t) and its Jacobian; Exudyn passes the coordinates of both links in one list."""
         pair, coordinate, law = span(driver), driver.coordinate, driver.law
         columns = [3 * point.link + axis for point in pair if point.link != GROUND for axis in range(3)]
 
@@ -186,7 +193,7 @@ class System:
         return equation, jacobian
 
     def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
-        """A user function of time: a law's value (rate 0) or rate (1), from `start`."""
+        """Return a user function of time: a law's value (rate 0) or first derivative (rate 1), minus `start`."""
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
     def _load(self, load: Load) -> None:
@@ -199,6 +206,7 @@ class System:
                 assert_never(load)
 
     def _varying(self, force: Force) -> None:
+        """Add a force or torque that varies, with a user function."""
         factor = factor_of(force)
         assert factor is not None
         match force:
@@ -239,11 +247,11 @@ class System:
                 assert_never(law.coordinate)
 
     def _torque(self, link: int, value: float) -> None:
-        if link != GROUND and value:  # a load on the angle is what a torque vector comes to in the plane, and cheaper
+        if link != GROUND and value:  # in the plane a torque is a load on the angle, which Exudyn evaluates faster than a vector
             self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._angle(link), load=value))
 
     def _point_force(self, f: PointForce) -> None:
-        """A force fixed in another link is the constant force of a connector whose opposite on that link is loaded away."""
+        """Add a constant force. One that is fixed in another link is a connector whose reaction there a second load cancels."""
         size, items = float(np.linalg.norm(f.value)), self.items
         if f.point.link == GROUND or size == 0:
             return
@@ -262,7 +270,7 @@ class System:
 
     def _spring(self, a: Point, b: Point, law: Law) -> None:
         markers = [self._point(a), self._point(b)]
-        if law.rest == law.c == law.bias == 0:  # k times the gap, without the direction that is lost where the points meet
+        if law.rest == law.c == law.bias == 0:  # force k times the gap: no direction, which is undefined where points meet
             spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[law.k, law.k, 0.0])
         else:
             spring = self.items.ObjectConnectorSpringDamper(
@@ -278,7 +286,7 @@ class System:
         self.mbs.AddObject(spring)
 
     def _axis(self, along: Along, law: Law) -> None:
-        """Along an axis of the world a Cartesian spring serves, the cheapest; else one along an axis of the origin's marker."""
+        """Add a law along an axis: a Cartesian spring on x or y of the world, which is cheapest, else a linear spring."""
         origin, point, u, items = along.origin, along.point, unit(along.angle, along.across), self.items
         if origin.link == GROUND and np.abs(u).min() < PARALLEL and law.bias == 0:
             axis = np.abs(u).round()
@@ -301,11 +309,11 @@ class System:
         self.mbs.AddObject(spring)
 
     def _beside(self, along: Along) -> float:
-        """Distance of the point left of the axis [m], at the start and, where a slide keeps it there, always."""
+        """Return the distance of the point to the left of the axis [m] at the start; a slide keeps it constant where it matters."""
         left = along.angle + (np.pi if along.across else np.pi / 2)
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))
 
 
 def span(driver: SlideDriver | LengthDriver) -> tuple[Point, Point]:
-    """The points that a driver moves apart."""
+    """Return the two points whose distance along a slide, or whose length, a driver prescribes."""
     return driver.joint.ends if isinstance(driver, SlideDriver) else (driver.a, driver.b)

@@ -1,6 +1,6 @@
-"""Exudyn's nearest to one right-hand side: one step of generalized-alpha with its sparse solver.
+"""Exudyn's closest counterpart to one evaluation of the right-hand side: a step of generalized-alpha with its sparse solver.
 
-A step takes at least one solution of its equations. The accelerations are its own initial ones, which are differences.
+A step solves the equations at least once. The accelerations are Exudyn's initial ones, which are computed by differences.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 STEP = 1e-3  # [s]
-STEPS = 20  # in one call
+STEPS = 20  # steps in one call
 
 
 def sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:

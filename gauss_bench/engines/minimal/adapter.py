@@ -1,7 +1,8 @@
 """A linkage of one degree of freedom in one coordinate, which is changed before its dead centres.
 
-The equation is generated for the cheapest coordinate whose dyads stay open. Where there is none, one is stepped until one of its
-dyads opens by less than `least`; there the coordinate whose dyads are open widest takes over, on the branch that the linkage is on.
+The equation is generated for the cheapest coordinate whose dyads stay open over the whole motion. If there is none, a coordinate is
+stepped until one of its dyads opens by less than `least`; then the coordinate whose dyads are open widest takes over, on the branch
+that the linkage is on.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,14 +32,15 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
 ADAPTIVE = "dop853"
-STATES = 64  # of the motion, at which the openings of the dyads are looked at
-STEADY = 0.15  # opening of dyads, everywhere, of a coordinate that needs no change: about 9 degrees from a dead centre
-CHANGE = 0.35  # opening at which it is changed otherwise: nearer, the coordinate's motion needs smaller steps than the linkage's
-NARROW = 0.02  # opening below which none is used: a run ends where no coordinate has as much
+# The opening of a dyad is the sine or cosine of an angle, which is zero at a dead centre.
+STATES = 64  # states of the motion at which the openings of the dyads are evaluated
+STEADY = 0.15  # a coordinate whose dyads never open by less needs no change: about 9 degrees from a dead centre
+CHANGE = 0.35  # other coordinates are changed at this opening: nearer, their motion needs smaller steps than the linkage's
+NARROW = 0.02  # no coordinate is used below this opening: the run ends if none is open wider
 AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states leave 1e-10, a wrong term about 1
-CHECKED = 4  # states
+CHECKED = 4  # states at which a generated equation is compared with the linkage
 
-Key = tuple[int, tuple[float, ...]]  # a way, by number, and the signs of its dyads
+Key = tuple[int, tuple[float, ...]]  # one equation: the index of its way, and the signs of its dyads (the branch)
 
 
 class Minimal:
@@ -81,11 +83,13 @@ class Minimal:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """States of one equation.
+    """The part of a run that was stepped in one equation.
 
     Attributes:
-        rows: of the samples that the states are, one after the other from here on.
-        start: (2n,) where it begins, which is the end of the stretch before; states: (k, 2n); end: (2n,) where it ends.
+        rows: index of the sample that the first state is; the others follow.
+        start: (2n,) first state, at which the stretch before ended.
+        states: (k, 2n) the samples.
+        end: (2n,) last state.
     """
 
     equation: Equation
@@ -97,7 +101,13 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The linkage at states of one equation: places (k, links, 2) [m], angles but for whole turns (k, links), v, a (k, n)."""
+    """The linkage at k states of one equation.
+
+    Attributes:
+        places: (k, links, 2) centres of mass [m].
+        lines: (k, links) angles [rad], up to whole turns.
+        v, a: (k, n) velocities and accelerations in absolute coordinates.
+    """
 
     places: Array
     lines: Array
@@ -105,21 +115,22 @@ class Motion:
     a: Array
 
     @staticmethod
-    def of(rate: Array, told: Sequence[Array]) -> "Motion":
-        """From results of `Equation.told`, (k, ...), at rates (k,) of the coordinate."""
-        place, slope, bend, second = told
+    def of(rate: Array, results: Sequence[Array]) -> "Motion":
+        """Build it from the results (k, ...) of `Equation.told` at rates (k,) of the coordinate."""
+        place, slope, bend, second = results
         x, y, c, s = np.moveaxis(place.reshape(len(place), -1, 4), -1, 0)
         w = rate[:, None]
+        # v = p' q',  a = p' q'' + p'' q'^2
         return Motion(np.stack([x, y], axis=-1), np.arctan2(s, c), slope * w, slope * second + bend * (w * w))
 
     @staticmethod
     def at(equation: Equation, y: Array) -> "Motion":
-        """At states (k, 2n)."""
+        """Evaluate an equation at its states y (k, 2n)."""
         n, none = equation.program.n, np.zeros((len(y), 1))
         return Motion.of(y[:, n], equation.told(none, y[:, :n], y[:, n:], none[:, :0]))
 
     def near(self, known: Array) -> Array:
-        """q (k, n), with angles nearest to those known (k, links)."""
+        """Return q (k, n), with whole turns added to the angles so that they are nearest to `known` (k, links)."""
         q = np.empty_like(self.v)
         places(q)[:], angles(q)[:] = self.places, wind(self.lines, known)
         return q
@@ -133,7 +144,7 @@ class MinimalModel:
         self.walk, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         at, count = Links.of(self.walk.q, self.walk.v), len(self.walk.q)
         openings = [np.array(way.openings(at)).reshape(-1, count).T for way in self.ways]  # (states, dyads)
-        # openings of pins are sines and cosines; of a block its way, which is measured by the largest
+        # Openings of RRR and RRP are sines and cosines. That of RPR is a length, which is scaled by its largest value.
         self.scales = [
             np.array([np.abs(x).max() if dyad.kind == "RPR" else 1.0 for dyad, x in zip(way.dyads, opening.T, strict=True)])
             for way, opening in zip(self.ways, openings, strict=True)
@@ -149,22 +160,23 @@ class MinimalModel:
         self._verify()
 
     def _first(self) -> Key:
-        """The cheapest coordinate that never needs a change, else the one that is farthest from its dead centres at the start."""
+        """Return the cheapest coordinate that never needs a change, else the one whose dyads are open widest at the start."""
         start = int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())
         ways = self.steady or [int(self.open[:, start].argmax())]
         keys = [(k, tuple(self.signs[k][start].tolist())) for k in ways]
         return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
 
     def _on_branch(self, key: Key) -> NDArray[np.intp]:
-        """Rows of the walk at which an equation serves."""
+        """Return the indices of the sampled states on the equation's branch at which its dyads are open wide enough."""
         k, signs = key
         return np.flatnonzero((self.signs[k] == signs).all(axis=1) & (self.open[k] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
-        """The equation of a way and branch, at states of the walk that lie on it, and at q (n,) if that is given."""
+        """Return the equation of a way and branch, written once, from sampled states on that branch and from q (n,) if given."""
         if key not in self.equations:
             k, signs = key
             on = self._on_branch(key)
+            # The half of the states that is farthest from dead centres, in the order of the walk.
             best = sorted(on[np.argsort(-self.open[k][on], kind="stable")][: max(3, len(on) // 2)])
             states = self.walk.q[best] if q is None else np.vstack([self.walk.q[best], q])
             self.equations[key] = write_equation(self.mechanism, self.ways[k], signs, states, self.least * self.scales[k])
@@ -172,37 +184,35 @@ class MinimalModel:
 
     @cached_property
     def _quick(self) -> Callable[[Array], list[Array]]:
-        """What the first equation tells, by machine code."""
+        """The first equation's `told` as machine code: state (2n,) -> its results."""
         return compile_machine(self._equation(self.first).told)
 
     def _choices(self, at: Links) -> dict[Key, float]:
-        """Every coordinate, on the branch of a state, and how open its dyads are there."""
+        """Return every coordinate, on the branch that the links are on, with the smallest opening of its dyads there."""
         openings = [np.array(way.openings(at)) for way in self.ways]
         keys = [(k, tuple(np.sign(x).tolist())) for k, x in enumerate(openings)]
         return {key: float(_least(x, scale)) for key, x, scale in zip(keys, openings, self.scales, strict=True)}
 
     def _verify(self) -> None:
-        """Compare with the linkage: nothing that was derived is believed.
+        """Compare the first equation's motion with the linkage and Gauss's principle at a few states.
 
         Raises:
-            RunFailure: they differ.
+            RunFailure: places, speeds or accelerations differ.
         """
         evaluator, on = Evaluator(self.mechanism), self._on_branch(self.first)
         for row in on[:: max(1, len(on) // CHECKED)]:
             q, v = self.walk.q[row], self.walk.v[row]
-            derived, expected = self._derived(self.first, q, v), gauss(evaluator.terms(0.0, q, v)).a
-            pairs = {
-                name: (own, other, size(other))
-                for name, own, other in zip(("places", "speeds", "accelerations"), derived, (q, v, expected), strict=True)
-            }
-            require_agreement(pairs, AGREEMENT)
+            derived = self._derived(self.first, q, v)
+            expected = gauss(evaluator.terms(0.0, q, v)).a
+            quantities = zip(("places", "speeds", "accelerations"), derived, (q, v, expected), strict=True)
+            require_agreement({name: (own, other, size(other)) for name, own, other in quantities}, AGREEMENT)
 
     def _state(self, equation: Equation, q: Array, v: Array) -> Array:
-        """The equation's state (2n,) at a state of the linkage."""
+        """Translate a state of the linkage to the equation's state (2n,)."""
         return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
     def _derived(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """q, v, a (n,) that an equation makes of a state of the linkage."""
+        """Return q, v, a (n,) as an equation computes them from its own coordinate at a state of the linkage."""
         equation = self._equation(key, q)
         y = self._state(equation, q, v)
         if key == self.first:
@@ -213,12 +223,16 @@ class MinimalModel:
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         choices = self._choices(Links.of(q, v))
+        # The first coordinate if it is regular here, for its equation is compiled already; else the one that is open widest.
         best = max(choices, key=lambda key: choices[key])
         key = next((key for key, least in choices.items() if key[0] == self.first[0] and least > self.least), best)
         return finite_acceleration(t, self._derived(key, q, v)[2], "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """There is only the compiled loop, whatever `native` says; a rehearsal compiles what changes of coordinate need."""
+        """Reset to the start; a motion that changes its coordinate is rehearsed once, so that no timed run compiles.
+
+        Steps are always taken by the compiled loop, whatever `native` says.
+        """
         self.times = times
         self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
         self.runs = equal_runs(times, self.choice.step)
@@ -232,7 +246,7 @@ class MinimalModel:
             self._reset()
 
     def _reset(self) -> None:
-        """To the start."""
+        """Go back to the start and forget the last run."""
         self.y, self.now, self.tried = self.start, self.first, set[Key]()
         self.steps, self.evaluations, self.changes, self.lost = 0, 0, 0, ""
         self.stretches: list[Stretch] = []
@@ -251,14 +265,16 @@ class MinimalModel:
                 self._equal(row, h, every, samples)
 
     def _equal(self, row: int, h: float, every: int, samples: int) -> None:
-        """Equal steps from the sample `row` to `samples` further ones."""
+        """Take equal steps of h [s] from the sample `row` to `samples` further ones, `every` steps apart."""
         done, t, total = 0, float(self.times[row]), every * samples
         while done < total and not self.lost:
             due = every - done % every  # steps to the next sample
+            # After a change of coordinate between two samples, one call goes to the next sample only.
             count, each = (total - done, every) if due == every else (due, due)
             machine, start = self.machines[self.now], self.y
             states, moved, y = machine.steps(start, t + done * h, h, count, each)
-            y = y.copy()
+            y = y.copy()  # the machine's memory is used again by the next call
+            # A machine that stops early does not count the state where it stopped, even if a sample is due there.
             states = np.vstack([states, y]) if moved < count and moved and moved % each == 0 else states.copy()
             self.stretches.append(Stretch(machine.equation, row + 1 + done // every, start, states, y))
             done, self.y, self.steps = done + moved, y, self.steps + moved
@@ -283,7 +299,10 @@ class MinimalModel:
                 self._change(t, course.taken)
 
     def _change(self, t: float, moved: int) -> None:
-        """Go on in the coordinate whose dyads are open widest, of those that have not failed here."""
+        """Continue at time t [s] in the coordinate whose dyads are open widest, except those that have failed at this state.
+
+        `moved` counts the steps since the last change: without any, the present coordinate has failed here.
+        """
         machine = self.machines[self.now]
         self.tried = {self.now} if moved else self.tried | {self.now}
         if not np.isfinite(self.y).all():
@@ -300,7 +319,7 @@ class MinimalModel:
         self.y, self.now, self.changes = new.state(here, known), best, self.changes + 1
 
     def _links(self, machine: Machine) -> Links:
-        """The links where steps stopped, by machine code."""
+        """Return the links at the state where steps stopped, evaluated by machine code."""
         place, slope, *_ = machine.told(self.y)
         (x, y, c, s), (u, w, spin) = place.reshape(-1, 4).T, slope.reshape(-1, 3).T * self.y[machine.n]
         numbers = (x + 1j * y, c + 1j * s, u + 1j * w, spin)
@@ -312,7 +331,7 @@ class MinimalModel:
         return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
 
     def _follow(self, stretch: Stretch, at: Array, turned: Array) -> Array:
-        """Roughly the angles (k, links) at values (k,) of the coordinate."""
+        """Return approximate, unwrapped angles (k, links) at values (k,) of the coordinate, given those at its start."""
         equation = stretch.equation
 
         def lines(x: Array) -> Array:
@@ -324,10 +343,10 @@ class MinimalModel:
         return follow(lines, float(stretch.start[0]), at, turned, length)
 
     def read(self) -> Trajectory:
-        """The samples.
+        """Return the samples.
 
         Raises:
-            RunFailure: no coordinate served; with the samples before.
+            RunFailure: no coordinate was regular at some time; it carries the samples before.
         """
         q, v, a = np.full((3, len(self.times), self.mechanism.n), np.nan)
         q[0], v[0], a[0] = self._derived(self.first, self.mechanism.q0, self.mechanism.v0)
@@ -346,5 +365,5 @@ class MinimalModel:
 
 
 def _least(openings: Array, scale: Array) -> Array:
-    """The smallest opening (...) of dyads (..., dyads), each by its scale; 1 without dyads."""
+    """Return the smallest opening (...) of dyads (..., dyads), each divided by its scale; 1 if there are no dyads."""
     return np.asarray((np.abs(openings) / scale).min(axis=-1, initial=1.0))

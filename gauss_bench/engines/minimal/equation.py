@@ -1,7 +1,7 @@
 """The equation of motion of a linkage in one coordinate q, written out as expressions.
 
-Everything that moves is known by its place and its first two derivatives by q, a prime each: of a link its direction
-e = exp(i theta), omega = theta' and alpha = theta'', of its point at the arm r
+Each link and point is described by its place and the place's first two derivatives by q, written with primes. A link has the
+direction e = exp(i theta), omega = theta' and alpha = theta''; its point at the arm r from a point p0 has
 
     p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
 
@@ -10,15 +10,15 @@ so that velocities are v = p' q', accelerations p' q'' + p'' q'^2. With the kine
     m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
 
 where Q is the power of the loads at q' = 1. A link between two pins A, B with its centre at A + kappa (B - A), kappa = k + i j, is
-carried as masses at its pins and an inertia, for neighbours share the pins and a pin next to the ground needs no more than omega:
+replaced by masses at its pins and an inertia: neighbours share the pins, and a pin next to the ground needs no more than omega.
 
     M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s,    s = B - A
 
-A dyad's place comes from elementary geometry, with one root; its derivatives from two linear equations whose determinant is that
-root again, so that the root is also how far the dyad is from its dead centre.
+A dyad's place follows from elementary geometry, with one square root. Its derivatives follow from two linear equations whose
+determinant is that root again, so the root also measures how far the dyad is from its dead centre.
 
-Angles that a force needs are those of the coordinate or of what slides tie to it; any other angle is integrated beside q from its
-rate omega q', for it is known to whole turns only.
+A force may need the angle of a link. The geometry gives angles only up to whole turns, so such an angle is integrated beside q from
+its rate omega q', unless it is the coordinate itself or slides tie it to the coordinate.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,21 +36,22 @@ from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, Po
 from gauss_bench.mechanism.spaces import Vec, angle_at
 from gauss_bench.terms import Array
 
-NEAR = 0.02  # [rad, m] by a part of which the expressions' random points lie off the samples
-AXIS = 1e-14  # of a vector's length: less is rounding of a right angle
+NEAR = 0.02  # [rad, m] largest distance of the expressions' random test points from the samples
+AXIS = 1e-14  # relative to a vector's length: a smaller component is the rounding error of a right angle
 NOTHING = Function((), (), ())
 
 
 @dataclass(frozen=True, eq=False)
 class Equation:
-    """The equation of one way on one branch.
+    """The equation of motion for one coordinate (`way`) on one branch.
 
     Attributes:
-        way, signs: the coordinate, and which of its two solutions each dyad has.
+        way: the coordinate and the order in which dyads close.
+        signs: for each dyad, which of its two solutions is taken.
         followed: links whose angles are integrated beside the coordinate.
-        program: its acceleration as the compiler steps it; q is the coordinate and the angles of `followed`.
-        angles: links whose angles forces need -> which of the program's q they follow, and by how much they are turned [rad].
-        told: (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
+        program: the acceleration as the compiler steps it; its q are the coordinate and the angles of `followed`.
+        angles: link whose angle a force needs -> index of the program's q from which it differs by a constant, and that [rad].
+        told: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
     """
 
     way: Way
@@ -61,7 +62,7 @@ class Equation:
     told: Function
 
     def state(self, at: Links, angles: Mapping[int, float]) -> Array:
-        """The program's q and v (2n,) at a state, given the angles that forces need."""
+        """Return the program's state (2n,), q then v, at a state of the links, given the angles that forces need."""
         value, rate = self.way.state(at)
         q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
         for link, (k, turn) in self.angles.items():
@@ -69,18 +70,21 @@ class Equation:
         return np.concatenate([q, v])
 
     def known(self, q: Array) -> dict[int, float]:
-        """The angles that forces need, at the program's q (n,)."""
+        """Return the angles [rad] that forces need, by link, at the program's q (n,)."""
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 
 def needed_angles(mechanism: Mechanism) -> list[int]:
-    """Links whose angles forces need, in the file's order."""
-    sprung = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and isinstance(x.coordinate, Angle) and x.k]
-    return sorted({link for x in sprung for link in (x.a, x.b)} - {GROUND})
+    """List the links whose angles torsion springs need, in the file's order."""
+    links: set[int] = set()
+    for load in loads(mechanism.forces):
+        if isinstance(load, Law) and load.k and isinstance(load.coordinate, Angle):
+            links |= {load.coordinate.a, load.coordinate.b}
+    return sorted(links - {GROUND})
 
 
 def _roots(way: Way) -> dict[int, tuple[int, float]]:
-    """For every link the one whose angle it follows, and by how much it is turned against that [rad]."""
+    """Return for every link the link to which slides fix its angle (itself if none do), and the constant difference [rad]."""
     roots = {GROUND: (GROUND, 0.0), way.link: (way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
         roots[way.link] = (GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
@@ -96,12 +100,13 @@ def _roots(way: Way) -> dict[int, tuple[int, float]]:
 
 
 def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
-    """The equation of a way.
+    """Write the equation of motion in the coordinate of a way.
 
     Args:
-        signs: of each dyad.
+        way: the coordinate and the order in which dyads close.
+        signs: which of its two solutions each dyad has.
         q: (k, n) positions on this branch, away from its dead centres, in absolute coordinates.
-        least: (dyads,) opening of each dyad below which the equation is not to be used.
+        least: (dyads,) opening of each dyad below which the equation must not be used.
     """
     needed, roots = needed_angles(mechanism), _roots(way)
     followed = tuple(sorted({roots[link][0] for link in needed} - {GROUND, way.link}))
@@ -138,7 +143,7 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A point: position, and its first and second derivative by the coordinate."""
+    """A point: its position p [m], and the first and second derivative of that by the coordinate (d, b)."""
 
     p: Vector
     d: Vector
@@ -149,21 +154,27 @@ class Place:
 
 
 class Body:
-    """A link in motion: its direction with derivatives, and one of its points, `at` in its own frame; `pin` is another one."""
+    """A moving link: its direction and angular derivatives, and the motion `place` of its point `at` (own frame).
+
+    `pin` is a second pin of the link in its own frame, if it has one: its inertia is then carried by masses at both.
+    """
 
     def __init__(self, e: Vector, omega: Node, alpha: Node, at: Array, place: Place, pin: Array | None = None):
         self.e, self.omega, self.alpha, self.at, self.place, self.pin = e, omega, alpha, at, place, pin
         self.square, self.change = omega * omega, omega * alpha
 
     def arm(self, to: Array) -> Vector:
+        """Return the vector from the known point to another point of the link, in world axes."""
         return self.e * _fix(self.omega.graph, *(to - self.at))
 
     def point(self, local: Array) -> Place:
+        """Return the motion of a point of the link: p' = p0' + i omega r,  p'' = p0'' + i alpha r - omega^2 r."""
         r, o = self.arm(local), self.place
         return Place(o.p + r, o.d + r.turned(self.omega), o.b + r.turned(self.alpha) - r * self.square)
 
 
 def _fix(graph: ExpressionGraph, x: float, y: float) -> Vector:
+    """Return a constant vector; a component that is only rounding becomes an exact zero, so that its terms vanish."""
     size = AXIS * max(abs(x), abs(y))
     return Vector(*(graph.constant(0.0 if abs(z) < size else float(z)) for z in (x, y)))
 
@@ -176,7 +187,7 @@ class _Motion:
     """All links of a linkage as functions of the coordinate.
 
     Attributes:
-        openings: root of each dyad, and what it is at an opening of 1.
+        openings: for each dyad its square root, and the root's value at an opening of 1.
     """
 
     def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], followed: tuple[int, ...], states: Array):
@@ -194,12 +205,13 @@ class _Motion:
             {"RRR": self._rrr, "RRP": self._rrp, "RPR": self._rpr}[dyad.kind](dyad, sign)
 
     def _input(self, way: Way) -> Body:
+        """Return the motion of the link that carries the coordinate: it turns by q, or it slides by q."""
         graph, joint, q = self.graph, way.joint, self.q[0]
         still = Vector(self.zero, self.zero)
         if not isinstance(joint, Prismatic):
             at = Place(_fix(graph, *way.fixed.local), still, still)
             return Body(Vector(graph.cos(q), graph.sin(q)), self.one, self.zero, way.moved.local, at)
-        guided = joint.guide.link == GROUND  # else the guide moves, against the way of the block in it
+        guided = joint.guide.link == GROUND  # else the guide moves, in the direction opposite to that of the block in it
         turn = joint.turn if guided else -joint.turn
         along = _unit(graph, joint.angle + (0.0 if guided else turn)) * (1.0 if guided else -1.0)
         place = _fix(graph, *way.fixed.local) + along * q + along.turned(joint.offset)
@@ -209,7 +221,11 @@ class _Motion:
         return self.bodies[point.link].point(point.local)
 
     def _rrr(self, dyad: Dyad, sign: float) -> None:
-        """With a = B - A, c = B - C: a' = i omega1 a, c' = i omega2 c, and (a - c)' is known; a x c is half the root."""
+        """Close two links on pins A and C: B lies on circles of radii r1 and r2 about them.
+
+        With a = B - A and c = B - C: a' = i omega1 a, c' = i omega2 c, and a - c = C - A is known with its derivatives. The
+        determinant of the equations for omega1 and omega2 is the cross product a x c = +-root / 2.
+        """
         A, C = self.at(dyad.first.other), self.at(dyad.second.other)
         r1, r2 = dyad.lengths
         way = C - A
@@ -231,11 +247,14 @@ class _Motion:
         self.openings.append((root, 2 * r1 * r2))
 
     def _backwards(self, s: Array) -> Vector:
-        """1 / s of a vector of a link's frame: what turns it in world axes into the link's direction."""
+        """Return 1 / s as a complex number: a vector that is s in the link's frame, times this, is the link's direction e."""
         return _fix(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
 
     def _rrp(self, dyad: Dyad, sign: float) -> None:
-        """With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link."""
+        """Close a rod on pin A and a slide: B lies on a circle about A and on a line at `height` beside R.
+
+        With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link.
+        """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = guide.e * _unit(self.graph, dyad.angle)
         n, way, height, r = u.turned(), R - A, dyad.height, dyad.lengths[0]
@@ -243,6 +262,7 @@ class _Motion:
         square = r * r - y * y
         root = self.graph.sqrt(square)
         x = root * sign
+        # 1 / x = x / square: one division serves the root and its reciprocal
         inverse, a, s = x * self.graph.inverse(square), u * x + n * y, x - u.dot(way.p)
         omega = (n.dot(way.d) + guide.omega * s) * inverse
         slip = -(omega * y) - (u.dot(way.d) - guide.omega * height)
@@ -257,7 +277,7 @@ class _Motion:
         self.openings.append((root, r))
 
     def _rpr(self, dyad: Dyad, sign: float) -> None:
-        """A - C = (x + i height) u with u along the guide."""
+        """Close a guide on pin C and its block on pin A: A - C = (x + i height) u, with u along the guide."""
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
         way, height = A - C, dyad.height
         D = way.p.dot(way.p)
@@ -277,7 +297,7 @@ class _Motion:
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
-        """Of the coordinate and of the angles followed."""
+        """Return q'' = (Q - h q'^2) / m, and the second derivatives by time of the followed angles."""
         m, h, Q = list[Node](), list[Node](), list[Node]()
         for k, link in enumerate(self.mechanism.links):
             masses, halves, moment = _inertia(self.bodies[k], link.mass, link.inertia)
@@ -290,17 +310,21 @@ class _Motion:
         return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.followed)]
 
     def _law(self, law: Law) -> Node:
+        """Return the power of a law's force at q' = 1: its strength times the rate of its coordinate."""
+        # The rate of a distance has a root in its denominator: half the rate of its square avoids dividing by it.
         unit = state(law.coordinate, _Rates(self, self.one))
         rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
         known = self.graph.node(rate)
-        self.graph.mul(known, self.v)  # so that what follows is found to be this
+        self.graph.mul(known, self.v)  # enters the graph first, so that the state's own rate is recognised as this product
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * known
 
     def _push(self, force: PointForce) -> Node:
+        """Return the power of a force at a point at q' = 1."""
         F = self.bodies[force.frame].e * _fix(self.graph, *force.value)
         return F.dot(self.at(force.point).d)
 
     def angle(self, link: int) -> Node:
+        """Return a link's angle [rad], including whole turns."""
         root, turn = self.roots[link]
         if root == GROUND:
             return self.graph.constant(turn)
@@ -308,7 +332,7 @@ class _Motion:
         return self.q[k] + turn
 
     def told(self) -> list[list[Node]]:
-        """The part of `Equation.told` for the links."""
+        """Return the links' part of `Equation.told`: places and directions, first derivatives, second derivatives."""
         rows: list[list[Node]] = [[], [], []]
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
@@ -320,7 +344,10 @@ class _Motion:
 
 
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vector]:
-    """The share of a link in m and h, and its mass times the derivative of its centre."""
+    """Return the terms that a link adds to m and to h, and its mass times the derivative of its centre.
+
+    A link with two pins is replaced by masses at them, as the head of this file derives; any other is taken at its centre.
+    """
     if body.pin is None:
         z = body.point(np.zeros(2))
         return (
@@ -346,7 +373,7 @@ def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[
 
 
 class _Rates(Placement):
-    """The links as coordinates of forces see them, at a speed of the coordinate; points stand for themselves, without arms."""
+    """The links as the coordinates of forces need them, at a given speed q'; every point is its own frame, without an arm."""
 
     def __init__(self, motion: _Motion, speed: Node):
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph

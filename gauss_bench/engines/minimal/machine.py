@@ -1,4 +1,4 @@
-"""One equation as machine code: steps by the compiler's own rollouts, and what else a change of coordinate has to see."""
+"""One equation as machine code: steps by the compiler's own rollouts, and the links' motion, which a change of coordinate needs."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -21,10 +21,10 @@ TARGET = Target("llvm", 1, True)
 
 
 class Machine:
-    """An equation that steps, by one integrator. A state y (2n,) is the program's q and v.
+    """An equation compiled together with one integrator. A state y (2n,) is the program's q, then its v.
 
     Attributes:
-        adaptive: whether steps are the integrator's own choice.
+        adaptive: whether the integrator chooses its own step size.
     """
 
     def __init__(self, equation: Equation, integrator: str):
@@ -39,15 +39,16 @@ class Machine:
         self._rooms: dict[int, Single] = {}
 
     def room(self, slots: int) -> Single:
-        """Memory for a rollout with so many samples, made once."""
+        """Return the memory of a rollout with `slots` samples, allocated on the first call."""
         if slots not in self._rooms:
             self._rooms[slots] = Single(self._steps.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
         return self._rooms[slots]
 
     def steps(self, y: Array, t: float, h: float, count: int, every: int) -> tuple[Array, int, Array]:
-        """`count` steps with a sample after each `every`: samples (k, 2n), steps that count, and the state they came to.
+        """Take up to `count` steps of h [s] from y at time t [s], with a sample after each `every` steps.
 
-        The state is the last sample where all steps count; otherwise the one before the step that does not.
+        Returns samples (k, 2n), the number of valid steps and the state after them. A step is invalid if a dyad opens by less than
+        its threshold; stepping ends before it.
         """
         slots = max(1, -(-count // every))
         one = self.room(slots)
@@ -57,23 +58,23 @@ class Machine:
         one.counts[:3] = count, every, slots
         one.run()
         states = samples.reshape(slots, 2 * self.n)
-        if report[1]:
+        if report[1]:  # all steps were valid
             return states, count, states[-1]
-        done = int(report[0])
+        done = int(report[0])  # valid steps; `start` then holds the state after them
         return states[: max(0, -(-done // every) - 1)], done, start
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-        """Steps of its own choice, as far as the equation is to be used."""
+        """Integrate adaptively over the times, as far as the dyads are open wide enough."""
         return self._chosen.run(y, np.zeros(0), times, tolerances)
 
     @cached_property
     def told(self) -> Callable[[Array], list[Array]]:
-        """A state -> what `Equation.told` gives."""
+        """The equation's `told` as machine code: state (2n,) -> its results."""
         return compile_machine(self.equation.told)
 
 
 def compile_machine(function: Function) -> Callable[[Array], list[Array]]:
-    """The results (components,) of a function (t, q, v, p), which depends on neither t nor p, for a state y (2n,)."""
+    """Compile a function (t, q, v, p) that depends on neither t nor p into a call: state y (2n,) -> its results (components,)."""
     g, n = Graph(), function.sizes[1]
     leaves = [g.leaf(f"%y{k}") for k in range(2 * n)]
     results = inline(g, function, ([g.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(g, x))

@@ -1,13 +1,14 @@
-"""The order in which a linkage closes from one coordinate, dyad after dyad: numbers of the file and nothing that moves.
+"""The order in which a linkage closes from one coordinate, dyad after dyad; the geometry of each dyad, before any motion.
 
-A dyad is two links and three joints: one joins them, the others hold them to links that are placed already. With pins R and slides
-P there are three kinds that linkages of pins and slides commonly have,
+A dyad is two links and three joints: one joint connects the two links, the others connect each of them to a link that is placed
+already. With pins R and slides P there are three kinds that linkages commonly have,
 
     RRR   two pins and a pin between:       B on two circles about A and C
     RRP   a pin, a pin between, a slide:    B on a circle about A and on a line
     RPR   two pins and a slide between:     a line at a given distance of A passes C
 
-each with two solutions, of which the start picks one by a sign. From which link the way begins decides which dyads there are.
+each with two solutions (branches); a sign, taken from the start, selects one. A way is the choice of the link whose motion is the
+coordinate; it decides which dyads close the rest.
 Source: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
@@ -28,12 +29,19 @@ Complex = Any  # of one state, or an array of them
 
 
 class NoWay(ValueError):
-    """A linkage that has no equation in one coordinate here; the message says why."""
+    """The linkage cannot be written in one coordinate here; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """All links at a state or many, by index, in complex numbers: centres of mass z, their velocities u, directions e; spins w."""
+    """All links at one state or many, by index, as complex numbers.
+
+    Attributes:
+        z: centres of mass [m].
+        e: directions exp(i theta).
+        u: velocities of the centres of mass [m/s].
+        w: angular velocities [rad/s], real.
+    """
 
     z: Mapping[int, Complex]
     e: Mapping[int, Complex]
@@ -42,7 +50,7 @@ class Links:
 
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
-        """The links at states q, v (..., n)."""
+        """Return the links at states q, v (..., n)."""
         exp, places, rates = exponential(q), states_of(q), states_of(v)
         e = {link: exp(1j * angle) for link, (_, angle) in places.items()}
         return Links({k: x for k, (x, _) in places.items()}, e, *({k: x[i] for k, x in rates.items()} for i in range(2)))
@@ -51,7 +59,7 @@ class Links:
         return self.z[point.link] + self.e[point.link] * complex(*point.local)
 
     def arm(self, a: Point, b: Point) -> Complex:
-        """From a to b of one link."""
+        """Return the vector from a to b, two points of one link, in world axes [m]."""
         return self.e[a.link] * complex(*(b.local - a.local))
 
     def direction(self, link: int, angle: float) -> Complex:
@@ -60,7 +68,12 @@ class Links:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A joint between a link of a dyad and one that is placed: the link's own point, and that of the other; or the slide."""
+    """A joint that connects a link of a dyad to a link that is placed already.
+
+    Attributes:
+        own, other: the joint's points on the dyad's link and on the placed link.
+        slide: the joint itself if it is a slide.
+    """
 
     own: Point
     other: Point
@@ -73,17 +86,20 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Dyad:
-    """Two links, each held to something placed, and to each other.
+    """Two links that are joined to each other and, each, to a link that is placed already.
 
-    RRP is a rod pinned at A, and at B to a link that slides along something placed: B stays at the distance `height` to the left of
-    a line through the point `line` of the placed link. RPR is a link with a guide, pinned at C, and one with its block, pinned at
-    A, at the distance `height` to the left of a line through C along the guide.
+    In an RRP dyad a rod is pinned at A, and at B to a link that slides on a placed link: B stays at the distance `height` to the
+    left of a line through the point `line` of the placed link. In an RPR dyad one link carries a guide and is pinned at C, the
+    other is its block and pinned at A: A stays at the distance `height` to the left of a line through C along the guide.
 
     Attributes:
         kind: "RRR", "RRP" or "RPR".
+        first, second: the joints that connect the two links to placed ones.
         middle: B on the first and on the second link; of RPR, the two pins.
-        line: a point of the line, whose `angle` [rad] is in the frame of that point's link.
-        turn: the angle of the second link less that of the line's [rad].
+        line: a point of the line.
+        angle: direction of the line in the frame of that point's link [rad].
+        height: distance of B, or of A, to the left of the line [m].
+        turn: angle of the second link minus that of the line's link [rad].
     """
 
     kind: str
@@ -101,17 +117,17 @@ class Dyad:
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """|AB| and |CB| [m]."""
+        """Lengths |AB| and |CB| of the two links [m]."""
         a, b = (
             float(np.hypot(*(pin.local - held.own.local))) for pin, held in zip(self.middle, (self.first, self.second), strict=True)
         )
         return a, b
 
     def opening(self, at: Links) -> Any:
-        """The distance from the dead centre, signed by branch.
+        """Return the distance from the dead centre, whose sign tells the branch.
 
-        The sine of the angle between the links (RRR), the cosine of the rod against the line (RRP), of RPR the way of the block
-        from where it meets the pin [m].
+        RRR: sine of the angle between the links. RRP: cosine of the angle between rod and line. RPR: distance of A from C along
+        the guide [m].
         """
         a, b = self.middle
         along = at.direction(self.line.link, self.angle).conjugate()
@@ -124,11 +140,11 @@ class Dyad:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """A linkage from one of its links on the ground.
+    """One choice of the coordinate: the motion of a link at its joint with the ground, and the dyads that close the rest.
 
     Attributes:
-        joint: between that link and the ground; its motion is the coordinate.
-        fixed, moved: the joint's point of the ground, and of the link.
+        joint: the joint between that link and the ground; its motion is the coordinate.
+        fixed, moved: the joint's point on the ground, and on the link.
         dyads: in the order in which they are closed.
     """
 
@@ -142,7 +158,7 @@ class Way:
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
-        """The coordinate, an angle but for whole turns, and its rate."""
+        """Return the coordinate and its rate; an angle is known up to whole turns."""
         if not isinstance(self.joint, Prismatic):
             e = at.e[self.link]
             return np.arctan2(e.imag, e.real), at.w[self.link]
@@ -151,15 +167,15 @@ class Way:
         return (along * (at.point(b) - at.point(a))).real, (along * (at.u[b.link] - at.u[a.link])).real
 
     def openings(self, at: Links) -> Sequence[Any]:
-        """Those of every dyad."""
+        """Return the opening of every dyad, in order."""
         return [dyad.opening(at) for dyad in self.dyads]
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Every way from a link on the ground, the crank's first.
+    """Return the way of every link on the ground from which dyads close the whole linkage, the crank's first.
 
     Raises:
-        NoWay: there is none, or forces or constraints that one coordinate does not hold.
+        NoWay: there is none, or the linkage has forces or constraints that an equation in one coordinate does not cover.
     """
     if mechanism.drivers:
         raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")
@@ -188,7 +204,7 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
 
 
 def closed_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
-    """Dyads in the order in which they close on the given links, and the links that none of them reaches."""
+    """Return the dyads in the order in which they close from the given links, and the links that no dyad reaches."""
     pins: dict[str, dict[int, Point]] = {}  # joint: link: its point
     for pin in mechanism.pins:
         pins.setdefault(pin.joint, {}).update({point.link: point for point in pin.ends})
@@ -206,10 +222,11 @@ def closed_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[
 
 
 def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
-    """The dyad of two links in this order, or None."""
+    """Return the dyad that two links form in this order, or None."""
     one, two = pair
     held = [_holds(pins, slides, link, placed) for link in pair]
     between = next((pin for pin in pins if one in pin and two in pin and not placed & pin.keys()), None)
+    # Each link has just one joint with a placed link; a slide may only be at the second, so that each pair matches in one order.
     if [len(x) for x in held] != [1, 1] or held[0][0].slide:
         return None
     first, second = held[0][0], held[1][0]
@@ -234,12 +251,12 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
 
 
 def _holds(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]) -> list[Held]:
-    """All joints of a link with what is placed."""
+    """Return all joints between a link and the links that are placed."""
     by_pins = [Held(pin[link], pin[min(there)]) for pin in pins if link in pin and (there := placed & pin.keys())]
     ends = [Held(own, other, slide) for slide in slides for own, other in permutations(slide.ends)]
     return by_pins + [x for x in ends if x.link == link and x.other.link in placed]
 
 
 def _beside(x: Array, angle: float) -> float:
-    """The distance of x to the left of a direction."""
+    """Return the distance of x (2,) to the left of the direction `angle` [rad]."""
     return float(np.cos(angle) * x[1] - np.sin(angle) * x[0])

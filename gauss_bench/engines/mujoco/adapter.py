@@ -1,11 +1,11 @@
 """MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
 
 The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
-of the open joints, at the start and at random tree states. Only the softness of the closures is left unchecked: it is what the
-settings vary.
+of the open joints, at the start and at random tree states. Only the softness of the closures is not checked, because the settings
+vary it.
 
-MuJoCo has no prescribed motion of a joint. A hinge on the ground, or a slide, with an armature (rotor inertia) A far beyond all
-masses, under the torque or force A law''(t), moves so up to the share of the linkage's load in that torque:
+MuJoCo has no prescribed motion of a joint. A driven hinge on the ground, or slide, gets an armature (rotor inertia) A far larger
+than all masses and the torque or force A law''(t). It then follows the law, up to an error of the size load / A:
 
     (A + m) theta'' = A law''(t) + load
 
@@ -51,8 +51,8 @@ AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wron
 
 
 VARIANTS = read_variants(Path(__file__).parent)
-FLAGS: Mapping[str, Callable[[Any], bool]] = {  # a feature that can be disabled -> whether a compiled model uses it
-    "mjDSBL_ISLAND": lambda model: False,  # one loop or one solution for all loops: finding islands only costs
+FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be disabled -> whether a compiled model uses it
+    "mjDSBL_ISLAND": lambda model: False,  # a linkage is one island: searching for islands only costs time
     "mjDSBL_CONTACT": lambda model: bool(model.ngeom),
     "mjDSBL_MIDPHASE": lambda model: bool(model.ngeom),
     "mjDSBL_SENSOR": lambda model: bool(model.nsensor),
@@ -63,14 +63,14 @@ FLAGS: Mapping[str, Callable[[Any], bool]] = {  # a feature that can be disabled
 
 
 def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
-    """Give a compiled model that takes steps of `step` [s] its options, once: inverse weights are scaled."""
+    """Set the options of a compiled model that takes steps of `step` [s]; only once, because it scales the inverse weights."""
     unit = step if options["solref_unit"] == "step" else 1.0
     model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
     model.eq_solimp[:] = options["solimp"]
     model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
     model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{options['solver'].upper()}")
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
-    model.body_invweight0[:] *= options["body_invweight0_factor"]  # compiling again would undo it
+    model.body_invweight0[:] *= options["body_invweight0_factor"]  # mj_setConst computes them anew and would undo this
     if options["unused_features"] == "off":
         unused = (flag for flag, uses in FLAGS.items() if not uses(model))
         model.opt.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, flag)) for flag in unused)
@@ -117,9 +117,10 @@ class MujocoModel:
     """A mechanism in MuJoCo under one integrator and setting.
 
     Attributes:
-        model, data: what is stepped.
-        still, still_data: a copy for accelerations at given states, with the Euler integrator (under `discrete`, MuJoCo's qacc is a
-            difference of velocities) and without warm start (an answer must not depend on the state asked before).
+        model, data: MuJoCo's model and state that a run steps.
+        still, still_data: a copy that evaluates accelerations at given states. It has the Euler integrator, because under
+            `discrete` MuJoCo's qacc is a difference of velocities, and no warm start, so that a result does not depend on the
+            state evaluated before.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -138,7 +139,8 @@ class MujocoModel:
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
         self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
-        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a reset would pass for a motion
+        # Without this flag MuJoCo resets a diverging run to the start, and the reset would pass for a motion.
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.still: Any = copy.copy(self.model)
         self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
         self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
@@ -149,12 +151,12 @@ class MujocoModel:
         self.cylinders: list[tuple[int, float, MotionLaw]] = []
         self.drawn = [(tendon.id, motor.id) for tendon, motor in draft.cylinders]
         self.varying = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
-        self.last = np.inf  # [s] up to where forces are those of the steps that are being taken
+        self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
         verify(self)
         self._drive()
 
     def _drive(self) -> None:
-        """Give driven hinges, slides and lengths their armatures, as if they had been compiled into the model."""
+        """Set the armatures of driven hinges, slides and lengths in the compiled models."""
         laws = [d.law for d in jointed(self.mechanism)]
         at = [k for k in driven_coordinates(self.mechanism, self.tree) if k is not None]
         lengths = [d.law for d in self.mechanism.drivers if isinstance(d, LengthDriver)]
@@ -174,11 +176,11 @@ class MujocoModel:
 
     @property
     def pushed(self) -> bool:
-        """True if forces are set from Python at every stage."""
+        """Whether Python sets forces at every stage of a step."""
         return bool(self.drives or self.cylinders or self.varying.varying)
 
     def _push(self, data: Any, t: float) -> None:
-        """The driving torques, and the forces that vary, at time t [s]."""
+        """Set the driving torques and the forces that vary at time t [s]."""
         if self.varying.varying:
             y, dy = np.array(data.qpos), np.array(data.qvel)
             q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
@@ -190,7 +192,7 @@ class MujocoModel:
             data.ctrl[motor] = mass * float(law(t)[2])
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
-        """MuJoCo's data at tree state y, dy (n,)."""
+        """Evaluate the model at a tree state y, dy (n,) and time t [s], and return MuJoCo's data."""
         data = self.still_data
         data.qpos[:], data.qvel[:] = y, dy
         self._push(data, t)
@@ -198,7 +200,7 @@ class MujocoModel:
         return data
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Accelerations (3 links,) in absolute coordinates at tree state y, dy (n,)."""
+        """Return the accelerations (3 links,) in absolute coordinates at a tree state y, dy (n,)."""
         return finite_acceleration(t, self.tree.absolute(y, dy, self.forward(y, dy, t).qacc)[2], "MuJoCo")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -230,7 +232,7 @@ class MujocoModel:
         for begin, count, size, last, row in self.plan:
             model.opt.timestep, self.last = size, last
             if self.mechanism.kinks:
-                data.time = begin  # MuJoCo adds steps up, and would be before a kink where a new stretch begins
+                data.time = begin  # MuJoCo sums up steps: with rounding it would still be before the kink where this stretch begins
             if self.native:
                 step(model, data, nstep=count)
             else:
@@ -240,10 +242,12 @@ class MujocoModel:
                 self.y[row], self.dy[row] = data.qpos, data.qvel
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
-        """A call that steps every state q, v (k, n) `count` times by `mujoco.rollout` on one thread: last tree states (k, 2, n).
+        """Return a call that steps every state q, v (k, n) `count` times by `mujoco.rollout` on one thread.
+
+        The call returns the last tree states (k, 2, n).
 
         Raises:
-            RunFailure: with a motion law, whose torque is set from Python at every stage.
+            RunFailure: Python sets forces at every stage, which a rollout cannot (status SKIP).
         """
         from mujoco import rollout
 
@@ -251,7 +255,7 @@ class MujocoModel:
             raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set forces that vary with time at every stage")
         kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
         initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
-        here = slice(1, 1 + 2 * self.tree.n)  # after the time
+        here = slice(1, 1 + 2 * self.tree.n)  # of a full state of MuJoCo: time, qpos, qvel, then what else the model has
         initial[:, here] = np.hstack(self.tree.relative(q, v))
         states = np.empty((len(q), count, initial.shape[1]))
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
@@ -264,27 +268,27 @@ class MujocoModel:
         return go
 
     def read(self) -> Trajectory:
-        said = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        what = "the motion law is" if self.drives or self.cylinders else "forces that vary are"
-        note = f"{what} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.pushed else ""
+        complaint = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
+        subject = "the motion law is" if self.drives or self.cylinders else "forces that vary are"
+        note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.pushed else ""
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
         steps = sum(stretch.steps for stretch in self.plan)
 
         def at(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
 
-        with heard(self.mujoco, []):  # of accelerations at states that a run has lost: the judge finds those
-            trajectory = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, said))))
-        if finite(q, v) == len(q) and (said or any(w.number for w in self.data.warning)):
+        with heard(self.mujoco, []):  # warnings about samples of a run that has diverged are dropped: the judge finds such a run
+            trajectory = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, complaint))))
+        if finite(q, v) == len(q) and (complaint or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
-            told = f"MuJoCo warned before t = {self.times[-1]:.6g} s{said and '; '}{said}; {advice}"
-            raise RunFailure(Status.WARNING, told, trajectory)
+            message = f"MuJoCo warned before t = {self.times[-1]:.6g} s{complaint and '; '}{complaint}; {advice}"
+            raise RunFailure(Status.WARNING, message, trajectory)
         return trajectory
 
 
 @contextlib.contextmanager
 def heard(mujoco: Any, complaints: list[str]) -> Iterator[None]:
-    """Let MuJoCo's warnings be added to a list: it would write them to a file in the current folder."""
+    """Collect MuJoCo's warnings in a list; otherwise MuJoCo writes them to a file in the current folder."""
     usual = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(complaints.append)
     try:
@@ -294,10 +298,10 @@ def heard(mujoco: Any, complaints: list[str]) -> Iterator[None]:
 
 
 def verify(built: MujocoModel) -> None:
-    """Compare a built model with the suite's own terms at tree states with open joints apart.
+    """Compare a built model with the suite's own terms at tree states whose open joints need not be closed.
 
     Raises:
-        RunFailure: they differ.
+        RunFailure: a quantity of `comparison` differs.
     """
     evaluator = Evaluator(built.mechanism)
     for y, dy in tree_states(built.tree, built.y0, built.dy0):
@@ -305,7 +309,10 @@ def verify(built: MujocoModel) -> None:
 
 
 def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) -> dict[str, tuple[Array, Array, float]]:
-    """Everything but the softness of the closures at a tree state y, dy (n,): MuJoCo's, the suite's, and the size of its parts."""
+    """Return the quantities to compare at a tree state y, dy (n,): MuJoCo's value, the suite's, and the scale of a difference.
+
+    They determine the model, except for the softness of its closures.
+    """
     data, own = built.forward(y, dy), open_tree(evaluator, built.tree, y, dy)
     forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
     mass = np.zeros_like(own.mass)

@@ -1,4 +1,4 @@
-"""A document as MuJoCo's own compiler reads it: defaults, classes, frames and masses of shapes worked out, as plain data."""
+"""An MJCF document as MuJoCo's compiler resolves it (defaults, classes, frames, masses of shapes), as plain data."""
 
 import tomllib
 from pathlib import Path
@@ -10,18 +10,23 @@ READ = tomllib.loads((Path(__file__).parent / "fields.toml").read_text(encoding=
 
 
 class DoesNotCompile(ValueError):
-    """MuJoCo refuses a document; the message is its own."""
+    """MuJoCo rejects a document; the message is MuJoCo's own."""
 
 
 def compile_document(text: str) -> dict[str, Any]:
-    """Fields of the compiled model, names by kind, and where everything is at qpos0.
+    """Compile a document and return the model's fields, the names of its parts, and all poses at qpos0.
 
-    Beside the fields of `fields.toml`: `xpos`, `xmat`, `xipos`, `inertia` (3, 3 in world axes) of bodies, `xanchor`, `xaxis` of
-    joints, `site_xpos`, `site_xmat`; `names` by kind; `types`, the words for numbers of joints, equalities, tendon parts,
-    transmissions, gains and biases; `gravity`, `medium` (density, viscosity) and `disabled`.
+    The result holds the fields that `fields.toml` lists and these:
+
+        xpos, xmat, xipos, inertia    poses of bodies; inertia (3, 3) in world axes
+        xanchor, xaxis                of joints
+        site_xpos, site_xmat          poses of sites
+        names                         by kind of part
+        types                         words for MuJoCo's numbers of joints, equalities, tendon parts, transmissions, gains, biases
+        gravity, medium, disabled     medium is (density, viscosity); `disabled` lists flags
 
     Raises:
-        DoesNotCompile: MuJoCo refuses the document.
+        DoesNotCompile: MuJoCo rejects the document.
         ImportError: MuJoCo is not installed.
     """
     import mujoco
@@ -31,7 +36,7 @@ def compile_document(text: str) -> dict[str, Any]:
         data = mujoco.MjData(model)
     except ValueError as error:
         raise DoesNotCompile(str(error)) from error
-    except (MemoryError, RuntimeError) as error:  # the latter knows no more than "an unknown exception"
+    except (MemoryError, RuntimeError) as error:  # a RuntimeError says only "an unknown exception"
         raise DoesNotCompile("its compiler failed, as it does where memory does not suffice") from error
     mujoco.mj_kinematics(model, data)
     turns = np.array(data.ximat).reshape(-1, 3, 3)

@@ -1,8 +1,8 @@
 """A linkage as a MuJoCo model under construction: bodies, joints, closures and forces.
 
-Every link is a body whose frame is that of its centre of mass; its coordinate is the tree coordinate y, with the start of the
-mechanism as MuJoCo's reference pose, so that the loops are closed where the compiler measures body_invweight0. Names are those of
-the linkage.
+Every link is a body whose frame lies at its centre of mass; joint coordinates are the tree coordinates y. MuJoCo's reference pose
+is the start of the mechanism, so that the loops are closed where the compiler computes body_invweight0. Names are those of the
+linkage.
 """
 
 from itertools import count
@@ -19,11 +19,12 @@ from gauss_bench.terms import Array
 
 
 class Draft:
-    """A model under construction, with the library `mujoco`.
+    """A MuJoCo specification filled with a mechanism.
 
     Attributes:
-        spec: what MuJoCo compiles.
-        torque: (n,) constant generalised force, which MuJoCo keeps outside the model.
+        spec: the MjSpec that MuJoCo compiles.
+        torque: (n,) constant generalised force; MuJoCo keeps it in the data (qfrc_applied), not in the model.
+        cylinders: tendon and motor of every driven length.
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
@@ -46,7 +47,7 @@ class Draft:
         self.cylinders = [self._cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
 
     def _link(self, b: Branch, link: Link, y: Array) -> None:
-        """A body without geometry, placed at the tree coordinates y (n,), with its joints."""
+        """Add a link as a body without geometry, placed at the tree coordinates y (n,), with its joints."""
         origin, angle = rest_pose(b, y)
         quaternion = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
         body = self.bodies[b.parent].add_body(name=self._name("body", link.name), pos=spatial(origin), quat=quaternion)
@@ -67,13 +68,13 @@ class Draft:
             joint(b.at + len(slides), names[-1], hinge, [0.0, 0.0, 1.0], b.anchor)
 
     def _name(self, kind: str, wanted: str) -> str:
-        """A name that nothing else of that kind has."""
+        """Return the wanted name, with a number after it if another element of that kind has it already."""
         name = next(x for k in count(1) if (kind, x := f"{wanted} {k}" if k > 1 else wanted) not in self.names)
         self.names.add((kind, name))
         return name
 
     def _site(self, point: Point) -> str:
-        """The name of the site in a point's place."""
+        """Return the name of the site at a point; the site is added on the first call."""
         key = point.link, point.name, tuple(point.local)
         if key not in self.sites:
             self.sites[key] = self._name("site", point.name)
@@ -85,7 +86,7 @@ class Draft:
         self.spec.add_equality(type=connect, objtype=site, name1=self._site(a), name2=self._site(b))
 
     def _force(self, f: Native) -> OnJoints | None:
-        """Add a force; those on single joints are handed back, because a joint has room for only one."""
+        """Add a force; one on a single joint is returned instead, because a joint has one spring, in which all must be summed."""
         match f:
             case Steady():
                 self.torque += f.force
@@ -103,7 +104,7 @@ class Draft:
         return None
 
     def _spatial_tendon(self, f: Tendon) -> None:
-        """A spring on a distance; what is constant in its law is an actuator without control."""
+        """Add a spring and damper on a distance; the constant part of its law becomes an actuator without control."""
         tendon = self.spec.add_tendon(name=self._name("tendon", f"{f.a.name} to {f.b.name}"))
         tendon.wrap_site(self._site(f.a))
         tendon.wrap_site(self._site(f.b))
@@ -113,7 +114,7 @@ class Draft:
             self._actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
 
     def _cylinder(self, driver: LengthDriver) -> tuple[Any, Any]:
-        """A tendon of driven length, and the motor that pulls it by its control."""
+        """Add a tendon whose length is driven, and return it with the motor whose control is the force."""
         tendon = self.spec.add_tendon(name=self._name("tendon", driver.name))
         tendon.wrap_site(self._site(driver.a))
         tendon.wrap_site(self._site(driver.b))
@@ -122,14 +123,14 @@ class Draft:
         return tendon, motor
 
     def hold_torque(self) -> None:
-        """Have the model itself hold what MuJoCo keeps outside it, for those who have the model alone."""
+        """Move the constant generalised forces into the model as actuators, for a document that is used without this suite."""
         for at in np.flatnonzero(self.torque):
             name = self.joints[int(at)].name
             target = {"trntype": self.mujoco.mjtTrn.mjTRN_JOINT, "target": name}
             self._actuator((float(self.torque[at]), 0.0, 0.0), name=self._name("actuator", f"torque on {name}"), **target)
 
     def _actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
-        """A force bias . [1, L, dL/dt] on the length L of a transmission."""
+        """Add an actuator with the force bias . [1, L, dL/dt] on the length L of a transmission."""
         actuator = self.spec.add_actuator(**transmission)
         actuator.gainprm = np.zeros_like(actuator.gainprm)  # no control enters
         actuator.biastype = self.mujoco.mjtBias.mjBIAS_AFFINE
@@ -143,7 +144,10 @@ class Draft:
         actuator.gear = [*f.direction, 0.0, 0.0, 0.0, 0.0]
 
     def _fixed_tendon(self, f: OnJoints) -> None:
-        """A spring on a sum of joint coordinates, signed so that its length at rest is not negative: -1 has another meaning."""
+        """Add a spring and damper on a sum of joint coordinates.
+
+        The sum is signed so that the spring's rest length is not negative: MuJoCo takes -1 for "the length at qpos0".
+        """
         rest = f.rest - f.constant
         sign = -1.0 if rest < 0 else 1.0
         tendon = self.spec.add_tendon()
@@ -153,7 +157,7 @@ class Draft:
         tendon.springlength = [sign * rest] * 2
 
     def _joint_springs(self, springs: list[OnJoints]) -> None:
-        """Springs and dampers on one joint act as one: stiffnesses add up, and so do their moments at y = 0."""
+        """Sum the springs and dampers on each joint into one: stiffnesses add up, and so do the springs' forces at y = 0."""
         at = [int(np.flatnonzero(f.row)[0]) for f in springs]
         for joint in set(at):
             here = [f for f, place in zip(springs, at, strict=True) if place == joint]
@@ -164,7 +168,7 @@ class Draft:
 
 
 def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
-    """Origin (2,) and angle of a branch's link in its parent's frame."""
+    """Return the origin (2,) [m] and angle [rad] of a branch's link in its parent's frame, at tree coordinates y (n,)."""
     if b.kind == "free":
         return y[b.at : b.at + 2], float(y[b.at + 2])
     slide = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
@@ -173,5 +177,5 @@ def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
 
 
 def set_spring(item: Any, k: float, c: float) -> None:
-    """Linear stiffness and damping of a joint or tendon, where MuJoCo has room for polynomials."""
+    """Set the stiffness and damping of a joint or tendon; MuJoCo holds polynomials, whose higher coefficients are zero here."""
     item.stiffness, item.damping = [k, 0.0, 0.0], [c, 0.0, 0.0]

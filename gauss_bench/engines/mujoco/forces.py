@@ -1,12 +1,14 @@
-"""Forces of a linkage in MuJoCo's terms, with their forms; nothing here needs MuJoCo.
+"""The forces of a linkage as elements of MuJoCo. This module does not import MuJoCo.
 
-Angles of links are sums of hinge coordinates, theta = e . y + const. Forces have one of these forms, exactly, or none:
+The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is given to MuJoCo only if one of these elements
+represents it exactly; otherwise the linkage is skipped:
 
-    torque                          constant generalised force on the hinges of the chain
-    force at a point                site transmission; with a reference site in the world where the force does not turn
-    spring and damper of points     spatial tendon
-    ... on L = e . y + const        stiffness and damping of one joint, or a fixed tendon
-    ... along an axis               site transmission with a reference site, force = k rest - k x - c x'
+    torque                                                            constant generalised force on the hinges of the chain
+    force at a point                                                  site transmission; if the force keeps its direction in the
+                                                                      world, with a reference site there
+    spring and damper between points                                  spatial tendon
+    spring and damper on an angle or a slide, L = e . y + const       stiffness and damping of one joint, or a fixed tendon
+    spring and damper along an axis                                   site transmission with a reference site, k rest - k x - c x'
 """
 
 from dataclasses import dataclass, replace
@@ -43,7 +45,7 @@ class OnJoints:
 
 @dataclass(frozen=True, eq=False)
 class Tendon:
-    """A law on the distance of two points."""
+    """A force law on the distance between two points."""
 
     a: Point
     b: Point
@@ -52,10 +54,10 @@ class Tendon:
 
 @dataclass(frozen=True, eq=False)
 class AtSite:
-    """Force (bias . [1, L, dL/dt]) * direction at a point, the opposite one on the frame.
+    """Force (bias . [1, L, dL/dt]) * direction at a point, with the opposite force on the frame.
 
-    `direction` (2,) is fixed in the link of `frame`, or of `point` where `frame` is None and nothing takes the reaction;
-    L is the coordinate of the point along it, from `frame`.
+    `direction` (2,) is fixed in the link of `frame`; L is the coordinate of the point along it, measured from `frame`. Without a
+    frame, `direction` is fixed in the point's own link and nothing takes the reaction.
     """
 
     point: Point
@@ -69,7 +71,12 @@ Native = Steady | OnJoints | Tendon | AtSite
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """Angles of links as theta = rows . y + constants: (links + 1, n) and (links + 1,); the last row is the ground."""
+    """The angles of all links as theta = rows . y + constants.
+
+    Attributes:
+        rows: (links + 1, n) of zeros and ones; the last row is the ground.
+        constants: (links + 1,) [rad].
+    """
 
     rows: Array
     constants: Array
@@ -88,6 +95,7 @@ class Turning:
 
 
 def turning(tree: Tree) -> Turning:
+    """Return the links' angles as functions of the tree coordinates, from the ground outwards."""
     rows, constants = np.zeros((tree.links + 1, tree.n)), np.zeros(tree.links + 1)
     for b in tree.branches:
         rows[b.link], constants[b.link] = rows[b.parent], constants[b.parent] + b.turn
@@ -97,10 +105,10 @@ def turning(tree: Tree) -> Turning:
 
 
 def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
-    """All forces but those that vary, in MuJoCo's terms.
+    """Return all forces that do not vary with time as elements of MuJoCo.
 
     Raises:
-        RunFailure: a skip, naming the force that has no exact form and why.
+        RunFailure: a force has no exact element (status SKIP); the message names the force and the reason.
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
@@ -108,7 +116,7 @@ def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
 
 
 def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
-    """A load of the force `name`."""
+    """Return the elements for one load of the force `name`."""
     match load:
         case PointForce():
             return point_force(load, turns)
@@ -130,15 +138,19 @@ def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turni
 
 
 def on_joints(row: Array, constant: float, law: Law) -> list[Native]:
-    """A law on L = row . y + constant."""
+    """Return the elements for a law on L = row . y + constant: its constant part is a generalised force."""
     steady: list[Native] = [Steady(law.bias * row)] if law.bias else []
     return [*steady, OnJoints(row, constant, law.k, law.c, law.rest)] if law.k or law.c else steady
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
-    """A constant force that turns with the world, with the link it acts on, or with a link whose hinges do not move the point.
+    """Return the elements for a constant force that is fixed in the world, in its own link, or in another link.
 
-    In the last case a second force takes the reaction off the link that only gives the direction.
+    In another link it is exact only if that link's hinges do not move the point. A second force then cancels the reaction on that
+    link, which only gives the direction.
+
+    Raises:
+        RunFailure: the force is fixed in a link whose hinges move the point (status SKIP).
     """
     link, bias = f.point.link, (1.0, 0.0, 0.0)
     if turns.together(f.frame, GROUND):
@@ -153,10 +165,13 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
 
 
 def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
-    """A law on a slide's own coordinate, or a site transmission.
+    """Return the elements for a law along an axis: on a slide's own coordinate where one fits, else a site transmission.
 
-    The force of a site transmission lacks what the turning of the reference site adds to the rate of the coordinate, except where
-    both sites turn on the same hinge, which leaves the coordinate alone.
+    A site transmission leaves out the torque that belongs to the turning of the reference site. It is exact only if every hinge
+    that turns the reference site also turns the other site, because such a hinge does not change the coordinate.
+
+    Raises:
+        RunFailure: neither is exact (status SKIP).
     """
     sliding = slide_coordinate(along, mechanism, tree)
     if sliding is not None:
@@ -171,7 +186,10 @@ def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, tree: Tr
 
 
 def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Array, float] | None:
-    """Row and constant of the coordinate as that of the slide between the two links, if its axis is parallel to the slide's."""
+    """Return the row and constant that express a coordinate along an axis by that of a slide between the same two links.
+
+    None if there is no such slide in the tree, or its axis is not parallel to this one.
+    """
     pair = {along.point.link, along.origin.link}
     branch = next((b for b in tree.branches if b.kind == "prismatic" and {b.link, b.parent} == pair), None)
     if branch is None:

@@ -1,7 +1,7 @@
-"""One right-hand side by MuJoCo alone: mj_forward, with sparse and with dense Jacobians.
+"""One evaluation of the right-hand side by MuJoCo alone: mj_forward, with sparse and with dense Jacobians.
 
-Its closures are as soft as shipped, which is most of its error. Features that the model does not use are off, and links hang as
-near the ground as joints allow, without which a chain of N loops costs about N^2 instead of N.
+The closures are as soft as MuJoCo ships them, which causes most of the error. Features that the model does not use are off. The
+tree is the one of least depth: with a deep one a chain of N loops costs about N^2 instead of N.
 """
 
 from functools import partial
@@ -18,7 +18,7 @@ LEAN = "lean/rk4"  # of the variants
 
 
 def forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """mj_forward with Jacobians "SPARSE" or "DENSE"."""
+    """Prepare a call of mj_forward with `jacobian` "SPARSE" or "DENSE" at a state q, v (n,)."""
     built = MujocoModel(mechanism, Choice(LEAN, "rk4"))
     mujoco, model = built.mujoco, built.model
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{jacobian}")

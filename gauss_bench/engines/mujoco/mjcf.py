@@ -1,7 +1,7 @@
-"""The model of the adapter as an MJCF document, for those who have MuJoCo alone.
+"""The adapter's model as an MJCF document that runs in MuJoCo without this suite.
 
-MuJoCo writes a model itself, but with six digits, by which loops would be open; here every number is written in full. What is
-written is read back by MuJoCo and compared with the adapter's model.
+MuJoCo's own writer keeps six digits, too few for closed loops, so every number is written here in full. MuJoCo reads the document
+back, and its accelerations are compared with those of the adapter's model.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,9 +19,9 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 AGREEMENT = 1e-9  # relative, of accelerations: both are MuJoCo's, of the same numbers
-THICKNESS = 0.02  # of a bar as it is drawn, in lengths of the longest
-START = "start"  # of the keyframe
-SPELT = {  # integrators and solvers in a document
+THICKNESS = 0.02  # thickness of a drawn bar, relative to the longest bar
+START = "start"  # name of the keyframe
+SPELT = {  # MuJoCo's name of an integrator or solver -> its spelling in a document
     "mjINT_RK4": "RK4",
     "mjINT_EULER": "Euler",
     "mjINT_IMPLICITFAST": "implicitfast",
@@ -33,12 +33,13 @@ SPELT = {  # integrators and solvers in a document
 
 
 def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
-    """The root of a document that holds the mechanism, its start as the keyframe START, and the choice's options.
+    """Return the root of a document that holds the mechanism, its start as the keyframe START, and the choice's options.
 
-    `edited` says that whoever reads it drives what is driven, and scales compiled inverse weights, as the choice's settings do.
+    A document cannot hold motion laws or scaled inverse weights. With `edited` the caller promises to add these to the compiled
+    model, as an exported script does; without it such a mechanism is refused.
 
     Raises:
-        RunFailure: MuJoCo cannot be given the mechanism, or not by a document.
+        RunFailure: MuJoCo cannot model the mechanism, or a document cannot hold it.
         ImportError: MuJoCo is not installed.
     """
     if mechanism.drivers and not edited:
@@ -75,18 +76,18 @@ def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
 
 
 def said(x: Any) -> str:
-    """Numbers in all their digits."""
+    """Write numbers in full precision, separated by spaces."""
     return " ".join(repr(float(value)) for value in np.atleast_1d(x))
 
 
 def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
-    """The ends of a link's bars about its centre of mass."""
+    """Return the end points (2,) of each of a link's bars, in the frame of its centre of mass [m]."""
     bars = () if link == GROUND else mechanism.links[link].bars
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]
 
 
 def _points(node: Element, mechanism: Mechanism, link: int) -> None:
-    """The named points of a link as sites, where no force or closure has brought them."""
+    """Add the named points of a link as sites, except those that a force or closure has added already."""
     there = {site.get("name") for site in node.findall("site")}
     names = mechanism.ground_points if link == GROUND else mechanism.links[link].points
     for name in names:
@@ -96,7 +97,7 @@ def _points(node: Element, mechanism: Mechanism, link: int) -> None:
 
 
 def _option(built: MujocoModel) -> Element:
-    """The options that the adapter has set in the compiled model."""
+    """Return the <option> element with the options that the adapter has set in the compiled model."""
     mujoco, opt = built.mujoco, built.model.opt
     option = Element(
         "option",
@@ -115,7 +116,7 @@ def _option(built: MujocoModel) -> Element:
 
 
 def _body(node: Element, body: Any, mujoco: Any, decorate: Callable[[Element], None]) -> None:
-    """A body of the specification, with what a viewer wants to see of it, and the bodies that hang on it."""
+    """Write a body of the specification into `node`: its joints and sites, the geometry for viewers, and its child bodies."""
     kinds = {mujoco.mjtJoint.mjJNT_HINGE: "hinge", mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
     for joint in body.joints:
         more = {"stiffness": said(joint.stiffness[0]), "springref": said(joint.springref)} if joint.stiffness[0] else {}
@@ -152,7 +153,7 @@ def _tendons(spec: Any, mujoco: Any) -> Iterator[Element]:
 
 
 def _actuators(spec: Any, mujoco: Any) -> Iterator[Element]:
-    """Forces: bias . [1, L, dL/dt], and the control where there is one."""
+    """Yield the actuators: force gain u + bias . [1, L, dL/dt], where the gain is zero unless a length is driven."""
     on = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon", mujoco.mjtTrn.mjTRN_SITE: "site"}
     for actuator in spec.actuators:
         where = {on[actuator.trntype]: actuator.target, "gear": said(actuator.gear)}
@@ -170,9 +171,10 @@ def _verify(root: Element, built: MujocoModel) -> None:
     """Have MuJoCo read the document, and compare its accelerations with those of the adapter's model at states near the start.
 
     Raises:
-        RunFailure: they differ.
+        RunFailure: the start or the accelerations differ.
     """
     mujoco = built.mujoco
+    # Settings that a document cannot hold are repeated on the compiled model, as the exported script does.
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
     for k, armature, _ in built.drives:
         model.dof_armature[k] = armature

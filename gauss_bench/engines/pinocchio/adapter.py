@@ -4,13 +4,13 @@ Its proximal iterations solve
 
     M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
 
-so that mu times the last change of the forces f is what the constraints are still missed by. f itself is never read: its sign and
-frame do not matter here. A prescribed rotation is the torque that makes it so, found by one further solution for each driver.
+so that mu times the last change of the forces f is the remaining residual of the constraints. f itself is never read: its sign and
+frame do not matter here. A prescribed rotation is imposed by a torque, which takes one further solution for each driver.
 
 Pinocchio has no springs and dampers, and no integrator for constrained systems: forces other than gravity reach it as tau, and the
 steps are the suite's, in tree coordinates. Baumgarte's terms are Pinocchio's own. Projection is the suite's, in absolute
 coordinates; mapped back to the tree it closes the open pins. Redundant rows that have drifted apart contradict each other: the
-iterations then do not settle, and the run is given up rather than followed. Projection keeps them together.
+iterations then do not converge, and the run ends with that reason. Projection keeps such rows together.
 """
 
 from collections.abc import Callable
@@ -70,12 +70,12 @@ class Pinocchio:
         return PinocchioModel(mechanism, choice)
 
     def unbuilt(self, settings: str) -> str:
-        """Name what settings need that takes minutes to build, once for a user, and can be built; else an empty text."""
+        """Name the part that these settings need and that must still be built, once for a user; an empty text if there is none."""
         wanted = is_compiled(settings) and not building.missing() and building.absent()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if wanted else ""
 
     def build_once(self) -> None:
-        """Build it."""
+        """Build the part that `unbuilt` names."""
         building.build_loop()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -83,6 +83,7 @@ class Pinocchio:
 
 
 def is_compiled(settings: str) -> bool:
+    """Tell whether settings step in the compiled loop instead of Python."""
     return bool(VARIANTS.options(settings)["loop"] == "compiled")
 
 
@@ -112,7 +113,7 @@ class PinocchioModel(OwnSteps):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.plain(t, y, dy))[2], "Pinocchio")
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """At the start: constraintDynamics alone, and what calling costs: a difference of two vectors by Pinocchio."""
+        """Return two calls at the start: constraintDynamics alone, and a trivial function of Pinocchio, the cost of a call."""
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
@@ -151,10 +152,10 @@ class PinocchioModel(OwnSteps):
         return trajectory
 
     def _check(self, x: Trajectory) -> None:
-        """The accelerations of the samples satisfy the suite's own constraint rows.
+        """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma.
 
         Raises:
-            RunFailure: they do not; with the samples before.
+            RunFailure: they do not; it carries the samples before.
         """
         a = x.a
         rows = self.evaluator.constraints(x.t, x.q, x.v)

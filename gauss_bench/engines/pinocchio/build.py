@@ -1,8 +1,8 @@
-"""Building `loop.cpp` against the headers and the library of Pinocchio's wheel, once for a user.
+"""Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for a user.
 
-It takes about 75 s of a processor and 2.2 GB, so nothing that runs an engine builds it: a search does, and whoever names it. One
-process builds at a time; what is built is kept by its sources, flags, compiler and libraries in the user's cache, where nothing is
-moved before it is whole.
+The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it: a search does, or a user who asks for
+these settings. One process builds at a time. The library is kept in the user's cache under a name made of its sources, flags,
+compiler and libraries, and moved there only when it is complete.
 """
 
 import fcntl
@@ -29,8 +29,8 @@ DEFINED += " BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS BOOST_FUSION_INVOKE_MAX_ARITY
 FLAGS = ("-std=c++17", "-O2", *(f"-D{x}" for x in DEFINED.split()), "-shared", "-fPIC", "-w")
 COMPILERS = ("c++", "g++", "clang++")
 LIBRARIES = ("pin", "libpinocchio", "cmeel-eigen", "cmeel-boost")
-MEMORY = 3 << 30  # bytes of the compiler
-LONGEST = 1800.0  # [s] to compile on a busy machine
+MEMORY = 3 << 30  # bytes that the compiler may take
+LONGEST = 1800.0  # [s] after which a build is given up; long, for a busy machine
 NEEDED = {
     "include/pinocchio/multibody.hpp": "the headers of Pinocchio's wheel are missing",
     "include/eigen3/Eigen/Core": "Eigen's headers are missing; pip install 'gauss-bench[pinocchio-compiled]'",
@@ -39,7 +39,7 @@ HOW = "gauss-bench simulate four_bar --engine pinocchio --settings 'compiled/rk4
 
 
 def prefix() -> Path | None:
-    """The folder that holds `include` and `lib` of the Pinocchio that Python imports; None without one."""
+    """Return the folder that holds `include` and `lib` of the Pinocchio that Python imports, or None."""
     found = find_spec("pinocchio")
     if found is None or not found.origin:
         return None
@@ -47,12 +47,12 @@ def prefix() -> Path | None:
 
 
 def compiler() -> str | None:
-    """The path of a C++ compiler, or None."""
+    """Return the path of a C++ compiler, or None."""
     return next(filter(None, map(shutil.which, COMPILERS)), None)
 
 
 def missing() -> str | None:
-    """The reason why the loop cannot be built on this machine, or None."""
+    """Return why the loop cannot be built on this machine, or None if it can."""
     root, reason = prefix(), None
     if root is None:
         reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
@@ -64,24 +64,24 @@ def missing() -> str | None:
 
 
 def absent() -> str | None:
-    """The reason why the loop that could be built cannot be loaded yet, or None."""
+    """Return why the loop cannot be loaded yet, although it could be built, or None if it can."""
     if (user_cache.folder() / _name()).is_file():
         return None
     return f"Pinocchio's compiled loop is not installed: it was not built yet, which takes about 2 minutes: {HOW}"
 
 
 def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
-    """The compiler's command line."""
+    """Return the compiler's command line."""
     include, library = root / "include", root / "lib"
     paths = [f"-I{include}", f"-I{include / 'eigen3'}", f"-L{library}", "-lpinocchio_default", f"-Wl,-rpath,{library}"]
     return [program, *FLAGS, str(source), "-o", str(target), *paths]
 
 
 def loop_library() -> bytes:
-    """The built loop.
+    """Return the content of the built library.
 
     Raises:
-        RunFailure: it cannot be built here, or was not.
+        RunFailure: it cannot be built on this machine, or was not built yet.
     """
     if reason := missing():
         raise RunFailure(Status.SKIP, reason)
@@ -92,10 +92,10 @@ def loop_library() -> bytes:
 
 
 def build_loop() -> None:
-    """Build the loop and keep it, unless another process has done so.
+    """Build the loop and keep it in the user's cache, unless another process has done so.
 
     Raises:
-        RunFailure: it cannot be built here, the compiler refuses it, or it cannot be kept.
+        RunFailure: it cannot be built on this machine, the compiler rejects it, or it cannot be kept.
     """
     if reason := missing():
         raise RunFailure(Status.SKIP, reason)
@@ -132,20 +132,20 @@ def _compile() -> bytes:
 
 
 def _limit_memory() -> None:
-    """The compiler's memory; a limit is inherited by what it starts."""
+    """Limit the memory of the compiler; the processes that it starts inherit the limit."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
 
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """One process at a time; the system lets go of a lock whose holder died."""
+    """Hold a lock that one process has at a time; the system releases it if the holder dies."""
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def _name() -> str:
-    """The name of the loop in the cache: another one wherever anything differs that it was built from."""
+    """Return the name of the loop in the cache, which changes with everything that it is built from."""
     program, root = _tools()
     parts = [
         SOURCE.read_text(encoding="utf-8"),

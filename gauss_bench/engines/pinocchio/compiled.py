@@ -1,4 +1,4 @@
-"""The adapter's dynamics and steps in C++: `loop.cpp`, filled with the numbers of the model that Python built and verified."""
+"""The adapter's dynamics and steps in C++: `loop.cpp` with the numbers of the model that Python has built and verified."""
 
 import ctypes
 from collections.abc import Mapping
@@ -22,14 +22,14 @@ from gauss_bench.mechanism.model import Along, Distance, Law, Mechanism, Point, 
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-METHODS = ("rk4", "semi_implicit_euler", "dop853_fixed")  # by their numbers in `advance`
+METHODS = ("rk4", "semi_implicit_euler", "dop853_fixed")  # in the order of the numbers that `advance` of loop.cpp takes
 KINDS = {"JointModelRZ": b"z", "JointModelPX": b"x", "JointModelPY": b"y"}
-AGREEMENT = 1e-9  # relative: rounding leaves about 1e-13; headers of another layout than the library's, anything
-VANISHING, ENDLESS, FAILED = -1, -2, -3  # what `advance_adaptive` says in place of steps
+AGREEMENT = 1e-9  # relative: rounding leaves about 1e-13; headers whose layout differs from the library's give any number
+VANISHING, ENDLESS, FAILED = -1, -2, -3  # returned by `advance_adaptive` instead of the number of steps
 
 
 def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
-    """The reason why the compiled loop does not run what the adapter runs in Python, or None."""
+    """Return why the compiled loop cannot run this mechanism or choice, although the adapter in Python can, or None."""
     if choice.stabilization == "projection":
         return "Pinocchio's compiled loop has no projection: it is the suite's own"
     if mechanism.drivers:
@@ -41,15 +41,16 @@ def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, 
 
 
 class CompiledDynamics(ConstrainedDynamics):
-    """Tree accelerations (n,) of a tree state, and steps, in C++.
+    """A call (t, y, dy) -> tree accelerations (n,), and the steps, in C++.
 
     Raises:
-        RunFailure: the loop is not there, or its accelerations at the start are not those that Python's calls give.
+        RunFailure: the loop is not built, or its accelerations at the start differ from those of Python's calls.
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         super().__init__(body, forces, options, gains)
-        self.n, self.library, self.tableau = forces.tree.n, _library(), _tableau()  # which loads scipy: not inside a run
+        self.n, self.library = forces.tree.n, _library()
+        self.tableau = _tableau()  # imports scipy, which must not happen inside a run
         self.linkage = ctypes.c_void_p(self.library.create(_numbers(body.model.gravity.linear)))
         self._add_joints(body)
         for row in self.rows:
@@ -97,7 +98,7 @@ class CompiledDynamics(ConstrainedDynamics):
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
     def _compare(self, forces: TreeForces) -> None:
-        """The loop's accelerations at the start are those of Python's calls: Eigen's headers have the layout of the library."""
+        """Check the loop's accelerations at the start against Python's calls: Eigen's headers must have the library's layout."""
         start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
         require_agreement({"accelerations of the compiled loop": (own, expected, size(expected))}, AGREEMENT)
@@ -110,10 +111,10 @@ class CompiledDynamics(ConstrainedDynamics):
         return a
 
     def advance(self, integrator: str, t: float, y: Array, dy: Array, h: float, count: int) -> tuple[Array, Array]:
-        """The state after `count` steps of h [s] from t.
+        """Return the state after `count` steps of h [s] from t.
 
         Raises:
-            RunFailure: there is no answer on the way.
+            RunFailure: the accelerations have no solution at some stage.
         """
         y, dy = y.copy(), dy.copy()
         numbers = METHODS.index(integrator), _pointer(self.tableau), ctypes.c_double(h), ctypes.c_long(count)
@@ -124,11 +125,11 @@ class CompiledDynamics(ConstrainedDynamics):
         return y, dy
 
     def advance_adaptive(self, times: Array, y: Array, dy: Array, rtol: float, atol: float) -> int:
-        """Fill the states y, dy (k, n) at the times from their first rows on; number of steps.
+        """Fill the states y, dy (k, n) at the times (k,), beginning with their first rows; return the number of steps.
 
         Raises:
             StepFailure: the error control could not continue.
-            RunFailure: there is no answer on the way.
+            RunFailure: the accelerations have no solution at some stage.
         """
         last, times = [y[0].copy(), dy[0].copy()], np.ascontiguousarray(times, dtype=float)
         limits = _numbers([rtol, atol]), _pointer(times), ctypes.c_long(len(times)), ctypes.c_long(MOST)
@@ -143,7 +144,7 @@ class CompiledDynamics(ConstrainedDynamics):
         return steps
 
     def _fail(self, t: float, y: Array, dy: Array) -> None:
-        """Say what Python's call says of the state at which the loop has no answer.
+        """Raise the failure for the state at which the loop stopped; Python's call usually finds a more precise reason.
 
         Raises:
             RunFailure: always.
@@ -153,7 +154,7 @@ class CompiledDynamics(ConstrainedDynamics):
 
 
 def _numbers(x: Any) -> Any:
-    """Numbers as C takes them, which live as long as their pointer does."""
+    """Return numbers as a C array, which owns its memory."""
     flat = np.ascontiguousarray(x, dtype=float).ravel()
     return (ctypes.c_double * len(flat))(*flat)
 
@@ -172,7 +173,7 @@ def _law(law: Law) -> Any:
 
 @lru_cache(maxsize=1)
 def _tableau() -> Array:
-    """DOP853's coefficients as `Tableau` of `loop.cpp` holds them, from scipy."""
+    """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`."""
     from scipy.integrate import DOP853
 
     stages, every = len(DOP853.B), 16
@@ -184,10 +185,10 @@ def _tableau() -> Array:
 
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
-    """The loop, loaded once a process.
+    """Load the compiled loop, once in a process.
 
     Raises:
-        RunFailure: it is not there.
+        RunFailure: it is not built.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "loop.so"

@@ -1,4 +1,4 @@
-"""Accelerations of Pinocchio's constrained tree, called from Python: tau from the room's forces, and Pinocchio's own solver."""
+"""Accelerations of Pinocchio's constrained tree, called from Python: tau by the suite's forces, solved by Pinocchio."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -11,11 +11,11 @@ from gauss_bench.engines.shared import finite_acceleration
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-SOLVED = 1e-6  # of the largest acceleration: independent rows are met to 1e-13; redundant ones that part pass this on their way
+SOLVED = 1e-6  # residual relative to the largest acceleration: independent rows reach 1e-13, drifting redundant rows exceed it
 
 
 class ConstrainedDynamics:
-    """Tree accelerations (n,) of a tree state, as the integrators of the suite call them; `evaluations` counts the calls."""
+    """A call (t, y, dy) -> tree accelerations (n,), for the suite's integrators; `evaluations` counts the calls."""
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         pin = body.pin
@@ -41,7 +41,7 @@ class ConstrainedDynamics:
         return self.drive(self._solve, t, y, dy, tau) if self.drive.laws else self._solve(t, y, dy, tau)
 
     def bare(self, y: Array, dy: Array) -> Callable[[], Array]:
-        """A call of constraintDynamics at a tree state, with nothing of the suite in it."""
+        """Return a call of Pinocchio's solver at a tree state that runs no code of the suite."""
         tau = np.ascontiguousarray(self.forces(y, dy, 0.0))
         return lambda: self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
 
@@ -52,13 +52,13 @@ class ConstrainedDynamics:
         return a
 
     def _doubt(self, t: float, a: Array) -> None:
-        """Second look, relative to the accelerations.
+        """Judge a solution whose residual is large, now relative to the accelerations (n,).
 
-        `relative_residual` is the last change of the forces f. `absolute_residual` is no help: at exact accelerations it is as
-        large as they are (4.1). `iter` is none either: with redundant rows f wanders along directions that move nothing.
+        `relative_residual` is the last change of the forces f. `absolute_residual` cannot be used: at exact accelerations it is as
+        large as they are (Pinocchio 4.1). Nor can `iter`: with redundant rows f keeps changing in directions that move nothing.
 
         Raises:
-            RunFailure: not finite, or the constraints are missed.
+            RunFailure: the accelerations are not finite, or miss the constraints.
         """
         finite_acceleration(t, a, "Pinocchio")
         missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))

@@ -1,4 +1,4 @@
-"""Forces of a linkage as generalised forces of Pinocchio's tree, which has no springs, dampers and drives of its own."""
+"""The forces of a linkage as generalised forces of the tree, because Pinocchio has no springs, dampers or drives of its own."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,14 +13,14 @@ from gauss_bench.mechanism.model import AngleDriver, Driver, Force, LengthDriver
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-AFFINE = 1e-10  # relative: rounding leaves about 1e-14; a force that is affine only this far may as well be affine
+AFFINE = 1e-10  # relative: largest deviation of a force that counts as affine in the state; rounding leaves about 1e-14
 
 
 class TreeForces:
-    """Applied forces without gravity as tau (n,) of a tree state.
+    """A call (y, dy, t) -> tau (n,), the generalised forces of all applied forces except gravity.
 
-    What is affine in the tree state (torques, dampers of joints, springs along slides) is tabulated once, as a user of Pinocchio
-    would write it by hand; the others are evaluated each time, with v = T dy from Pinocchio's joint Jacobians:
+    Forces that are affine in the tree state (torques, dampers of joints, springs along slides) are tabulated once, as a user of
+    Pinocchio would write them by hand. The others are evaluated at every call, with v = T dy from Pinocchio's joint Jacobians:
 
         tau = constant + stiffness y + damping dy + T^T Q_others(q, v, t)
 
@@ -47,7 +47,7 @@ class TreeForces:
         self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
 
     def _tabulate(self, f: Force) -> tuple[Array, Array] | None:
-        """Constant (n,) and slope (n, 2n) of one force, read off unit states; None if random states contradict them."""
+        """Return the constant (n,) and slope (n, 2n) of one force, taken from unit states; None if random states contradict it."""
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
         q, v, _ = self.tree.absolute(states[:, :n], states[:, n:], np.zeros((len(states), n)))
@@ -69,16 +69,16 @@ class TreeForces:
 
 
 class DrivingTorques:
-    """Torques on driven links, and forces along driven slides and lengths, under which they have their prescribed accelerations.
+    """The driving torques and forces that give driven angles, slides and lengths their prescribed accelerations.
 
-    Accelerations are affine in torques. With R the rows of x' = R y' that are driven, a0 the accelerations without any driving
-    torque and a_j those with a probe torque on driver j alone,
+    Accelerations are affine in the torques. With x' = R y' the rates of the driven coordinates, a0 the accelerations without any
+    driving torque and a_j those with a probe torque on driver j alone, the factors s_j of the probes follow from
 
         y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
-    where Kp, Kd are Baumgarte's gains. A probe is of the size that the torque itself may have, so that little cancels. Angles and
-    slides are sums of coordinates of the tree; the row of a length, G T with G = dL/dq, is another at every state, and what its
-    second derivative has besides, G dT/dt y' + dG/dt v, is read off the linkage's own constraint row.
+    where Kp, Kd are Baumgarte's gains. A probe has about the size of the torque itself, so that few digits cancel. Angles and
+    slides are sums of tree coordinates, with constant rows. The row of a length, G T with G = dL/dq, depends on the state; the rest
+    of its second derivative, G dT/dt y' + dG/dt v, is taken from the linkage's own constraint row.
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
@@ -90,10 +90,10 @@ class DrivingTorques:
         self.constraints = Constraints(forces.weightless)
         y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         start = self._rows_at(0.0, y, dy)[0]
-        self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # that the opened tree has at the start
+        self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # of the open tree at the start, along each driver
 
     def _row(self, forces: TreeForces, driver: Driver) -> tuple[Array, float]:
-        """A driven coordinate as row . y + constant; zeros for a length, which is none."""
+        """Return the row and constant of a driven coordinate, row . y + constant; zeros for a length, which `_rows_at` adds."""
         if isinstance(driver, AngleDriver):
             return forces.motion.turns[driver.link], float(forces.motion.theta0[driver.link])
         if isinstance(driver, LengthDriver):
@@ -102,7 +102,7 @@ class DrivingTorques:
         return np.eye(forces.tree.n)[at], 0.0
 
     def _rows_at(self, t: float, y: Array, dy: Array) -> tuple[Array, Array, Array]:
-        """R (k, n), x (k,) and R' y' (k,) at a tree state."""
+        """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at a tree state."""
         x, bias = self.origin + self.rows @ y, np.zeros(len(self.laws))
         if not self.lengths:
             return self.rows, x, bias
@@ -118,10 +118,10 @@ class DrivingTorques:
         return R, x, bias
 
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
-        """The accelerations (n,) that `solve` finds at t, y, dy under tau (n,) and the driving torques.
+        """Return the accelerations (n,) that `solve` finds at t, y, dy under tau (n,) together with the driving torques.
 
         Raises:
-            RunFailure: the torques cannot move the driven links, such as at a dead point.
+            RunFailure: no torque gives the prescribed accelerations, as at a dead point.
         """
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
@@ -139,10 +139,10 @@ class DrivingTorques:
 
 
 class Motion:
-    """Absolute positions q (3 links,) and T (3 links, n), with v = T dy, by Pinocchio's kinematics: a tenth of the time of `Tree`.
+    """A call y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; ten times faster than `Tree`.
 
-    A column of a world Jacobian is the velocity [u, w] at the origin and the angular speed omega, for every link that the joint
-    carries: the centre of mass at [x, y] moves with [u - omega y, w + omega x].
+    It uses Pinocchio's world Jacobian. A column of it is the velocity [u, w] at the origin and the angular speed omega of every
+    link that the joint carries; such a link's centre of mass at [x, y] then moves with [u - omega y, w + omega x].
     """
 
     def __init__(self, tree: Tree, body: Multibody):
@@ -162,6 +162,7 @@ class Motion:
         placements = self.data.oMi
         centres = np.array([placements[joint].act(own) for joint, own in self.centres])
         q, T = np.empty(3 * len(centres)), np.empty((3 * len(centres), len(y)))
+        # rows of J: 0 and 1 are the velocity at the origin, 5 the angular speed about z
         q[0::3], q[1::3], q[2::3] = centres[:, 0], centres[:, 1], self.theta0 + self.turns.dot(y)
         T[0::3] = self.carried * (J[0] - centres[:, 1, None] * J[5])
         T[1::3] = self.carried * (J[1] + centres[:, 0, None] * J[5])

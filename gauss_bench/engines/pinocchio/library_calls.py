@@ -1,7 +1,7 @@
-"""One right-hand side by Pinocchio alone: its two algorithms for constrained trees, on the tree of least depth.
+"""One evaluation of the right-hand side by Pinocchio alone: its two algorithms for constrained trees, on the tree of least depth.
 
-lcaba is of Sathya and Carpentier, Constrained articulated body dynamics algorithms (2024); its penalty and accuracy are the best
-trade found: tighter ones cost more and gain nothing.
+lcaba is the algorithm of Sathya and Carpentier, Constrained articulated body dynamics algorithms (2024). Its penalty and accuracy
+are the best compromise that was found: tighter ones take longer and are no more exact.
 """
 
 from functools import partial
@@ -16,7 +16,7 @@ from gauss_bench.terms import Array
 
 
 def solve(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """The algorithm of a variant."""
+    """Prepare a call of a variant's algorithm at a state q, v (n,)."""
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
     call = model.plain.bare(y, dy)

@@ -1,7 +1,8 @@
-"""Pinocchio by its own symbolic scalar, as its authors advise where speed counts: for now a row that says what is missing.
+"""Pinocchio with its symbolic scalar, which its authors recommend for speed. For now this engine only reports what is missing.
 
-`pinocchio.casadi` is built with conda, Nix or from source; the wheel has none yet, because CasADi's own wheel cannot be linked with
-(https://github.com/stack-of-tasks/pinocchio/issues/2759). While that is so nothing can be tried here, and nothing is claimed.
+`pinocchio.casadi` is built with conda, Nix or from source. The wheel does not contain it, because CasADi's wheel cannot be linked
+against (https://github.com/stack-of-tasks/pinocchio/issues/2759). Until it does, the suite cannot try it and makes no claim about
+it.
 """
 
 from importlib.util import find_spec
@@ -14,7 +15,7 @@ SETTINGS: dict[str, dict[str, object]] = {"default": {"code": "generated C"}}
 
 
 class PinocchioCasadi:
-    """The engine that would be."""
+    """An engine that always skips, with the reason."""
 
     name = "pinocchio_casadi"
     integrators = ("rk4", "dop853_fixed")

@@ -1,7 +1,8 @@
 """A linkage as a Pinocchio model: a tree of joints in relative coordinates, and the point constraints that close it.
 
-The tree coordinates y are Pinocchio's own vectors, so `Tree` alone maps them to absolute states. With A_k the placement of the
-centre of mass of link k in the frame of the joint that carries it, and all placements turned about z only:
+The tree coordinates y are also Pinocchio's configuration vector, so `Tree` alone maps them to absolute states. A_k is the placement
+of link k's centre of mass in the frame of the joint that carries it. The joints are placed as follows, where T shifts, R turns
+about z, and RZ, PX, PY are Pinocchio's joint types:
 
     revolute    A_parent T(anchor on the parent),                  RZ,    A = T(-anchor)
     prismatic   A_parent T(anchor + base) R(axis),                 PX,    A = R(turn - axis) T(-anchor)
@@ -26,10 +27,10 @@ AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wron
 
 
 class Multibody:
-    """The mechanism in Pinocchio, the module `pin`: a model of its tree and the constraints that close it.
+    """A mechanism built with the module `pin`: Pinocchio's model of the tree, and the constraints that close it.
 
     Attributes:
-        carriers: joint and placement of the centre of mass in that joint's frame, of every link and the ground.
+        carriers: for every link and the ground, the joint that carries it and the placement of its centre of mass in that joint.
     """
 
     def __init__(self, pin: Any, mechanism: Mechanism, tree: Tree):
@@ -59,7 +60,7 @@ class Multibody:
                 joint, own = 0, pin.SE3.Identity()
                 for axis, kind in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("theta", pin.JointModelRZ())):
                     joint = self._joint(f"{link.name}.{axis}", joint, kind, pin.SE3.Identity())
-        lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])  # only the last acts in the plane
+        lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])  # only the third acts in the plane
         self.model.appendBodyToJoint(joint, pin.Inertia(link.mass, np.zeros(3), lamina), own)
         self.carriers[b.link] = joint, own
 
@@ -68,19 +69,19 @@ class Multibody:
         return joint
 
     def planar(self, origin: Array, angle: float = 0.0) -> Any:
-        """SE3 of a planar displacement (2,) and rotation [rad]; without a rotation, free of rounding."""
+        """Return the SE3 of a planar displacement (2,) [m] and rotation [rad]; without a rotation it is exact."""
         c, s = np.cos(angle), np.sin(angle)
         return self.pin.SE3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(spatial(origin)))
 
     def placed(self, point: Point) -> tuple[int, Any]:
-        """Joint that carries a point, and the point's placement in its frame."""
+        """Return the joint that carries a point, and the point's placement in the frame of that joint."""
         joint, centre = self.carriers[point.link]
         return joint, centre * self.planar(point.local)
 
     def constraints(self, gains: tuple[float, float]) -> Any:
-        """One point constraint per open pin, with Baumgarte gains Kp, Kd; its rows are world axes, as those of the suite.
+        """Return one point constraint for each open pin, with Baumgarte gains Kp, Kd; its rows are along the world's axes.
 
-        The ground is the second joint of its constraint: lcaba takes no other.
+        The ground is always the second joint of its constraint, because lcaba does not accept it as the first.
         """
         pin = self.pin
         rows = pin.StdVec_RigidConstraintModel()
@@ -92,11 +93,11 @@ class Multibody:
         return rows
 
     def inverse_dynamics(self, y: Array, dy: Array, ddy: Array) -> Array:
-        """tau (n,) that gives the tree, opened, the accelerations ddy."""
+        """Return tau (n,) that gives the open tree the accelerations ddy (n,)."""
         return np.array(self.pin.rnea(self.model, self.model.createData(), y, dy, ddy))
 
     def gaps(self, y: Array) -> Array:
-        """Point b minus point a of every open pin (2 pins,) [m], from Pinocchio's own kinematics."""
+        """Return point b minus point a of every open pin (2 pins,) [m], by Pinocchio's own kinematics."""
         data = self.model.createData()
         self.pin.forwardKinematics(self.model, data, y)
 
@@ -108,13 +109,13 @@ class Multibody:
 
 
 def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
-    """Compare the generated model with the linkage at tree states, closed or not.
+    """Compare the generated model with the linkage at tree states, whose loops need not be closed.
 
-    rnea = tree forces of (M a - gravity) checks masses, inertias, placements, axes and gravity at once; the gaps of the open pins
-    check the points they join. What is left is Pinocchio's solver.
+    Inverse dynamics check masses, inertias, placements, axes and gravity at once; the gaps of the open pins check the points that
+    they join. Only Pinocchio's solver remains unchecked.
 
     Raises:
-        RunFailure: they differ.
+        RunFailure: inverse dynamics or gaps differ.
     """
     evaluator, rng = Evaluator(replace(mechanism, forces=())), np.random.default_rng(0)
     for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):

@@ -1,4 +1,4 @@
-"""Computations for the lines of the audit: printed and corrected forms as functions, and measures of them against a truth.
+"""Computations for the lines of the audit: printed and corrected forms as functions, and measures against a reference.
 
 A module for each chapter of the data files:
 - `least_squares`, `projector`, `example`: Yuan & Ge 2016, on random problems with known solutions (`problems`) and on their own
@@ -6,5 +6,5 @@ A module for each chapter of the data files:
 - `link_units`, `loops`: Wang et al. 2010, on exact derivatives and on the motions of linkage files.
 - `points`: Men et al. 2009, on the shaper.
 
-A measure takes a form and gives its discrepancy, >= 0: the worst over all cases tried.
+A function NAME_off is a measure: it takes a form and returns its discrepancy, >= 0, the worst over all cases tried.
 """

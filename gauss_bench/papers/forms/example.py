@@ -1,7 +1,7 @@
 """Yuan & Ge (2016), eqs. (17) to (24), and their discrepancies from motions of the linkage file.
 
-The last measures are about what the example leaves out. There the printed form is the example without the thing, and its
-discrepancy is what leaving it out would change.
+The last measures concern data that the example leaves out: inertias, gravity, an integrator. There the printed form is the example
+without these data, and its discrepancy is the change that they make.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,17 +21,18 @@ from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import Reference
 
-DIMENSION = L1 + L2  # [m] size of the linkage, to which residuals of positions are compared
-SHOWN = 0.5  # [s] of the motion, over which integrators are compared: most of the first turn
-STEP = 1e-3  # [s] of the integrator that a reader might take
+DIMENSION = L1 + L2  # [m] size of the linkage, by which residuals of positions are divided
+SHOWN = 0.5  # [s] over which integrators are compared: most of the first turn
+STEP = 1e-3  # [s] step size of the integrator that a reader might take
 
 
 def everywhere(off: Callable[[ExampleState], float]) -> float:
+    """Return the worst discrepancy over all states."""
     return worst([off(s) for s in states()])
 
 
 def moving(off: Callable[[ExampleState], float]) -> float:
-    """The worst of all but the start, which is at rest."""
+    """Return the worst discrepancy over all states except the start, which is at rest."""
     return worst([off(s) for s in states()[1:]])
 
 
@@ -41,18 +42,18 @@ def mass_off(form: Callable[[], Array]) -> float:
 
 
 def power_off(s: ExampleState, f: Array | float, a: Array) -> float:
-    """Virtual power of M a + f - Q along the motion, in which no constraint force takes part, relative to its terms."""
+    """Return the power of M a + f - Q along the motion, relative to its terms; constraint forces have no power there."""
     inertia = crank_slider.mass() * a
     return float(abs(s.v @ (inertia + f - s.Q)) / (np.abs(s.v) @ (np.abs(inertia) + np.abs(s.Q))))
 
 
 def bias_off(f: float) -> float:
-    """The same f in every row."""
+    """Measure eq. (20) with the same f in every row, by the power that is left over."""
     return moving(lambda s: power_off(s, f, s.a))
 
 
 def order_off(order: list[int]) -> float:
-    """Accelerations of the linkage file taken in this order."""
+    """Measure an order of the coordinates, by the power left over when accelerations are taken in this order."""
     return moving(lambda s: power_off(s, 0.0, s.a[order]))
 
 
@@ -65,7 +66,7 @@ def positions_off(form: Callable[[Number], Number]) -> float:
 
 
 def jacobian_off(form: Callable[[Number], Number]) -> float:
-    """All entries but (6, 6) against the derivatives of (21)."""
+    """Compare all entries except (6, 6) with the derivatives of (21)."""
 
     def off(s: ExampleState) -> float:
         difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
@@ -76,17 +77,20 @@ def jacobian_off(form: Callable[[Number], Number]) -> float:
 
 
 def entry(form: dict[str, Any], q: Array) -> float:
-    """Entry (6, 6): a function of an angle, `factor` times l2/2."""
+    """Return entry (6, 6) as a form has it: a function of an angle, times `factor` l2/2."""
     return float(form.get("factor", 1) * L2 / 2 * getattr(np, form["of"])(q[form.get("angle", 5)]))
 
 
 def entry_off(form: dict[str, Any]) -> float:
-    """Entry (6, 6) against the derivative of (21), relative to l2/2."""
+    """Compare entry (6, 6) with the derivative of (21), relative to l2/2."""
     return everywhere(lambda s: abs(entry(form, s.q) - gradient(crank_slider.residual, s.q)[5, 5]) / (L2 / 2))
 
 
 def row_off(squared: list[str], rows: list[int]) -> float:
-    """Rows of J a = g (counted from 1) at true motions, J by the derivatives of (21), g with these rates of the angles squared."""
+    """Return the residual of rows of J a = g, counted from 1, at reference motions.
+
+    J is taken from the derivatives of (21); g squares the rates that `squared` names.
+    """
     chosen = [row - 1 for row in rows]
 
     def off(s: ExampleState) -> float:
@@ -98,7 +102,7 @@ def row_off(squared: list[str], rows: list[int]) -> float:
 
 
 def crank_with_entry(form: dict[str, Any]) -> float:
-    """The crank's acceleration at the start from the equations with this entry (6, 6)."""
+    """Return the crank's acceleration at the start by equations with this entry (6, 6)."""
     s, zero = states()[0], np.zeros(6)
     J = crank_slider.jacobian(s.q)
     J[5, 5] = entry(form, s.q)
@@ -106,20 +110,23 @@ def crank_with_entry(form: dict[str, Any]) -> float:
 
 
 def start_off(form: list[float]) -> float:
-    """Residual of (21) at the start, and distance from the start of the linkage file at rest."""
+    """Return the larger of the residual of (21) at a start and its distance from the linkage file's start, relative to the size."""
     own, start = linkage(), np.array(form)
     residual = np.abs(crank_slider.residual(start)).max()
     return float(max(residual, np.abs(start - own.q0[list(KEPT)]).max(), np.abs(own.v0).max())) / DIMENSION
 
 
 def figures_off(form: list[int]) -> float:
-    """Figures, from first to last, too many or too few for displacement and velocity of one point in x and y, after the drawing."""
+    """Count the figures, from first to last, that are missing or too many.
+
+    Figures 2 to 5 show displacement and velocity of one point in x and y; figure 1 is the drawing.
+    """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
 
 
 def with_inertias(p: Problem, bars: Sequence[float]) -> float:
-    """The crank's acceleration with so many times the inertias of uniform bars."""
+    """Return the crank's acceleration with these multiples of the inertias of uniform bars for crank and rod."""
     M = p.M.copy()
     M[2, 2], M[5, 5] = bars[0] * I1, bars[1] * I2
     return crank_of(replace(p, M=M))
@@ -165,7 +172,7 @@ def high_order(motion: CrankMotion) -> float:
 
 @cache
 def show() -> Reference:
-    """The motion as far as SHOWN from the linkage file: certified, or by two other integrators of high order."""
+    """Return the reference motion up to SHOWN: a certified one, or one by two integrators of high order."""
     return find_certified(linkage(), SHOWN) or build_reference(linkage(), SHOWN)
 
 

@@ -5,7 +5,7 @@
     G = 1/2 |A h - b|^2,    A = M^(1/2) N,    b = -(M^(1/2) J^- g + M^(-1/2) (f - Q))                       (9)-(11)
     h = A^- b + (I - A^- A) w,    a = J^- g + N A^- b                                                      (12)-(14)
 
-J^- is any matrix with J J^- J = J where nothing else is said; the Moore-Penrose inverse is one of them.
+J^- is any matrix with J J^- J = J unless another inverse is named; the Moore-Penrose inverse is one of them.
 """
 
 from collections.abc import Callable
@@ -29,12 +29,12 @@ from gauss_bench.papers.forms.problems import (
 )
 from gauss_bench.terms import Array
 
-RCOND = 1e-10  # of the largest singular value: rounding leaves 1e-15, these problems keep 1e-4
+RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, the problems have 1e-4 or more
 AB = tuple[Array, Array]
 
 
 def power(M: Array, exponent: float) -> Array:
-    """M^exponent, symmetric."""
+    """Return the symmetric power M^exponent of a positive definite M."""
     values, vectors = np.linalg.eigh(M)
     return np.asarray((vectors * values**exponent) @ vectors.T)
 
@@ -44,7 +44,7 @@ def pinv(A: Array) -> Array:
 
 
 def some_inverse(A: Array, rng: np.random.Generator) -> Array:
-    """A random X with A X A = A, which is neither symmetric in A X nor in X A."""
+    """Return a random generalised inverse X, A X A = A, for which neither A X nor X A is symmetric."""
     X = pinv(A)
     U, V = rng.normal(size=X.shape), rng.normal(size=X.shape)
     return X + (np.eye(len(X)) - X @ A) @ U + V @ (np.eye(len(A)) - A @ X)
@@ -71,9 +71,9 @@ def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
 
 
 def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
-    """Slope of G at a along the accelerations that the constraints allow, relative to its whole slope."""
-    whole = gradient(G, a)
-    return float(np.abs(projector(p) @ whole).max() / np.abs(whole).max())
+    """Return the slope of G at a along the accelerations that the constraints allow, relative to the full gradient."""
+    full = gradient(G, a)
+    return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
 
 
 def stationary(form: Callable[[Problem, Number], Number]) -> float:
@@ -99,12 +99,12 @@ Rate = Callable[[Number, Number], Number]
 
 
 def differentiate(rate: Rate, q: Array, v: Array) -> Array:
-    """g of J a = g: minus what is left of the derivative of rate(q, v) when no speed changes."""
+    """Return g of J a = g: minus the derivative of rate(q, v) in time at constant v."""
     return -derivative(lambda x: rate(x, v), q, v)
 
 
 def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Rate of the constraint and true q, v, a: the crank-slider, and a blade that is led around a circle."""
+    """Return constraint rates with reference q, v, a: the crank-slider, and a knife edge that is led around a circle."""
 
     def slider(q: Number, v: Number) -> Number:
         return np.asarray(crank_slider.jacobian(q) @ v)
@@ -131,7 +131,7 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
 
 
 def every_solution(form: Callable[[Problem, Array, Array], Array]) -> float:
-    """Tell whether it gives solutions of J a = g only, and with h = a every solution a."""
+    """Measure whether a form gives only solutions of J a = g, and with h = a every solution a."""
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         X = some_inverse(p.J, rng)
@@ -144,12 +144,12 @@ Inverse = Callable[[Array, np.random.Generator], Array]
 
 
 def left_in_least_squares(A: Array, x: Array, b: Array) -> float:
-    """|A^T (A x - b)|, relative to its terms; zero where x minimises |A x - b|."""
+    """Return |A^T (A x - b)| relative to its terms; it is zero where x minimises |A x - b|."""
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
 def contradicting_rows(form: Inverse) -> float:
-    """Least-squares residual of (8) where redundant rows disagree by a tenth of what they ask for."""
+    """Return the least-squares residual of (8) if redundant rows contradict each other by a tenth of their size."""
     rng, errors = np.random.default_rng(SEED), []
     for p in (p for p in random_problems() if len(p.J) > p.rank):
         noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
@@ -159,22 +159,22 @@ def contradicting_rows(form: Inverse) -> float:
 
 
 def matrix(p: Problem, exponent: float = 0.5) -> Array:
-    """A of eq. (10) with this exponent of M."""
+    """Return A of eq. (10) with this exponent of M."""
     return power(p.M, exponent) @ projector(p)
 
 
 def vector(p: Problem, exponent: float = 0.5) -> Array:
-    """b of eq. (11) with this exponent of M in its first term."""
+    """Return b of eq. (11) with this exponent of M in its first term."""
     return -(power(p.M, exponent) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
 
 
 def matrix_off(exponent: float) -> float:
-    """Against what (8) put into (2) leaves in front of h: M^(-1/2) M N."""
+    """Compare A with the factor of h when (8) is inserted into (2): M^(-1/2) M N."""
     return worst([relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p)) for p in all_problems()])
 
 
 def vector_off(exponent: float) -> float:
-    """Against what (8) put into (2) leaves without h: M^(-1/2) (M J^- g + f - Q)."""
+    """Compare b with the terms without h when (8) is inserted into (2): M^(-1/2) (M J^- g + f - Q)."""
     return worst([relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g)) for p in all_problems()])
 
 
@@ -203,7 +203,7 @@ def square_off(form: Callable[[Array, Array, Array], float]) -> float:
 
 
 def unit_dependence(acceleration_of: Callable[[Problem], Array]) -> float:
-    """Largest change of the crank's acceleration when lengths are counted in millimetres, relative to it."""
+    """Return the largest relative change of the crank's acceleration when lengths are given in millimetres."""
     errors = []
     for p in crank_problems():
         metres, millimetres = acceleration_of(p)[CRANK], acceleration_of(in_millimetres(p))[CRANK]
@@ -224,7 +224,7 @@ def normal_sides(A: Array, b: Array, h: Array) -> AB:
 
 
 def sides_off(form: Callable[[Array, Array, Array], AB]) -> float:
-    """Difference of both sides at the true minimum, which h = a is."""
+    """Return the difference of both sides of an equation at the minimum h = a."""
     return worst([relative(*form(matrix(p), vector(p), p.a)) for p in all_problems()])
 
 

@@ -1,10 +1,10 @@
-"""Problems with known solutions on which the formulas of Yuan & Ge (2016), section 3, are tried.
+"""Problems with known solutions, on which the formulas of Yuan & Ge (2016), section 3, are tested.
 
     M a + f = Q - J^T lambda,   J a = g
 
-The paper's f, g and Q are kept apart as it has them. The sign of lambda is this project's (M a + J^T lambda = Q); many books, and
-a Lagrangian minus lambda times the residual, have the other. Random problems are solved by the saddle-point system; those of the
-crank-slider take their accelerations from the motion in the crank angle, which has neither J nor lambda.
+f, g and Q are separate, as in the paper. The sign of lambda is this project's (M a + J^T lambda = Q); many books have the opposite
+one. Random problems are solved by the saddle-point system; those of the crank-slider take their accelerations from the motion in
+the crank angle, which uses neither J nor lambda.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,20 @@ from gauss_bench.terms import Array, Terms
 
 SEED = 2016
 SIZES = ((7, 4, 0), (5, 1, 0), (9, 6, 0), (7, 4, 2), (6, 3, 1))  # coordinates, independent rows, rows that repeat those
-EACH = 6
+EACH = 6  # random problems of each size
 CRANK = 2  # index of the crank angle in the example's coordinates
 MILLIMETRES = np.array([1e3, 1e3, 1.0, 1e3, 1e3, 1.0, 1e3])
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One state of some system: what is given, the true accelerations a (n,) and the shortest multipliers (m,)."""
+    """One state of a system with n coordinates and m constraint rows, and its solution.
+
+    Attributes:
+        M, f, Q, J, g: the given terms.
+        a: (n,) reference accelerations.
+        multipliers: (m,) the shortest ones.
+    """
 
     M: Array
     f: Array
@@ -46,13 +52,13 @@ class Problem:
 
     @property
     def terms(self) -> Terms:
-        """The same for a formulation of the suite."""
+        """The same problem as the terms of a formulation of the suite."""
         zero = np.zeros(len(self.J))
         return Terms(self.M, self.J, self.Q - self.f, self.g, zero, zero)
 
 
 def solve_problem(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
-    """The problem with its solution; the first `independent` rows of J are, and all others follow from them."""
+    """Solve a problem; the first `independent` rows of J are independent, and the others follow from them."""
     zero = np.zeros(independent)
     a = lagrange(Terms(M, J[:independent], Q - f, g[:independent], zero, zero)).a
     return Problem(M, f, Q, J, g, a, multipliers_of(M, f, Q, J, a))
@@ -63,7 +69,7 @@ def multipliers_of(M: Array, f: Array, Q: Array, J: Array, a: Array) -> Array:
 
 
 def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) -> Problem:
-    """A full symmetric positive definite M and m independent rows, of which `repeated` combinations are added."""
+    """Return a random problem with a full positive definite M, m independent rows and `repeated` combinations of these."""
     root = rng.normal(size=(n, n))
     M = root @ root.T + 0.1 * n * np.eye(n)
     mix = np.vstack([np.eye(m), rng.normal(size=(repeated, m))])
@@ -73,14 +79,14 @@ def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) 
 
 @cache
 def random_problems() -> tuple[Problem, ...]:
-    """Random problems of all SIZES, a few of each, redundant but consistent rows among them."""
+    """Return random problems of all SIZES, EACH of each; some have redundant but consistent rows."""
     rng = np.random.default_rng(SEED)
     return tuple(random_problem(rng, *size) for size in SIZES for _ in range(EACH))
 
 
 @cache
 def crank_problems() -> tuple[Problem, ...]:
-    """The paper's example at its start and at random states."""
+    """Return the paper's example at its start and at random states."""
     M, f, problems = np.diag(crank_slider.mass()), np.zeros(7), []
     for s in crank_slider.states():
         J, g, Q = crank_slider.jacobian(s.q), crank_slider.bias(s.q, s.v), crank_slider.forces(s.q, s.v)
@@ -94,9 +100,10 @@ def all_problems() -> tuple[Problem, ...]:
 
 @cache
 def special_problems(kind: str) -> tuple[Problem, ...]:
-    """Random problems in which the Euclidean metric does no harm.
+    """Return random problems in which the Euclidean metric gives the right accelerations.
 
-    Kinds: "even" M = mu I; "full" as many rows as coordinates; "idle" no constraint force; "aligned" M maps range(J^T) to itself.
+    Kinds: "even" has M = mu I; "full" as many rows as coordinates; "idle" no constraint force; in "aligned" M maps range(J^T) to
+    itself.
     """
     rng = np.random.default_rng(SEED + 1)
     problems: list[Problem] = []
@@ -116,7 +123,7 @@ def special_problems(kind: str) -> tuple[Problem, ...]:
 
 
 def in_millimetres(p: Problem) -> Problem:
-    """The same problem of the crank-slider with millimetres for metres; forces in kg mm/s^2, masses and angles as before.
+    """Return a problem of the crank-slider in millimetres instead of metres; forces in kg mm/s^2, masses and angles as before.
 
     With q' = s q: M' = M / s s^T, Q' = Q / s, J' = 1000 J / s because the rows are lengths, a' = s a.
     """
@@ -127,15 +134,15 @@ def in_millimetres(p: Problem) -> Problem:
 
 
 def relative(x: Array, true: Array) -> float:
-    """Largest difference, relative to the largest true value."""
+    """Return the largest difference, relative to the largest reference value."""
     return float(np.abs(x - true).max() / np.abs(true).max())
 
 
 def worst(values: Sequence[float]) -> float:
-    """The largest; not a number where any is not, which no tolerance lets pass."""
+    """Return the largest value, or NaN if any is NaN, which fails every tolerance."""
     return float(np.max(values))
 
 
 def count_off(factors: Sequence[int], numbers: Sequence[int], true: int) -> float:
-    """Error of a count that is claimed as a sum of so many times each of the numbers."""
+    """Return the error of a claimed count, the sum of `factors` times `numbers`, against the right one."""
     return float(abs(sum(k * x for k, x in zip(factors, numbers, strict=True)) - true))

@@ -23,7 +23,7 @@ Accelerations = Callable[[Problem], Array]
 
 
 def rank_off(form: list[int]) -> float:
-    """Error of a rank of N claimed as a sum of so many times n coordinates, m rows and their rank r."""
+    """Return the error of a claimed rank of N, a sum of multiples of n coordinates, m rows and their rank r."""
     errors = []
     for p in all_problems():
         sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
@@ -41,7 +41,7 @@ def normal_inverse(p: Problem) -> Array:
 
 
 def inverse_off(form: Accelerations) -> float:
-    """Against the Moore-Penrose inverse of A by its singular values."""
+    """Compare a form with the Moore-Penrose inverse of A by its singular values."""
     return worst([relative(form(p), pinv(power(p.M, 0.5) @ projector(p))) for p in all_problems()])
 
 
@@ -58,22 +58,23 @@ def final_of_14(p: Problem) -> Array:
 
 
 def accelerations_off(form: Accelerations, on: str = "") -> float:
-    """On all problems, or on special ones."""
+    """Compare a form's accelerations with the reference on all problems, or on those of a special kind."""
     return worst([relative(form(p), p.a) for p in (special_problems(on) if on else all_problems())])
 
 
 def constraints_off(form: Accelerations) -> float:
-    """Residual of (6), relative to its terms."""
+    """Return the residual of (6) for a form's accelerations, relative to its terms."""
     terms = [(np.abs(p.J) @ np.abs(form(p)), p.J @ form(p) - p.g) for p in all_problems()]
     return worst([float(np.abs(r).max() / scale.max()) for scale, r in terms])
 
 
 def predict(p: Problem) -> Array:
+    """Return a_true - a_(16) as predicted above: -N M^-1 J^T lambda."""
     return -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
 
 
 def difference_off(factor: float) -> float:
-    """A multiple of what is predicted against the measured difference, relative to the larger of the accelerations subtracted."""
+    """Compare a multiple of the predicted difference with the measured one, relative to the accelerations that are subtracted."""
     errors = []
     for p in all_problems():
         wrong = euclidean(p)

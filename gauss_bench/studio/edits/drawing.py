@@ -1,7 +1,7 @@
-"""A document with the places of its points: what edits are made of.
+"""A document that is being edited, with the places of its points: every edit is a function of a `Drawing`.
 
-An edit changes the tables; where things lie follows from the poses of the links, which it changes along. At the end the sketch of
-the file is written anew from them, so that the file opens as it was drawn. Places are complex numbers x + i y [m].
+An edit changes the tables and, if links move, their poses; the places of points follow from both. At the end the sketch of the file
+is written anew, so that the file opens as it was drawn. Places are complex numbers x + i y [m].
 """
 
 import math
@@ -18,18 +18,18 @@ from gauss_bench.studio.messages import place
 from gauss_bench.studio.reading import Reading, lone_pins, new_faults
 from gauss_bench.studio.scene import pins
 
-DIGITS = 11  # after the point, of lengths [m] that are written: what is lost is far below what joints are closed to
-PLACED = 9  # of places and degrees of a sketch or start, from which the linkage is closed
-SAME = 1e-9  # [m] places that are one
+DIGITS = 11  # decimals of written lengths [m]: the rounding is far below the tolerance to which joints are closed
+PLACED = 9  # decimals of places and degrees of a sketch or start, which joints are closed from anyway
+SAME = 1e-9  # [m] distance below which two places are the same
 NAME = re.compile(r"[A-Za-z0-9_]+")
-LETTERS = "PQRSTUVWXYZ"  # names of points that are no pins
+LETTERS = "PQRSTUVWXYZ"  # names for points of links that are no pins
 KG_PER_M = 0.8  # steel flat 20 x 5 mm, as in the linkages of the suite
 BLOCK = {"mass": 0.1, "inertia": 5e-5}  # [kg], [kg m^2] of a sliding block, as in the shaper
 
 
 @dataclass(frozen=True)
 class Pin:
-    """A place of the drawing: `members` are the points that lie there; none, where nothing is held yet."""
+    """A place of the drawing; `members` are the points LINK.POINT that lie there, none if the pin holds nothing yet."""
 
     id: str
     at: complex
@@ -37,7 +37,7 @@ class Pin:
 
 
 def round_digits(x: Any, digits: int = PLACED) -> float:
-    """A number as it is written: without the noise of its last digits, and without a negative zero."""
+    """Round a number for the file, without a negative zero."""
     return round(float(x), digits) + 0.0
 
 
@@ -46,17 +46,23 @@ def pair(x: complex, digits: int = DIGITS) -> list[float]:
 
 
 def owner(reference: str) -> str:
-    """The link of "link.point"."""
+    """Return the link of "link.point"."""
     return reference.partition(".")[0]
 
 
 def tail(reference: str) -> str:
-    """The point of "link.point"."""
+    """Return the point of "link.point"."""
     return reference.partition(".")[2]
 
 
 class Drawing:
-    """The tables of a document that is being edited, and where its links are: `poses` are place and angle of their frames."""
+    """The tables of a document that is being edited.
+
+    Attributes:
+        poses: link -> place and angle [rad] of its frame; the ground has (0, 0).
+        pins: id -> pin.
+        made: ids of the parts that the edit has made.
+    """
 
     def __init__(self, document: Document, reading: Reading):
         self.document, self.reading = document, reading
@@ -65,23 +71,23 @@ class Drawing:
         self.made: list[str] = []
 
     def lay(self, poses: dict[str, list[float]]) -> None:
-        """Put the links where poses [x, y, theta] have them."""
+        """Set the poses of the links from [x, y, theta] each."""
         self.poses = {"ground": (0j, 0.0)} | {name: (complex(x, y), theta) for name, (x, y, theta) in poses.items()}
 
     def check(self, where: tuple[str, ...] = ()) -> None:
-        """See that the file has no fault that it did not have before.
+        """Check that the edit has not made the file faulty.
 
         Raises:
-            Refused: it has.
+            Refused: the file has a fault that it did not have before.
         """
         if faults := new_faults(self.reading.document, self.document):
             raise Refused("; ".join(str(x) for x in faults[:3]), where, faults[0].path.rpartition(".")[2])
 
     def group(self, name: str, key: str | None = None) -> dict[str, Any]:
-        """A table of the file, or one in it, made where it is missing.
+        """Return a table of the file, or a table in it; it is made if it is missing.
 
         Raises:
-            Refused: the file has something else there.
+            Refused: the file has something else under that name.
         """
         entries, called = self.document.setdefault(name, {}), name
         if key is not None and isinstance(entries, dict):
@@ -91,10 +97,10 @@ class Drawing:
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
-        """The table of a link.
+        """Return the table of a link.
 
         Raises:
-            Refused: there is none of that name that could be read.
+            Refused: no link of that name could be read.
         """
         entries = self.group("links").get(name) if isinstance(name, str) else None
         if not isinstance(entries, dict) or name not in self.poses:
@@ -102,22 +108,22 @@ class Drawing:
         return entries
 
     def given(self, link: str) -> dict[str, Any]:
-        """The points of a link or of the ground, as the file gives them."""
+        """Return the points of a link or of the ground, as the file writes them."""
         points = self.group("ground", "points") if link == "ground" else self.link(link).setdefault("points", {})
         return points if isinstance(points, dict) else {}
 
     def points(self, link: str) -> dict[str, complex]:
-        """Name -> place of a link's points in its own frame; of the ground in the world."""
+        """Return name -> place of a link's points in its own frame, or of the ground's points in the world."""
         given = self.given(link)
         try:
             points = resolve_points(given)
-        except (RecursionError, KeyError, TypeError, ValueError):  # a fault of the file, which is told; what could be read counts
+        except (RecursionError, KeyError, TypeError, ValueError):  # a fault that is reported elsewhere: take what could be read
             rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
             points = resolve_points(rest.get("points", {}))
         return {name: complex(*x) for name, x in points.items()}
 
     def place(self, reference: str) -> complex:
-        """The place of a point in the world.
+        """Return the place of a point in the world.
 
         Raises:
             Refused: there is no such point.
@@ -133,12 +139,12 @@ class Drawing:
         return origin + rect(1.0, theta) * local
 
     def local(self, link: str, at: complex) -> complex:
-        """A place of the world in a link's own frame."""
+        """Return a place of the world in a link's own frame."""
         origin, theta = self.poses[link]
         return (at - origin) * rect(1.0, -theta)
 
     def set_point(self, reference: str, at: complex) -> None:
-        """Put a point of a link or of the ground to a place in the world; points that are given from it stay where they are."""
+        """Move a point of a link or of the ground to a place in the world; points that are defined from it stay where they are."""
         link, name = owner(reference), tail(reference)
         known, given = self.points(link), self.given(link)
         for other, value in given.items():
@@ -148,7 +154,7 @@ class Drawing:
 
     @staticmethod
     def _chain(given: dict[str, Any], name: str) -> list[str]:
-        """The points that a point is given from, one after the other."""
+        """Return the points from which a point is defined, one after the other."""
         chain: list[str] = []
         at: Any = given[name].get("from")
         while isinstance(at, str) and at not in chain and at in given:
@@ -159,7 +165,10 @@ class Drawing:
     # names
 
     def fresh(self, word: str, *groups: str) -> str:
-        """A name of a word and the smallest number that is new in these groups; without a word one that is no pin's or point's."""
+        """Return a new name: a word with the smallest number that is free in these groups.
+
+        Without a word the name is a number, which no pin and no point has either.
+        """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
             taken = taken.union(table(table(self.document, "assembly"), "sketch"), table(table(self.document, "ground"), "points"))
@@ -167,17 +176,17 @@ class Drawing:
         return next(f"{word}{k}" for k in range(1, len(taken) + 2) if f"{word}{k}" not in taken)
 
     def letter(self, link: str) -> str:
-        """A letter for a point of a link that is no pin; of the ground a number."""
+        """Return a new name for a point that is no pin: a letter on a link, a number on the ground."""
         taken = self.points(link)
         return next((x for x in LETTERS if x not in taken and link != "ground"), "") or self.fresh("")
 
     # pins
 
     def pin(self, given: Any) -> Pin:
-        """The pin that `{"pin": id}` or `{"at": [x, y], "ground": bool}` means; a new one is drawn.
+        """Return the pin that `{"pin": id}` names, or draw a new one for `{"at": [x, y], "ground": bool}`.
 
         Raises:
-            Refused: there is no such pin, or no place.
+            Refused: there is no such pin, or no place is given.
         """
         if isinstance(given, dict) and "pin" in given:
             given = given["pin"]
@@ -195,23 +204,23 @@ class Drawing:
         return pin
 
     def joint_of(self, pin: Pin) -> str | None:
-        """The joint of the file that holds a pin, if any."""
+        """Return the joint of the file at a pin, if there is one."""
         for name, joint in items(self.document, "joints"):
             if joint.get("type") == "revolute" and any(x in pin.members for x in sequence(joint, "at")):
                 return name
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """A name for a point at a pin: that of the joint or of what lies there, where it is not taken."""
+        """Return a name for a new point at a pin: that of its joint or of a point there, unless it is taken."""
         wished = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wished if wished not in taken and NAME.fullmatch(wished) else self.fresh("")
 
     def unsketch(self, pin: Pin) -> None:
-        """Let a pin that holds nothing be no place of its own any more."""
+        """Remove a pin that holds nothing from the sketch."""
         table(table(self.document, "assembly"), "sketch").pop(pin.id, None)
 
     def attach(self, pin: Pin, link: str) -> Pin:
-        """Give a link a point at a pin, and join it to what lies there; the pin as it is then."""
+        """Add a point of a link at a pin, join it to the points there, and return the changed pin."""
         if link in map(owner, pin.members):
             raise Refused(f"pin {pin.id} is on {link} already", (f"pins.{pin.id}",))
         name = self.name_at(pin, self.points(link))
@@ -219,7 +228,7 @@ class Drawing:
         return self.hold(pin, f"{link}.{name}")
 
     def hold(self, pin: Pin, reference: str) -> Pin:
-        """Join a point that lies at a pin to it."""
+        """Join a point that lies at a pin to the pin, and return the changed pin."""
         del self.pins[pin.id]
         joint, joints = self.joint_of(pin), self.group("joints")
         own = [x for x in pin.members if owner(x) == "ground" or owner(x) in self.group("links")]
@@ -238,10 +247,10 @@ class Drawing:
         return self.pins[id]
 
     def ends(self, a: Any, b: Any) -> list[str]:
-        """Points of two different links at two pins, or as they are named; on links rather than on the ground.
+        """Return two points of different links, at two pins or as they are named; points of links are preferred to the ground's.
 
         Raises:
-            Refused: there are none.
+            Refused: the pins hold no two different links.
         """
         sides = [self.pins[str(x)].members if str(x) in self.pins else (str(x),) for x in (a, b)]
         first, second = (sorted(x, key=lambda y: owner(y) == "ground") for x in sides)
@@ -253,10 +262,10 @@ class Drawing:
         raise Refused("it acts between points of two different links", where, "b")
 
     def on_link(self, point: str) -> str:
-        """A point as it is named, or a link's point at the pin of that name.
+        """Return a link's point at the pin of that name, or the point that is named itself.
 
         Raises:
-            Refused: there is none.
+            Refused: there is no such point.
         """
         members = self.pins[point].members if point in self.pins else (point,)
         reference = next((x for x in members if owner(x) != "ground"), members[0] if members else point)
@@ -266,13 +275,13 @@ class Drawing:
     # links
 
     def add_link(self, name: str, at: complex, theta: float, more: dict[str, Any]) -> None:
-        """A new link without points, whose frame lies at a place and an angle."""
+        """Add a link without points, whose frame has this place and angle [rad]."""
         self.group("links")[name] = {"points": {}} | more
         self.poses[name] = at, theta
         self.made.insert(0, f"links.{name}")
 
     def framed(self, link: str) -> bool:
-        """Tell whether a link's frame runs along its first bar, and nothing but its points is given in it."""
+        """Tell whether a link's frame lies along its first bar and only its points are given in that frame."""
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
@@ -283,7 +292,7 @@ class Drawing:
         return abs(a) < SAME and abs(b.imag) < SAME and b.real > 0
 
     def reframe(self, link: str) -> None:
-        """Lay a link's frame along its first bar again, after a point of it has moved; lines of slides turn with the bar."""
+        """Align a link's frame with its first bar after one of its points has moved; lines of slides turn with the bar."""
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
         a, b = (places[x] for x in given["bars"][0])
@@ -292,7 +301,7 @@ class Drawing:
         given["points"] = {key: pair(self.local(link, x)) for key, x in places.items()}
 
     def sketch(self) -> None:
-        """Write where things lie into the table `assembly`: every pin, and one more point of links that one pin alone holds."""
+        """Write the places of all pins into the table `assembly`, and one more point of each link that has a single pin."""
         assembly = self.group("assembly")
         old, drawn, joints = table(assembly, "sketch"), dict[str, list[float]](), [*items(self.document, "joints")]
         pinned: set[str] = set()
@@ -317,7 +326,8 @@ class Drawing:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0
         held = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
-        kept = {k: x for k, x in old.items() if k in held or ("." in k and owner(k) not in self.poses)}  # of what could not be read
+        # entries of links that could not be read stay
+        kept = {k: x for k, x in old.items() if k in held or ("." in k and owner(k) not in self.poses)}
         assembly["sketch"] = kept | drawn | lone_pins(self.document)
         for name in angles & self.poses.keys():
             for key, unit in (("angles_deg", math.degrees(1.0)), ("angles", 1.0)):
@@ -326,7 +336,7 @@ class Drawing:
         self.tidy()
 
     def tidy(self) -> None:
-        """Leave no empty tables behind."""
+        """Remove empty tables."""
         for group in ("ground", "observe", "assembly"):
             entry = table(self.document, group)
             for key in [k for k, x in entry.items() if x in ({}, [])]:

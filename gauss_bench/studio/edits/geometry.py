@@ -1,4 +1,4 @@
-"""Drawing: pins, bars, larger links, slides; joining, grounding, moving them, and their lengths and angles as numbers."""
+"""Edits of geometry: add pins, bars, larger links and slides; join, ground and move them; set lengths and angles."""
 
 import math
 from cmath import phase
@@ -13,8 +13,8 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number, place
 from gauss_bench.terms import Array
 
-SHORTEST = 1e-6  # [m] of a bar
-TURN = math.radians(5.0)  # of a link between two closures
+SHORTEST = 1e-6  # [m] shortest bar
+TURN = math.radians(5.0)  # [rad] largest turn of a link before the joints are closed again
 
 
 def add_pin(d: Drawing, message: Message) -> None:
@@ -37,14 +37,18 @@ def on_what(link: str) -> str:
 
 
 def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
-    """A new rigid link through pins."""
+    """Add a rigid link through pins, with bars around it.
+
+    Raises:
+        Refused: two of the pins lie at one place or on the same link.
+    """
     for a, b in ((a, b) for k, a in enumerate(pins) for b in pins[:k]):
         if a.id == b.id or abs(a.at - b.at) < SHORTEST:
             raise Refused("a bar between two pins at one place has no length", (f"pins.{a.id}",))
         both = [x for x in map(owner, a.members) if x in map(owner, b.members)]
         if both:
-            said = f"pins {b.id} and {a.id} are both {on_what(both[0])} already: no bar is needed between them"
-            raise Refused(said, (f"pins.{a.id}", f"pins.{b.id}"))
+            text = f"pins {b.id} and {a.id} are both {on_what(both[0])} already: no bar is needed between them"
+            raise Refused(text, (f"pins.{a.id}", f"pins.{b.id}"))
     name = d.fresh(word, "links")
     d.add_link(name, pins[0].at, phase(pins[1].at - pins[0].at), {"bars": [], "kg_per_m": KG_PER_M})
     ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]
@@ -71,6 +75,7 @@ def observe(d: Drawing, message: Message) -> None:
 
 
 def add_slide(d: Drawing, message: Message) -> None:
+    """Add a slide along a guide, with a block that is pinned at the slide's pin."""
     guide = message.get("guide", "ground")
     pin = d.pin(message["pin"] if "pin" in message else {"at": message.get("at")})
     bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
@@ -98,7 +103,7 @@ def add_slide(d: Drawing, message: Message) -> None:
 
 
 def _guide_point(d: Drawing, guide: str, at: complex | None, ends: list[Any]) -> str:
-    """The point of the guide that its line runs through, made where there is none; its first one where no place is given."""
+    """Return the guide's point at a place, which is added if there is none; without a place, the guide's first point."""
     points = d.points(guide)
     if at is None:
         return str(ends[0]) if ends else next(iter(points))
@@ -111,6 +116,7 @@ def _guide_point(d: Drawing, guide: str, at: complex | None, ends: list[Any]) ->
 
 
 def join(d: Drawing, message: Message) -> None:
+    """Move a pin onto another and join all their points in one joint."""
     a, b = d.pin(message.get("pin")), d.pin(message.get("to"))
     if a.id == b.id:
         raise Refused("a pin is joined to another", (f"pins.{a.id}",))
@@ -143,6 +149,7 @@ def join(d: Drawing, message: Message) -> None:
 
 
 def ground(d: Drawing, message: Message) -> None:
+    """Fix a pin to the ground, or release it from the ground."""
     pin, on = d.pin(message.get("pin")), bool(message.get("on", True))
     fixed = [x for x in pin.members if owner(x) == "ground"]
     if on == bool(fixed):
@@ -175,7 +182,7 @@ def move(d: Drawing, message: Message) -> None:
 
 
 def _shift(d: Drawing, pin: Pin, at: complex) -> None:
-    """Put a pin elsewhere: the links that it is on get other lengths; a guide on the ground that it slides along comes along."""
+    """Move a pin: the links on it change their lengths, and a ground guide that it alone slides along moves with it."""
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)
     joints = d.group("joints")
@@ -189,7 +196,7 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
         if link == "ground":
             d.set_point(reference, at)
         elif link not in d.group("links"):
-            continue  # of a cylinder, which follows
+            continue  # an end of a cylinder, which follows the pin by itself
         elif len(d.points(link)) == 1:  # a block goes where its pin goes
             origin, theta = d.poses[link]
             d.poses[link] = origin + at - pin.at, theta
@@ -198,7 +205,7 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
 
 
 def _put(d: Drawing, reference: str, at: complex) -> None:
-    """Put a point of a link elsewhere in the world."""
+    """Move a point of a link to a place in the world."""
     link = owner(reference)
     framed = d.framed(link)
     d.set_point(reference, at)
@@ -225,6 +232,7 @@ def set_length(d: Drawing, message: Message) -> None:
 
 
 def set_angle(d: Drawing, message: Message) -> None:
+    """Turn a link to an angle in small steps, closing the joints after each, so that the linkage stays on its branch."""
     name, degrees, reading = str(message.get("link")), number(message, "value_deg"), d.reading
     d.link(name)
     if reading.mechanism is None or reading.joints is None or not reading.closed:

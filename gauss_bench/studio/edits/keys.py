@@ -1,4 +1,4 @@
-"""The tables of a file by their keys: setting, renaming, deleting, forces and locks."""
+"""Edits of tables by their keys: set, rename and delete entries; add forces; name locks."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
 
 EITHER = (("mass", "kg_per_m"), ("angle", "angle_deg"), ("rest", "rest_deg"), ("start", "start_deg"), ("travel", "travel_deg"))
 USUAL: dict[str, dict[str, Any]] = scene.FORCES["usual"]  # word of a force -> its type and the numbers of one drawn without any
-WORDS = {  # group -> keys whose texts name an entry of it, wherever they stand
+WORDS = {  # group -> keys anywhere in a file whose texts name an entry of the group
     "links": ("crank", "link", "reaction", "frame", "to", "links", "hold", "angles", "angles_deg", "speeds"),
     "joints": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
     "cylinders": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
@@ -26,7 +26,7 @@ TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that name no
 
 
 def set_key(d: Drawing, message: Message) -> None:
-    """Set the key that a path names, or delete it where the value is null."""
+    """Set the key at a path, or delete it if the value is null; a key that excludes it, such as angle and angle_deg, is removed."""
     path, given = message.get("path"), message.get("value")
     if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+|\[\d{1,4}\])*", path):
         raise Refused("a path is keys with dots between them", field="path")
@@ -54,7 +54,7 @@ def set_key(d: Drawing, message: Message) -> None:
 
 
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
-    """The tables and lists of x with every text, and every key of a table, as `change(text, key it stands under)` has it."""
+    """Return tables and lists with every text and every key x replaced by `change(x, key)`, where `key` is the key above it."""
     if isinstance(x, dict):
         named = key in GROUPS  # whose entries' names are no keys
         return {change(k, key): rewrite(y, change, "" if named else k) for k, y in x.items()}
@@ -86,7 +86,7 @@ def rename(d: Drawing, message: Message) -> None:
 
 
 def _rename_in(document: Document, group: str, old: str, new: str) -> None:
-    """Rename an entry of a group and all that refers to it, in its place."""
+    """Rename an entry of a group and all references to it."""
     words = (group, *WORDS.get(group, ()))
 
     def change(x: str, key: str) -> str:
@@ -98,7 +98,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 
 
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
-    """A pin's joint gets the name, and its points where theirs was the same and the new one is free."""
+    """Rename a pin's joint, and those of its points that have the joint's name, where the new name is free."""
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)
     if to in {*d.group("joints"), *d.group("cylinders"), *lone_pins(d.document)} - {joint}:
@@ -127,7 +127,7 @@ def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
 
 
 def delete(d: Drawing, message: Message) -> None:
-    """Delete what ids name, and what cannot be without it."""
+    """Delete the parts with these ids, and everything that refers to them."""
     ids = message.get("ids")
     if not isinstance(ids, list) or not all(isinstance(x, str) for x in ids):
         raise Refused("ids is a list of what to delete", field="ids")
@@ -149,7 +149,7 @@ def delete(d: Drawing, message: Message) -> None:
 
 
 def _delete_pin(d: Drawing, name: str) -> None:
-    """Take a pin's points from all that is on it; bars that are left with one end go too."""
+    """Delete a pin's points from all its links; a link that is left with one point is deleted too."""
     pin = d.pins[name]
     if not pin.members:
         d.unsketch(pin)
@@ -166,13 +166,13 @@ def _delete_pin(d: Drawing, name: str) -> None:
             kept = [bar for bar in sequence(given, "bars") if point not in bar]
             beside = [x for bar in sequence(given, "bars") if point in bar for x in bar if x != point]
             if len(beside) == 2 and beside[0] != beside[1] and not any({*beside} == {*bar} for bar in kept):
-                kept.append(beside)  # of a polygon: its neighbours are joined
+                kept.append(beside)  # in a polygon of bars, a new bar joins the neighbours of the deleted point
             if "bars" in given:
                 given["bars"] = kept or [[*given["points"]][:2]]
 
 
 def prune(d: Drawing) -> None:
-    """Leave out what refers to what is no more."""
+    """Delete everything that refers to deleted parts."""
     before = d.reading.document
     for _ in range(1000):
         faults = [x for x in new_faults(before, d.document) if x.path not in ("links", "scenarios")]
@@ -183,13 +183,14 @@ def prune(d: Drawing) -> None:
         del d.group("joints")[joint]
     sketched = table(table(d.document, "assembly"), "sketch")
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
-        sketched.pop(joint, None)  # its place is that of no pin any more
+        sketched.pop(joint, None)  # otherwise its place would be shown as a pin that holds nothing
     for name, scenario in [*items(d.document, "scenarios")]:
         if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
 
 
 def add_force(d: Drawing, message: Message) -> None:
+    """Add a force with its default numbers, and let it act in the released scenario, or else in the first free one."""
     word = str(message.get("type"))
     given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}
     if "a" in message or "b" in message:
@@ -221,7 +222,7 @@ def add_force(d: Drawing, message: Message) -> None:
 
 
 def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
-    """The distance [m] of two points."""
+    """Return the distance between the two points of `between` [m]."""
     a, b = (d.place(str(x)) for x in given["between"])
     return round_digits(abs(b - a))
 
@@ -231,12 +232,12 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
         raise Refused("a cylinder lies between two points", field="a")
     part = {"length": round_digits(max(0.6 * _apart(d, given), 1e-3)), "kg_per_m": KG_PER_M}
     name = d.fresh("cylinder", "cylinders", "joints")
-    if d.document.get("format") == FORMAT:  # of which the damping of a pin through three links means something else
+    if d.document.get("format") == FORMAT:  # cylinders need the second edition, in which damping of a pin of three links differs
         for damper, force in items(d.document, "forces"):
             joint = table(d.document, "joints").get(str(force.get("joint")), {})
             if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
-                said = f"a file of the first edition has no cylinders, and in the second {damper} would damp otherwise"
-                raise Refused(said, (f"forces.{damper}",))
+                text = f"a file of the first edition has no cylinders, and in the second {damper} would damp otherwise"
+                raise Refused(text, (f"forces.{damper}",))
     d.document["format"] = SECOND
     d.group("cylinders")[name] = {"between": given["between"], "barrel": dict(part), "rod": dict(part)}
     d.check()
@@ -244,7 +245,7 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
 
 
 def lock_of(d: Drawing, message: Message) -> str:
-    """The id of what is to be locked."""
+    """Return the id of the part that a message locks: a pin, a slide, a length or an angle."""
     if "pin" in message:
         return f"pins.{d.pin(message.get('pin')).id}"
     if "joint" in message:

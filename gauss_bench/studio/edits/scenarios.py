@@ -1,6 +1,6 @@
-"""The scenarios that the studio writes: "driven", by laws that prescribe coordinates, and "released", let go where it is drawn.
+"""The scenarios that the studio writes: "driven", in which laws prescribe coordinates, and "released", at rest from the drawing.
 
-Both begin where the linkage is drawn and go along with the drawing, as does any other start that lay there.
+Both start where the linkage is drawn. When the drawing changes, so do their starts, and any other start that was at the drawing.
 """
 
 import math
@@ -22,14 +22,14 @@ from gauss_bench.studio.messages import Message, number
 from gauss_bench.studio.reading import Reading
 
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
-FREE = 2.0  # [s] of a drawing let go
-STROKE = 0.1  # of the linkage's size
-FOLLOWS = 1e-6  # [m, rad] a start as near to the drawing as this goes along with it
-UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # by the ending of a key
+FREE = 2.0  # [s] usual duration of "released"
+STROKE = 0.1  # usual travel of a driven length, relative to the linkage's size
+FOLLOWS = 1e-6  # [m, rad] a start that is nearer to the drawing than this changes with it
+UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key -> its unit in 1/rad
 
 
 def drive(d: Drawing, message: Message) -> None:
-    """Prescribe a coordinate in the scenario "driven", from where it is drawn; or leave it free again."""
+    """Prescribe a coordinate in the scenario "driven", starting from the drawing; `off` removes its driver again."""
     scenarios = d.group("scenarios")
     scenario, where = scenarios.get(DRIVEN, {}), _coordinate(d, message.get("coordinate"))
     drivers = [x for x in drivers_of(scenario) if not where.items() <= x.items()]
@@ -52,7 +52,7 @@ def drive(d: Drawing, message: Message) -> None:
 
 
 def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
-    """The keys of a driver that say what it prescribes."""
+    """Return the key of a driver that names its coordinate: link, joint or between."""
     if isinstance(given, dict) and "between" in given:
         return {"between": d.ends(*[*sequence(given, "between"), None, None][:2])}
     name = given.get("name") if isinstance(given, dict) else given
@@ -64,7 +64,7 @@ def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
 
 
 def _lasts(driver: Mapping[str, Any]) -> float:
-    """The time [s] for which a law goes on; a constant speed for one turn, or one second."""
+    """Return the duration of a law [s]; a constant speed lasts for one turn, or for one second."""
     if driver.get("law") == "constant":
         speed = driver.get("speed")
         turns = isinstance(speed, (int, float)) and speed != 0 and "link" in driver
@@ -75,7 +75,7 @@ def _lasts(driver: Mapping[str, Any]) -> float:
 
 
 def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate | None:
-    """What the keys link, joint or between of a driver name, if there is such a thing."""
+    """Return the coordinate that a driver's key link, joint or between names, or None if the linkage does not have it."""
     try:
         if "link" in driver:
             return Angle(GROUND, mechanism.placed(driver["link"])[0])
@@ -87,7 +87,7 @@ def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate
 
 
 def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
-    """The place [rad, m] of a driver's coordinate where the linkage is drawn, if there is such a thing."""
+    """Return the value [rad, m] of a driver's coordinate in the drawing, or None if the linkage does not have it."""
     mechanism = reading.mechanism
     coordinate = None if mechanism is None else coordinate_of(mechanism, driver)
     if mechanism is None or coordinate is None:
@@ -97,7 +97,10 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 
 
 def start_driven(document: Document, reading: Reading, fresh: Mapping[str, Any] | None = None) -> None:
-    """Let the drivers of "driven" begin where the linkage is drawn (those of `fresh`, or all), and hold what they leave free."""
+    """Set the starts of the drivers of "driven" to the drawing (of the driver `fresh`, or of all that give no start).
+
+    Coordinates that the drivers leave free are prescribed in the scenario's start.
+    """
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
     for driver in drivers:
@@ -114,7 +117,10 @@ def start_driven(document: Document, reading: Reading, fresh: Mapping[str, Any] 
 
 
 def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
-    """The table of a start at rest where the linkage is drawn: the surest coordinates for what joints and drivers leave free."""
+    """Return the table of a start at rest in the drawing.
+
+    It prescribes the coordinates that determine most surely what joints and drivers leave free.
+    """
     mechanism, joints, q = reading.mechanism, reading.joints, reading.q
     if mechanism is None or joints is None:
         return {}
@@ -129,7 +135,7 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
 
 
 def release(document: Document, reading: Reading) -> None:
-    """Keep the scenario "released" at rest where the linkage is drawn; a drawing without scenarios gets it."""
+    """Update the start of "released" to the drawing; a drawing without other scenarios gets this scenario."""
     own = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
     if reading.mechanism is None or not own:
         return
@@ -140,7 +146,7 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Starts and drivers that began where the linkage was drawn begin where it is drawn now."""
+    """Move the starts of scenarios and drivers that were at the old drawing to the new one."""
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)
@@ -152,9 +158,9 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
         if was is None or now is None or not isinstance(x, (int, float)):
             return
         away = x / unit - was
-        whole = away - math.remainder(away, 2 * math.pi) if "link" in coordinate else 0.0  # turns mean nothing
-        if abs(away - whole) < FOLLOWS:
-            entry[key] = round_digits((now + whole) * unit)
+        turns = away - math.remainder(away, 2 * math.pi) if "link" in coordinate else 0.0  # whole turns do not matter
+        if abs(away - turns) < FOLLOWS:
+            entry[key] = round_digits((now + turns) * unit)
 
     for name, scenario in items(document, "scenarios"):
         start = table(scenario, "start")

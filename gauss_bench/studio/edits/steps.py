@@ -1,4 +1,4 @@
-"""Steps of the history made by edits: the tables change, the linkage is closed again, and the file follows."""
+"""An edit as one step of the history: change the tables, close the linkage again, write the file."""
 
 import re
 from collections.abc import Callable
@@ -16,17 +16,17 @@ from gauss_bench.studio.session import Session
 from gauss_bench.terms import Array
 
 EDITS: dict[str, Callable[[Drawing, Message], None]] = {**GEOMETRY, **KEYS, "drive": drive}
-STAYING = ("observe", "add_force", "drive", "rename")  # edits after which everything lies where it lay
-LENGTH = 1e-8  # [m] by which a locked length may differ, for its digits
-SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # what a linkage's places follow from
+STAYING = ("observe", "add_force", "drive", "rename")  # edits that move nothing
+LENGTH = 1e-8  # [m] by which a locked length may change, because of rounding in the file
+SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # paths that determine the places of links
 PICTURES = tuple(f"data:image/{x};base64," for x in ("png", "jpeg", "webp", "gif"))
 
 
 def edit_document(session: Session, change: Callable[[Drawing], object], still: bool = False) -> list[str]:
-    """Make a change one step of the history; what it made, by ids.
+    """Make a change as one step of the history, and return the ids of the parts it made; `still` says that nothing moves.
 
     Raises:
-        Refused: it cannot be made; nothing has happened then.
+        Refused: the change cannot be made; the session is then unchanged.
     """
     before = session.reading
     d = Drawing(session.document, before)
@@ -42,10 +42,10 @@ def edit_document(session: Session, change: Callable[[Drawing], object], still: 
 
 
 def edit(session: Session, message: Message) -> list[str]:
-    """The edit that a message asks for.
+    """Make the edit that a message asks for, and return the ids of the parts it made.
 
     Raises:
-        Refused: it cannot be made.
+        Refused: the edit cannot be made.
     """
     verb = str(message.get("do"))
     still = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
@@ -55,10 +55,10 @@ def edit(session: Session, message: Message) -> list[str]:
 
 
 def try_edit(session: Session, message: Message) -> Reading:
-    """The drawing as it would be with a pin at another place; nothing is kept of it.
+    """Return the drawing as it would be with a pin at another place; the session is not changed.
 
     Raises:
-        Refused: it cannot be there.
+        Refused: the pin cannot be there.
     """
     _movable(session.locks, message)
     d = Drawing(session.document, session.reading)
@@ -75,10 +75,10 @@ def _movable(locks: frozenset[str], message: Message) -> None:
 
 
 def _settle(locks: frozenset[str], d: Drawing) -> None:
-    """Write the sketch of a drawing whose locked lengths are what they were.
+    """Check that locked lengths have not changed, and write the sketch.
 
     Raises:
-        Refused: one is not.
+        Refused: a locked length has changed.
     """
     before = Drawing(d.reading.document, d.reading)
     for lock in sorted(x for x in locks if x.startswith("links.") and ":" in x):
@@ -91,7 +91,7 @@ def _settle(locks: frozenset[str], d: Drawing) -> None:
 
 
 def pose_sketch(session: Session, q: Array) -> None:
-    """Draw the linkage at another position q (n,) that its joints allow."""
+    """Redraw the linkage at another position q (n,), at which its joints are closed."""
     edit_document(session, lambda d: d.lay(d.reading.poses(q)))
 
 
@@ -99,17 +99,17 @@ def lock(session: Session, message: Message) -> None:
     """Lock or free a pin, a slide, the angle of a link or a length.
 
     Raises:
-        Refused: there is no such thing.
+        Refused: there is no such part.
     """
     id = lock_of(Drawing(session.document, session.reading), message)
     session.put(session.text, session.locks | {id} if message.get("on", True) else session.locks - {id})
 
 
 def picture(session: Session, message: Message) -> None:
-    """Lay a picture behind the grid, put the one that is there elsewhere, or take it away.
+    """Set, move or remove the picture behind the grid.
 
     Raises:
-        Refused: it is no picture, or has no place.
+        Refused: the message holds no picture, or no place for it.
     """
     given = message.get("picture")
     if given is None:
