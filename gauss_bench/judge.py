@@ -247,6 +247,7 @@ def _check_motion(x: Evidence) -> Iterator[Check]:
         yield Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad {beside}"
     if x.halving is not None:
         length, turn = _largest(x.halving.length), _largest(x.halving.angle)
+        # Halving the step removes half of a first-order error, so that the change may be half of the limit.
         yield Subject.STEP, length, OFF_MOTION / 2 * x.size, f"{x.finer} moves a link by {length:.2g} m"
         yield Subject.STEP, turn, OFF_MOTION / 2, f"{x.finer} turns a link by {turn:.2g} rad"
 
@@ -254,6 +255,7 @@ def _check_motion(x: Evidence) -> Iterator[Check]:
 def _check_start(x: Evidence) -> Iterator[Check]:
     """Compare the first sample with the start of the scenario."""
     if x.start is not None and x.rates is not None:
+        # A linkage at rest has no speed to compare with; then the speed that crosses its size within the run counts.
         slow = x.size / x.duration if x.duration else x.size
         speed, spin = max(x.rates.fastest[0], slow), max(x.rates.fastest[1], slow / x.size)
         for gap, scale, unit in zip(x.start, (x.size, 1.0, speed, spin), ("m", "rad", "m/s", "rad/s"), strict=True):
@@ -277,6 +279,7 @@ def _check_rates(x: Evidence) -> Iterator[Check]:
         "spin": (max(OFF_RATES * x.rates.fastest[1], slow / x.size), "rad/s", "angular velocities", "angular accelerations"),
     }
     for bar, (name, (limit, unit, what, rates)) in zip(x.rates.bars, limits.items(), strict=True):
+        # Gaps that a finer run reduces come from the method, and widen the limit within bounds.
         gaps: Array = getattr(x.rates, name)
         allowed = limit + min(SHARED * bar, MOST_SHARED * limit)
         if x.rates_again is not None:

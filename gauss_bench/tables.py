@@ -324,8 +324,8 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     """Rows of a table in the folder of a run, typed, in the order of the file; none where there is no such file.
 
     Raises:
-        TableError: a file is damaged, lacks a column, holds what is not of its column's type, is of a later format, or tells times
-            of a row that there is not.
+        TableError: a file is damaged, lacks a column, holds a value of the wrong type, is of a later format, or has times
+            of a row that does not exist.
     """
     version, table = format_of(folder), TABLES[name]
     if name == "baseline":

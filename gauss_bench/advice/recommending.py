@@ -189,8 +189,10 @@ class Recommender:
                 known = f"the true motion is known to {truth.bars[kind]:.1e} {UNITS[kind]} only"
                 raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {truth.told}")
         self.truth = truth
+        # Steps in which the fastest link would turn by more than TURNED are not tried.
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
         share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
+        # The error of the reference's method falls with steps^-ORDER: these steps should give half of the requirement.
         self.first = self.run.until / (truth.steps * (share / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
         failures: queue.Queue[BaseException] = queue.Queue()
@@ -250,6 +252,7 @@ class Recommender:
         if not adaptive:
             most = self._most(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
+        # The search asks for some sizes twice; each is run once.
         seen: dict[float, Trial] = {}
         until = self.budget.spent() + self._slice(engine)
 
@@ -264,6 +267,7 @@ class Recommender:
         try:
             late = len(engine.trials) == 1 and self.budget.left(SEARCHED) <= 0  # one run is all: rather too fine
             start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
+            # Begin at coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference.
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
@@ -295,6 +299,7 @@ class Recommender:
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
         assert self.truth is not None
         steps = BEATS if adaptive else round(self.run.until / way.size)
+        # Samples must divide the steps evenly, so that no shorter step is needed to meet a sample time.
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
@@ -307,6 +312,7 @@ class Recommender:
         errors = dict(trial.errors)
         if LOOPS in self.wanted and ran.trajectory is not None:
             errors[LOOPS] = float(drift(self.judge, ran.trajectory).position.max())
+        # The worst of several requirements decides; an error that is not determined must not pass as small.
         shares = [errors[kind] / limit for kind, limit in self.wanted.items()]
         share = math.nan if any(map(math.isnan, shares)) else max(shares)
         return Trial(trial.size, {**errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
@@ -372,10 +378,12 @@ class Recommender:
             elif best := engine.best():
                 chosen[engine.name] = best
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
-        held = [
-            replace(self._hold(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(self.engines[e], times, fastest))
-            for e, pair in chosen.items()
-        ]
+        held: list[Answer] = []
+        for name, (way, trial) in chosen.items():
+            engine = self.engines[name]
+            answer = self._hold(engine, way, trial, times.get(way), fastest)
+            held.append(replace(answer, loops=by_loop(engine, times, fastest)))
+        # Settings without a race have no ratio and come last.
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
