@@ -186,8 +186,8 @@ class Recommender:
         truth = self._truth()
         for kind, limit in self.wanted.items():
             if kind in truth.bars and not truth.bars[kind] <= KNOWN * limit:
-                known = f"the true motion is known to {truth.bars[kind]:.1e} {UNITS[kind]} only"
-                raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {truth.told}")
+                known = f"the error bar of the reference is {truth.bars[kind]:.1e} {UNITS[kind]}"
+                raise NoTruth(f"{known}, more than a tenth of the required {limit:g} {UNITS[kind]}: {truth.told}")
         self.truth = truth
         # Steps in which the fastest link would turn by more than TURNED are not tried.
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
@@ -412,7 +412,7 @@ class Recommender:
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
         columns.pop("size")
-        message = "" if timed else "it was not raced: there was no time"
+        message = "" if timed else "not raced: the time ended first"
         columns["options"] = engine.options.get(way.settings, {})
         columns["in_python"] = in_python(way.engine, self.run.mechanism, choice_of(way, adaptive, self.run.until))
         return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
@@ -427,7 +427,7 @@ class Recommender:
         way, trial = min(best, key=lambda x: x[1].errors[SHARE])
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         placed = said(way._replace(size=trial.size), engine)
-        untried = "" if counts["complete"] else "; not all was tried"
+        untried = "" if counts["complete"] else "; some variants were not tried"
         message = f"{found.words}; came to {self._errors(trial)} with {placed}{untried}"
         return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
 

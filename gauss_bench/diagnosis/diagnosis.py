@@ -437,7 +437,7 @@ class Case:
             gap = f"the loops stay open by {c.closure[-1]:.1e} (m, rad) at {c.closure_joint} however short the step is"
             yields = f", yielding {c.compliance:.1e} m/N" if c.held > FOLLOWS else ""
             return Answer(Cause.SOFTNESS, f"soft constraints: {gap}{yields}", explanations)
-        stays = f"{self.limit:.1e} (m, rad) of error stay however short the step is"
+        stays = f"an error of {self.limit:.1e} (m, rad) stays at any step"
         off = f"accelerations are off by {max(last.relative_told, last.relative_moved):.1e} at the same states"
         return Answer(Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations)
 
@@ -478,7 +478,7 @@ class Case:
             if best and best.share >= EXPLAINS:
                 return f"; beside it, {best.sentence}"
         stays = self.limit > max(SMALL, self.by_step / 10)
-        return f"; {self.limit:.1e} (m, rad) would stay however short the step is" if stays else ""
+        return f"; an error of {self.limit:.1e} (m, rad) would stay at any step" if stays else ""
 
     def _mended(self) -> float:
         """Return the share of the error left when the engine's steps are projected; 1 where it offers no projection."""
