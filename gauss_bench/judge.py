@@ -1,10 +1,9 @@
 """The judge of finished runs, one for every verb: it decides from what our own code found in the trajectory.
 
-A run is valid where nothing is objected to: it has every sample that was asked for, begins where the scenario does, its loops stay
-closed, its energy balances, its accelerations are those of this linkage, its velocities and accelerations are the rates of what it
-tells, and it is where it should be: where a truth says so, or else where a repetition ends up too, at half the step or at a tighter
-tolerance. Each limit asks "is this still the motion of this linkage?"; how good a valid run is, its error says, and by its error it
-is ranked.
+A run is valid if the judge has no objection: it has every sample that was asked for, begins where the scenario does, its loops stay
+closed, its energy balances, its accelerations are those of this linkage, its velocities and accelerations are the rates of its
+positions and velocities, and it agrees with the reference, or, without one, with a repetition at half the step or at a tighter
+tolerance. Each limit asks "is this still the motion of this linkage?"; valid runs are ranked by their errors.
 """
 
 from collections.abc import Iterator
@@ -76,7 +75,7 @@ class Judgement:
 
     @property
     def sentence(self) -> str:
-        """All objections, or an empty text."""
+        """Return all objections as one sentence, or an empty text."""
         return "; ".join(x.sentence for x in self.objections)
 
 
@@ -90,7 +89,7 @@ class Evidence:
         energy: (k,) energy gained beyond the work done [J]; energy_bar: the error bar of that work; energy_scale: the energy that
             moves [J]; energy_floor: its rounding [J].
         seen: as `energy`, without what damping may have taken between samples that do not resolve it, or None where they do.
-        errors: against the truth, or None where there is none.
+        errors: against the reference, or None where there is none.
         acceleration_error: median relative error of accelerations at the same states, or None where it could not be judged.
         rates: of the run; rates_again: of its repetition, at the same samples as far as it goes, or None.
         start: how far the first sample is from the start: places [m], angles [rad], their rates [m/s], [rad/s]; or None.
@@ -154,9 +153,9 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
 
 
 def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
-    """The samples of n coordinates before the first that is missing, at another time or not finite; None where there is not one.
+    """Return the samples of n coordinates before the first that is missing, mistimed or not finite; None if there are none.
 
-    What an engine may have returned is taken for nothing but numbers: of anything else there is no sample.
+    An engine may return any object; whatever does not consist of numbers holds no sample.
     """
     if not isinstance(trajectory, Trajectory):
         return None
@@ -199,7 +198,7 @@ def _count(x: Any) -> int:
 def examine(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, acceleration_error: float | None = None
 ) -> Evidence:
-    """The evidence of a complete trajectory, all of it from our own evaluation in absolute coordinates."""
+    """Return the evidence of a complete trajectory, all of it from our own evaluation in absolute coordinates."""
     mechanism = evaluator.mechanism
     with np.errstate(all="ignore"):
         drift = metrics.drift(evaluator, trajectory)
@@ -214,7 +213,7 @@ def examine(
 
 
 def judge(evidence: Evidence) -> Judgement:
-    """Every objection to a complete run; a figure that is not finite is one."""
+    """Return every objection to a complete run; a figure that is not finite is an objection."""
     x = evidence
     checks = [*_check_model(x), *_check_motion(x), *_check_start(x), *_check_rates(x)]
     if x.unrepeated:
@@ -223,7 +222,7 @@ def judge(evidence: Evidence) -> Judgement:
 
 
 def _check_model(x: Evidence) -> Iterator[Check]:
-    """Hold accelerations, loops, energy and steps against what the linkage itself allows."""
+    """Compare accelerations, loops, energy and steps with the linkage's own limits."""
     two = "formulations of the same accelerations differ by {:.2g} (median): masses or lengths lie too far apart"
     own = "accelerations off by {:.2g} at the same state (median)"
     for off, said in ((x.acceleration_error, own), (x.disagreement, two)):
@@ -241,20 +240,22 @@ def _check_model(x: Evidence) -> Iterator[Check]:
 
 
 def _check_motion(x: Evidence) -> Iterator[Check]:
-    """Hold where links end up against the truth, or a repetition, of which a method of first order shows half of the error."""
+    """Compare poses with the reference, or with a repetition, which shows half of the error of a first-order method."""
     if x.errors is not None:
         length, turn, beside = _largest(x.errors.length), _largest(x.errors.angle), "from where it should be"
         yield Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m {beside}"
         yield Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad {beside}"
     if x.halving is not None:
         length, turn = _largest(x.halving.length), _largest(x.halving.angle)
+        # Halving the step removes half of a first-order error, so that the change may be half of the limit.
         yield Subject.STEP, length, OFF_MOTION / 2 * x.size, f"{x.finer} moves a link by {length:.2g} m"
         yield Subject.STEP, turn, OFF_MOTION / 2, f"{x.finer} turns a link by {turn:.2g} rad"
 
 
 def _check_start(x: Evidence) -> Iterator[Check]:
-    """Hold the first sample against the start of the scenario."""
+    """Compare the first sample with the start of the scenario."""
     if x.start is not None and x.rates is not None:
+        # A linkage at rest has no speed to compare with; then the speed that crosses its size within the run counts.
         slow = x.size / x.duration if x.duration else x.size
         speed, spin = max(x.rates.fastest[0], slow), max(x.rates.fastest[1], slow / x.size)
         for gap, scale, unit in zip(x.start, (x.size, 1.0, speed, spin), ("m", "rad", "m/s", "rad/s"), strict=True):
@@ -262,7 +263,7 @@ def _check_start(x: Evidence) -> Iterator[Check]:
 
 
 def _check_rates(x: Evidence) -> Iterator[Check]:
-    """Hold positions against the integral of velocities, and velocities against that of accelerations.
+    """Compare positions with the integral of velocities, and velocities with that of accelerations.
 
     The allowance of each comes from the samples, whose every second one is left out, and from the repetition: gaps that it halves
     are those of the method's steps, as rates half a step beside the motion; gaps that stay are of another motion. Neither allows
@@ -278,6 +279,7 @@ def _check_rates(x: Evidence) -> Iterator[Check]:
         "spin": (max(OFF_RATES * x.rates.fastest[1], slow / x.size), "rad/s", "angular velocities", "angular accelerations"),
     }
     for bar, (name, (limit, unit, what, rates)) in zip(x.rates.bars, limits.items(), strict=True):
+        # Gaps that a finer run reduces come from the method, and widen the limit within bounds.
         gaps: Array = getattr(x.rates, name)
         allowed = limit + min(SHARED * bar, MOST_SHARED * limit)
         if x.rates_again is not None:
@@ -294,7 +296,7 @@ def _largest(x: Array) -> float:
 
 
 def remark(evidence: Evidence) -> str:
-    """The remark that a run needs though nothing is objected to, or an empty text."""
+    """Return the remark that a valid run needs, or an empty text."""
     lost, told = evidence.disagreement, []
     if evidence.seen is not None:
         gap = _largest(evidence.energy - evidence.seen)
@@ -309,9 +311,9 @@ def remark(evidence: Evidence) -> str:
 def trusted_until(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, finer: Reference | None = None
 ) -> float:
-    """The last time [s] up to which nothing is objected to in loops, energy and motion; found by halving, to a sample.
+    """Return the last time [s] up to which loops, energy and motion are valid, found by bisection to one sample.
 
-    `reference` is the truth and `finer` the repetition, where they are known.
+    `reference` and `finer`, the repetition, are used where they are known.
     """
 
     def first(x: Trajectory | Reference, count: int) -> Trajectory:
@@ -330,7 +332,7 @@ def trusted_until(
 
 
 def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, adaptive: bool = False) -> str:
-    """Return what may mend a run that is objected to, or an empty text."""
+    """Return advice on how to make an invalid run valid, or an empty text."""
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
         return "no step mends accelerations that are another linkage's: look for another engine or setting"

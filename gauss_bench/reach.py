@@ -1,7 +1,7 @@
-"""One answer for a linkage, an engine and a requirement: the engine holds it, or how far the search came, and why no further.
+"""The answer for a linkage, an engine and a requirement: the engine holds it, or how far the search came and why it ended.
 
 The search, the recommendation and the report print this answer and no other. It follows from the evaluations of the engine's
-variants alone, so that stored rows of `search_ladder` tell it as well as a search that has just ended.
+variants alone, so that it can be computed from stored rows of `search_ladder` as well as from a search that has just ended.
 """
 
 import math
@@ -43,7 +43,7 @@ class Trial:
 
     Attributes:
         size: step [s] or tolerance.
-        errors: kind -> largest of the run, NaN where it is not determined; none of a run that failed.
+        errors: kind -> largest of the run, NaN where it is not determined; empty for a failed run.
         steps: taken, or asked for.
         status, message: OK, or why it failed.
         evaluations: of accelerations, or None where the engine does not count them.
@@ -83,12 +83,12 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Reach:
-    """The answer.
+    """The answer for one engine and requirement.
 
     Attributes:
-        reason: of what is not timed, not tried or has no model; of NOT_REACHED, how its runs failed.
-        steps: the most that a run of it was tried with.
-        seconds: within which it was not reached, where time ended the search [s].
+        reason: why the engine is not timed, not tried or has no model; for NOT_REACHED, how its runs failed.
+        steps: the most steps of a run that was tried.
+        seconds: the time of the search [s], where time ended it.
         order: of convergence, of the variant that would hold with the fewest steps; NaN where none is steady.
         needed: steps at which that variant would hold, if its error goes on falling so.
     """

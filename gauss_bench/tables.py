@@ -6,9 +6,9 @@ schema's columns and leaves alone what others may have added to a file. The fold
 schema itself in `tables.json`; a folder without it is of format 1 and is brought up to date while it is read (`migrate_rows`), one
 of a later format is refused.
 
-What a clock decides lies apart, in files of the folder `times` with the same names, rounded to what its spread supports: a run that
-is made again changes those files and, of all others, the rows whose figures moved. Whoever reads a table gets both parts as one.
-Where, when and with what a run was made stands in `environment.json` alone.
+Timed columns lie apart, in files of the folder `times` with the same names, rounded to the digits that their spread supports: a
+repeated run changes those files and, in all others, only the rows whose figures moved. Reading a table joins both parts. The place,
+time and versions of a run are in `environment.json` alone.
 """
 
 import csv
@@ -51,8 +51,8 @@ class Column:
         meaning: in words.
         unit: "" for texts, flags, counts and ratios.
         exact: whether a number keeps all its digits in a CSV file.
-        timed: whether a clock decides it: it lies apart then, and is rounded.
-        added: whether files of this format may lack it, since it came later: it is missing in their rows then.
+        timed: whether it depends on measured time: it is then stored apart, and rounded.
+        added: whether files of this format may lack it, since it was added later; rows of such files miss it.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Table:
     """A table: what a row is, and its columns; the first `keys` of them tell rows apart.
 
     Attributes:
-        timed: whether a clock decides which rows there are: all of it lies apart then.
+        timed: whether measured time decides which rows there are: the whole table is then stored apart.
         curves: whether its numbers are points of curves, which are kept as exactly as they are drawn.
     """
 
@@ -95,7 +95,7 @@ class Table:
 
     @property
     def key(self) -> tuple[Column, ...]:
-        """The columns that tell rows apart."""
+        """Return the columns that distinguish rows."""
         return self.columns[: self.keys]
 
 
@@ -123,10 +123,10 @@ KEY = tuple(c.name for c in read_columns(["case"]))
 
 
 def row_of(table: Table, values: Row) -> dict[str, Any]:
-    """A row with every column of the table and its type.
+    """Return a row with every column of the table, each of its type.
 
     Raises:
-        KeyError: the schema knows a given column not.
+        KeyError: a given column is not in the schema.
         TypeError, ValueError: a value is not of its column's type.
     """
     strange = values.keys() - set(table.names)
@@ -136,7 +136,7 @@ def row_of(table: Table, values: Row) -> dict[str, Any]:
 
 
 def type_column(column: Column, value: Any) -> Any:
-    """A value, or what is written of it, as its column's type."""
+    """Convert a value, or its text in a file, to its column's type."""
     missing = value is None or value == "" or (isinstance(value, float) and math.isnan(value))
     if column.kind == "text":
         return "" if missing else str(value)
@@ -150,14 +150,14 @@ def type_column(column: Column, value: Any) -> Any:
 
 
 def write_value(column: Column, value: Any, digits: int = DIGITS) -> str:
-    """A typed value as a CSV file has it."""
+    """Return a typed value as text for a CSV file."""
     if column.kind == "number":
         return "" if math.isnan(value) else repr(value) if column.exact else f"{value:.{digits}g}"
     return "" if value is None else str(value)
 
 
 def round_times(table: Table, row: Row) -> dict[str, Any]:
-    """A typed row whose times and ratios keep the digits that their spread supports.
+    """Return a typed row whose times and ratios keep the digits that their spread supports.
 
     A value and the ends of its spread are rounded to the power of ten that is not above a hundredth of that spread, but keep four
     digits, one more than reports print, so that nothing printed is rounded twice; four where no spread is known.
@@ -177,7 +177,7 @@ def round_times(table: Table, row: Row) -> dict[str, Any]:
 
 
 def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGITS) -> str:
-    """Typed rows as a CSV file: a head, and a line a row."""
+    """Return typed rows as the text of a CSV file: a head, and one line for each row."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([c.name for c in columns])
@@ -191,7 +191,7 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
     Two writings of the same rows are the same bytes. What an earlier format wrote of this table elsewhere is taken away.
 
     Raises:
-        KeyError: there is no such table, or a row has a column that it has not.
+        KeyError: there is no such table, or a row has a column that is not in the table.
         ValueError: two rows with times of their own have the same key.
     """
     table = TABLES[name]
@@ -219,13 +219,13 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
 
 
 def files_of(name: str, folder: Path) -> tuple[Path, ...]:
-    """The place of a table in the folder of a run of whatever format."""
+    """Return the files of a table in the folder of a run, of any format."""
     places = [folder / part / f"{name}.{kind}" for part in ("", TIMES) for kind in ("csv", "parquet")]
     return tuple(path for path in places if path.exists())
 
 
 def key_of(table: Table, row: Row) -> tuple[str, ...]:
-    """The columns that tell a row from others, as they are written."""
+    """Return the key of a row: the texts of the columns that distinguish it from others."""
     return tuple(write_value(c, row[c.name]) for c in table.key)
 
 
@@ -324,8 +324,8 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     """Rows of a table in the folder of a run, typed, in the order of the file; none where there is no such file.
 
     Raises:
-        TableError: a file is damaged, lacks a column, holds what is not of its column's type, is of a later format, or tells times
-            of a row that there is not.
+        TableError: a file is damaged, lacks a column, holds a value of the wrong type, is of a later format, or has times
+            of a row that does not exist.
     """
     version, table = format_of(folder), TABLES[name]
     if name == "baseline":
@@ -388,7 +388,7 @@ def read_file(
 
 
 def migrate_row(table: Table, name: str, line: dict[str, Any], form: int) -> dict[str, Any]:
-    """Read a line of an older format under the names of today; what it does not say is missing."""
+    """Read a line of an older format under today's names; columns that it lacks are missing."""
     names = SCHEMA["renamed"]
     fresh = {names.get(k, k): x for k, x in line.items()}
     stale: tuple[str, ...] = ()
@@ -458,10 +458,10 @@ def atomically(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
-    """Let files be written over that are not there, or that gauss-bench wrote: those hold the sign given here.
+    """Refuse to overwrite a file that gauss-bench did not write, that is, one without the given sign.
 
     Raises:
-        FileExistsError: naming a file of somebody else.
+        FileExistsError: a file is not gauss-bench's; the message names it.
     """
     for path, sign in signs.items():
         if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):

@@ -15,20 +15,20 @@ class Answer:
     """The recommendation for an engine, or the reason why there is none.
 
     Attributes:
-        status: "ok", "not reached", "not tried" or "skip"; message: the answer of `gauss_bench.reach` in words.
+        status: "ok", "not reached", "not tried" or "skip"; message: the answer of `gauss_bench.reach` as a sentence.
         settings, integrator, stabilization: of the engine; empty without a setting.
         step, tolerance: [s] or relative; one of them.
         steps: of the run.
-        errors: kind -> largest of the whole run [m], [rad], [N]; of the setting, or of the best that there was.
+        errors: kind -> largest error of the whole run [m], [rad], [N], under the setting, or under the best one where none holds.
         seconds, seconds_low, seconds_high: processor time of a run [s], with the 5 % and the 95 % point; None without a race.
         ratio, ratio_low, ratio_high: to the fastest engine.
         tried, variants: how many of its variants were tried, and how many there are.
         evaluations: runs of the search.
         complete: whether the search ended before its time.
-        loops: whose loop -> its cheapest setting's time over that of the fastest engine, where an engine has several.
-        in_python: what of the suite's own runs in Python inside the time.
-        options: of the engine, that its settings stand for.
-        snippet: a program that runs the setting, in the engine's own language where that can be; empty where none is written.
+        loops: time loop -> time of its cheapest setting over that of the fastest engine, where an engine has several loops.
+        in_python: the part of the suite's own code that runs in Python inside the measured time.
+        options: the engine's options that its settings stand for.
+        snippet: a program that runs the setting, in the engine's own language where possible; empty where there is none.
     """
 
     engine: str
@@ -58,7 +58,7 @@ class Answer:
 
 
 def setting_said(settings: str, integrator: str, stabilization: str) -> str:
-    """A setting in words, each once: variants are often called by what they choose."""
+    """Return a setting in words, naming each choice once: the name of a variant often holds its integrator already."""
     words = [] if settings == "default" else [settings]
     words += [x for x in (integrator, stabilization) if x != "none" and x not in settings.split("/")]
     return ", ".join(words)

@@ -1,9 +1,9 @@
-"""The seconds left to a user: those in which others had the processor do not count, as long as there is a wall.
+"""The seconds left of a user's budget; seconds in which other programs had the processor do not count, up to a limit.
 
-A search that counts by the clock on the wall alone loses answers on a busy machine: engines whose turn comes late are never tried.
-So the seconds count that a quiet machine would have taken: those that have passed, but for those in which the processes of the
-search were ready to run and did not, each of those that work side by side for its share of them. Where the system does not tell
-of waiting, all seconds count. In any case everything ends by the clock on the wall, at WALL times its share of the budget.
+A search that counts elapsed time alone loses answers on a busy machine, because engines whose turn comes late are never tried.
+So the budget counts the seconds that a quiet machine would have taken: elapsed seconds less those that the processes of the search
+spent waiting for a processor, divided by the number of processes that work side by side. Where the system does not report waiting,
+all seconds count. In any case everything ends when the elapsed time reaches WALL times its share of the budget.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ END = 1.45  # times the budget, when everything has ended
 
 
 class Budget:
-    """Seconds of a user's, from now on; `lanes` processes work side by side."""
+    """A budget of seconds that starts now; `lanes` processes work side by side."""
 
     def __init__(self, seconds: float, lanes: int = LANES):
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
@@ -26,11 +26,11 @@ class Budget:
         self._lost, self._looking = 0.0, threading.Lock()
 
     def passed(self) -> float:
-        """Seconds by the clock on the wall."""
+        """Return the elapsed seconds."""
         return time.monotonic() - self.started
 
     def spent(self) -> float:
-        """Seconds that count."""
+        """Return the seconds that count against the budget."""
         with self._looking:
             now = wait()
             self._lost += sum(max(0.0, x - self._seen.get(task, 0.0)) for task, x in now.items())
@@ -39,16 +39,16 @@ class Budget:
             return passed - min(self._lost / self.lanes, passed)
 
     def left(self, share: float = 1.0) -> float:
-        """Seconds that count until a share of the budget is spent, or those on the wall where these end first."""
+        """Return the seconds left until a share of the budget is spent, or its limit of elapsed time if that ends first."""
         return min(share * self.seconds - self.spent(), self.wall(share))
 
     def wall(self, share: float = 1.0) -> float:
-        """Seconds by the clock on the wall until a share has to have ended."""
+        """Return the elapsed seconds left until a share of the budget must have ended."""
         return min(WALL * share, END) * self.seconds - self.passed()
 
 
 def wait() -> dict[str, float]:
-    """Thread of this process and of those that it has started -> seconds in which it was ready to run and did not."""
+    """Return thread -> seconds that it waited for a processor, of this process and of those that it has started."""
     own = Path(f"/proc/{os.getpid()}/task")
     seconds: dict[str, float] = {}
     with contextlib.suppress(OSError):
@@ -61,7 +61,7 @@ def wait() -> dict[str, float]:
 
 
 def _read(path: Path) -> str:
-    """A file of the system's, or nothing where it is gone."""
+    """Return the content of a system file, or an empty text where the file is gone."""
     try:
         return path.read_text(encoding="ascii")
     except OSError:

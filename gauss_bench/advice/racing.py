@@ -25,11 +25,11 @@ def race_there(
     engines: Sequence[str],
     path: str,
 ) -> Tables:
-    """Ways, each with its steps, raced in the process of a worker until `deadline`; those that matter come first.
+    """Race settings, each with its number of steps, in the worker's process until `deadline`; the most important come first.
 
     Args:
-        samples: of a run by steps of its own choice.
-        deadline: of time.monotonic, which is one clock for all processes and goes on evenly where the time of day jumps.
+        samples: number of samples of a run whose integrator chooses its own steps.
+        deadline: in time.monotonic, which all processes share and which does not jump with the time of day.
     """
     run = Run(linkage, load(linkage, scenario), until)
     race, round_time = Race(watching(path)), 0.0

@@ -1,12 +1,13 @@
 """Recommending: for each engine the cheapest setting that holds what a user requires, within the seconds that the user has.
 
 `search.py` finds what is exact enough, as it does for suites; here it is asked in an order that gives every engine an answer early:
-first one variant of each engine, then the others, in turn. Whatever runs, runs in workers, two at a time; nothing is timed there.
-A variant is not tried at more than SPARE times the evaluations that its engine's best needs so far. Errors are those of the whole
-run against `truth.py`, and half of the requirement is for what the truth and the samples may miss. So candidates, their order and
-their errors are the same in every run; where the seconds end, the last of them are missing, and the answer says so.
+first one variant of each engine, then the others, in turn. Whatever runs, runs in workers, two at a time; nothing is timed there. A
+variant is not tried at more than SPARE times the evaluations that its engine's best needs so far. Errors are those of the whole run
+against the reference of `truth.py`, and a setting must stay within half of the requirement, since the reference and the samples may
+miss as much as the other half. So candidates, their order and their errors are the same in every recommendation; when time ends the
+search, only the last candidates are missing, and the answer says so.
 
-Then what passed races in one process, as in suites: of each engine those with the least work, first choices first.
+Then the settings that hold race in one process, as in suites: the ones with the least work of each engine, first choices first.
 """
 
 import math
@@ -42,17 +43,17 @@ from gauss_bench.trajectory import Status
 
 SHARE = "share of the requirement"  # the largest error over what is required of it
 HALF = Requirement(SHARE, 0.5)
-KNOWN = 0.1  # of a requirement: how well the truth has to be known
-TRUE = "gauss-native"  # whose compiled model tells the truth, and then runs for itself
-BEATS = 200  # samples of a run by steps of its own choice
+KNOWN = 0.1  # of a requirement: the largest error bar that the reference may have
+TRUE = "gauss-native"  # the engine whose compiled model computes the reference, and is then searched like any other
+BEATS = 200  # samples of a run whose integrator chooses its own steps
 DENSE = 400  # samples of a run by equal steps at most
-EVALUATED = 24  # times that one variant is run at most
-MOST = 200_000  # steps
+EVALUATED = 24  # runs of one variant at most
+MOST = 200_000  # steps of a run at most
 TURNED = 0.7  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
-ORDER = 8.0  # of the truth's method: what it would need is where others begin, coarser only where that holds
+ORDER = 8.0  # of the reference's method: others first try the steps that it would need, and coarser ones only if these hold
 SPARE = 8.0  # times the evaluations of the engine's best so far
-CHOICES = 4  # of an engine that race
-NEAR = 4.0  # times the least work of an engine: more is not raced
+CHOICES = 4  # settings of an engine that race at most
+NEAR = 4.0  # times the least work of an engine: settings with more work are not raced
 TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # of the budget, when each ends at the latest
 AFTER = 0.05  # of the budget, that a run of the search may take beyond
 ONE_TRY = 0.1  # of the budget, that the first run of an engine may take in any case
@@ -70,14 +71,14 @@ class _Over(Exception):
 
 @dataclass
 class _Engine:
-    """One engine's search on its way.
+    """The state of the search for one engine.
 
     Attributes:
         left: variants that were not tried yet; options: of all of them.
-        trials: variant -> its trials; ended: variant -> why there are no more.
-        cut: whether time ended a variant; busy: whether it is at work; ran: whether it has been.
-        longest: that a run of it was given [s].
-        refused: why it runs nothing of this linkage.
+        trials: variant -> its trials; ended: variant -> why its search ended.
+        cut: whether time ended the search of a variant; busy: whether a lane runs it now; ran: whether it has been run.
+        longest: the largest time limit of its runs [s].
+        refused: the status and the reason where the engine cannot run the linkage.
     """
 
     name: str
@@ -95,7 +96,7 @@ class _Engine:
     refused: tuple[Status, str] | None = None
 
     def passing(self) -> dict[Way, Trial]:
-        """Ways that hold, by their work from small to large; ties in the order of trying."""
+        """Return the settings that hold the requirement, from the least work to the most; ties in the order of trying."""
         holding = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
         return {
             way._replace(size=trial.size): trial
@@ -103,25 +104,25 @@ class _Engine:
         }
 
     def loop_of(self, way: Way) -> str:
-        """Return who runs the loop under a way's settings, where they tell."""
+        """Return the name of the time loop that a setting uses, or an empty text where its options name none."""
         return str(self.options.get(way.settings, {}).get("loop", ""))
 
     def best(self) -> tuple[Way, Trial] | None:
-        """The way that holds with the least work so far."""
+        """Return the setting that holds with the least work so far, or None."""
         return next(iter(self.passing().items()), None)
 
 
 def work(integrator: str, trial: Trial) -> float:
-    """Evaluations of accelerations in a run, or its steps where nobody counts them."""
+    """Return the evaluations of accelerations in a run; where the engine does not count them, steps times evaluations a step."""
     return float(trial.evaluations or trial.steps * EVALUATIONS.get(integrator, 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """The part of a recommendation in which no time counts, but for where it ended.
+    """The result of the search, before the race: it depends on time only in where the search ended.
 
     Attributes:
-        truth: that runs were judged by.
+        truth: the reference that runs were judged by.
         engines: name -> trials of every variant (sizes 0) in the order of trying.
     """
 
@@ -130,10 +131,10 @@ class Searched:
 
 
 class Recommender:
-    """One recommendation on its way: use as a context, then `search`, `race`, `answers`.
+    """The making of one recommendation: use it as a context, then call `search`, `race`, `answers`.
 
     Attributes:
-        run: what is run; wanted: kind of error -> what is required.
+        run: linkage, scenario and duration; wanted: kind of error -> the largest that is allowed [m], [rad], [N].
         spaces: engine -> its variants in the order in which they are tried, or a sentence why it has none.
     """
 
@@ -177,19 +178,21 @@ class Recommender:
     # What is exact enough
 
     def search(self) -> Searched:
-        """Try variants until they, or the time, end.
+        """Try variants until all have been tried or the time has ended.
 
         Raises:
-            NoTruth: there is nothing good enough to judge by.
+            NoTruth: no reference is accurate enough to judge by.
         """
         truth = self._truth()
         for kind, limit in self.wanted.items():
             if kind in truth.bars and not truth.bars[kind] <= KNOWN * limit:
-                known = f"the true motion is known to {truth.bars[kind]:.1e} {UNITS[kind]} only"
-                raise NoTruth(f"{known}, a tenth of {limit:g} {UNITS[kind]} is needed to judge by: {truth.told}")
+                known = f"the error bar of the reference is {truth.bars[kind]:.1e} {UNITS[kind]}"
+                raise NoTruth(f"{known}, more than a tenth of the required {limit:g} {UNITS[kind]}: {truth.told}")
         self.truth = truth
+        # Steps in which the fastest link would turn by more than TURNED are not tried.
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
         share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
+        # The error of the reference's method falls with steps^-ORDER: these steps should give half of the requirement.
         self.first = self.run.until / (truth.steps * (share / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
         failures: queue.Queue[BaseException] = queue.Queue()
@@ -204,7 +207,7 @@ class Recommender:
         return Searched(truth, {name: x.trials for name, x in self.engines.items()})
 
     def _truth(self) -> Truth:
-        """Find the truth that runs are judged by, in the worker of the engine that is compiled for it anyway."""
+        """Compute the reference, in the worker of the compiled engine, so that its model is compiled once for both uses."""
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(TRUE)
         worker = own.worker if own is not None and own.refused is None else self._stack.enter_context(Worker())
@@ -221,9 +224,9 @@ class Recommender:
             self._failures.put(error)
 
     def _next(self) -> _Engine | None:
-        """The engine whose turn it is: of those nobody works at, the one with the fewest variants tried; None at the end.
+        """Return the engine whose turn it is: the idle one with the fewest variants tried; None at the end.
 
-        When the time for searching has ended, engines that had no turn yet have one: one run each, at the steps that should hold.
+        When the time for searching has ended, each engine without a run gets one, at the steps that should hold.
         """
         with self._state:
             while self._failures.empty():
@@ -240,7 +243,7 @@ class Recommender:
         return None
 
     def _variant(self, engine: _Engine, variant: Variant) -> None:
-        """One ladder, and what it brings."""
+        """Search one variant over step sizes or tolerances, and keep its trials."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
         adaptive, before = variant.integrator in engine.adaptive, engine.best()
         trials: list[Trial] = []
@@ -249,6 +252,7 @@ class Recommender:
         if not adaptive:
             most = self._most(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
+        # The search asks for some sizes twice; each is run once.
         seen: dict[float, Trial] = {}
         until = self.budget.spent() + self._slice(engine)
 
@@ -263,6 +267,7 @@ class Recommender:
         try:
             late = len(engine.trials) == 1 and self.budget.left(SEARCHED) <= 0  # one run is all: rather too fine
             start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
+            # Begin at coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference.
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
@@ -273,19 +278,19 @@ class Recommender:
         self._tell(engine, before)
 
     def _slice(self, engine: _Engine) -> float:
-        """Seconds that a variant may take: the first of an engine twice its share of what is left, so that all have a turn."""
+        """Return the seconds that a variant may take: an engine's first gets twice its share, so that every engine has a turn."""
         left = self.budget.left(SEARCHED)
         waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
         return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
-        """An engine that refuses the linkage in its first variant is asked in one more with another way, and no further."""
+        """Leave an engine that refused the linkage one more variant, of another integrator; without one, keep the reason."""
         others = [x for x in engine.left if x.integrator != next(iter(engine.trials)).integrator][:1]
         engine.left = others
         engine.refused = None if others else (trial.status, trial.message)
 
     def _most(self, way: Way, before: tuple[Way, Trial] | None) -> int:
-        """Steps that a variant may take: all, or what can still be cheaper than the engine's best so far."""
+        """Return the most steps that a variant may take: MOST, or as many as are at most SPARE times the engine's best."""
         if before is None:
             return MOST
         spared = SPARE * work(before[0].integrator, before[1]) / EVALUATIONS.get(way.integrator, 1)
@@ -294,6 +299,7 @@ class Recommender:
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
         assert self.truth is not None
         steps = BEATS if adaptive else round(self.run.until / way.size)
+        # Samples must divide the steps evenly, so that no shorter step is needed to meet a sample time.
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
@@ -306,12 +312,13 @@ class Recommender:
         errors = dict(trial.errors)
         if LOOPS in self.wanted and ran.trajectory is not None:
             errors[LOOPS] = float(drift(self.judge, ran.trajectory).position.max())
+        # The worst of several requirements decides; an error that is not determined must not pass as small.
         shares = [errors[kind] / limit for kind, limit in self.wanted.items()]
         share = math.nan if any(map(math.isnan, shares)) else max(shares)
         return Trial(trial.size, {**errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
 
     def _limit(self, engine: _Engine) -> float:
-        """Seconds that a run may take: the first of an engine, which loads and compiles what it needs, gets them in any case."""
+        """Return the time limit of a run [s]; an engine's first run, which loads and compiles its library, has a minimum."""
         if engine.ran:
             return max(min(LONGEST * self.budget.seconds, self.budget.left(SEARCHED + AFTER)), 1.0)
         waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
@@ -338,7 +345,7 @@ class Recommender:
     # What is cheapest
 
     def race(self) -> dict[Way, Array]:
-        """Seconds (rounds,) of runs of what passed, interleaved in one process."""
+        """Race the settings that hold, interleaved in one process: setting -> seconds of a run (rounds,)."""
         chosen: dict[Way, int] = {}
         lists = [choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
@@ -361,7 +368,7 @@ class Recommender:
         return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
 
     def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
-        """An answer for every engine: those that hold, from the fastest on, then those that do not."""
+        """Return an answer for every engine: first those that hold the requirement, from the fastest on, then the others."""
         chosen: dict[str, tuple[Way, Trial]] = {}
         for engine in self.engines.values():
             ways = engine.passing()
@@ -371,18 +378,20 @@ class Recommender:
             elif best := engine.best():
                 chosen[engine.name] = best
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
-        held = [
-            replace(self._hold(self.engines[e], *pair, times.get(pair[0]), fastest), loops=by_loop(self.engines[e], times, fastest))
-            for e, pair in chosen.items()
-        ]
+        held: list[Answer] = []
+        for name, (way, trial) in chosen.items():
+            engine = self.engines[name]
+            answer = self._hold(engine, way, trial, times.get(way), fastest)
+            held.append(replace(answer, loops=by_loop(engine, times, fastest)))
+        # Settings without a race have no ratio and come last.
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
     def asked(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Ask a function where the engine is, within the rest of the budget and a quarter of it more.
+        """Call a function in the engine's worker, until LAST times the budget at the latest.
 
         Raises:
-            WorkerFailure: it does not.
+            WorkerFailure: the call failed or took too long.
         """
         return self.engines[engine].worker.call(
             function, arguments, max(1.0, self.budget.left(LAST)), longest=max(1.0, self.budget.wall(LAST))
@@ -403,7 +412,7 @@ class Recommender:
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
         columns.pop("size")
-        message = "" if timed else "it was not raced: there was no time"
+        message = "" if timed else "not raced: the time ended first"
         columns["options"] = engine.options.get(way.settings, {})
         columns["in_python"] = in_python(way.engine, self.run.mechanism, choice_of(way, adaptive, self.run.until))
         return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
@@ -418,13 +427,13 @@ class Recommender:
         way, trial = min(best, key=lambda x: x[1].errors[SHARE])
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         placed = said(way._replace(size=trial.size), engine)
-        untried = "" if counts["complete"] else "; not all was tried"
+        untried = "" if counts["complete"] else "; some variants were not tried"
         message = f"{found.words}; came to {self._errors(trial)} with {placed}{untried}"
         return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
 
 
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
-    """Return what of an engine is worth a race: the least work, and the least work of every loop that it may be stepped by."""
+    """Return the settings of an engine that are worth a race: the least work overall, and the least under each time loop."""
     ways = list(engine.passing().items())
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
     near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
@@ -434,7 +443,7 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
 
 
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
-    """Return whose loop -> time of its fastest raced way over that of the fastest of all; empty where an engine has one loop."""
+    """Return loop -> time of its fastest setting over that of the fastest engine; empty where an engine has one loop."""
     ways = [way for way in times if way.engine == engine.name]
     loops = {loop: [w for w in ways if engine.loop_of(w) == loop] for loop in dict.fromkeys(map(engine.loop_of, ways))}
     if fastest is None or len(loops) < 2:
@@ -443,7 +452,7 @@ def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) 
 
 
 def answer_of(engine: _Engine) -> Reach:
-    """Return the answer of an engine none of whose trials holds."""
+    """Return the answer for an engine that has no setting holding the requirement."""
     if engine.refused is not None and engine.refused[0] is not Status.SKIP:
         return Reach(Kind.NOT_TRIED, engine.refused[1])
     if engine.refused is not None:
@@ -457,6 +466,6 @@ def answer_of(engine: _Engine) -> Reach:
 
 
 def said(way: Way, engine: _Engine) -> str:
-    """A way in words."""
+    """Return a setting in words."""
     size = f"tolerance {way.size:.2g}" if way.integrator in engine.adaptive else f"step {way.size:.4g} s"
     return f"{setting_said(way.settings, way.integrator, way.stabilization)}, {size}"

@@ -1,7 +1,7 @@
-"""The truth about any motion, in seconds: equal steps, halved until that changes little of what is asked for.
+"""The reference of any motion, within seconds: equal steps, halved until that changes the required errors little.
 
-The steps are those of order eight of the suite's own formulation, in numpy at first, and compiled where more are needed. Half the
-step is the truth, and what halving changed is its error bar, which at order eight is some two hundred times too large. That the
+The steps are those of order eight of the suite's own formulation, in numpy at first, and compiled where more are needed. The run at
+half the step is the reference; its difference from the coarser run is its error bar, about 200 times too large at order 8. That the
 equations are the linkage's is shown by its own accelerations in numpy at every sample, and where a certificate tells the motion, by
 that: the bar then holds what the two differ by. Between samples, which lie as densely as the coarser steps, positions and speeds
 are polynomials of degree five through both ends' positions, speeds and accelerations; what that leaves out is part of the bar too.
@@ -39,17 +39,17 @@ SIXTH = 16.0  # what a polynomial through every second sample is off by, over wh
 
 
 class NoTruth(ArithmeticError):
-    """Nothing is known well enough to judge by."""
+    """No reference is accurate enough to judge by."""
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A motion to judge by.
+    """A reference: a motion to judge runs by.
 
     Attributes:
         reference: its samples, equally spaced.
-        bars: kind of error -> how far the truth itself may be off [m], [rad], [N]; no force where redundant rows leave it open.
-        halving: kind -> what halving the steps changed; steps: before that.
+        bars: kind of error -> error bar of the reference [m], [rad], [N]; no force where redundant constraints leave it open.
+        halving: kind -> the change by halving the steps; steps: number of steps of the coarser run.
         certified: whether a certificate vouches for it.
         told: one line on how it was made.
     """
@@ -62,7 +62,7 @@ class Truth:
     told: str
 
     def at(self, run: Run, times: Array) -> Reference:
-        """The truth at any times (k,) of the run, accelerations included."""
+        """Return the reference at any times (k,) of the run, accelerations included."""
         known = self.reference
         q, v = between(known, times)
         a = AbsoluteCoordinates(run.mechanism).acceleration(times, q, v)
@@ -72,7 +72,7 @@ class Truth:
 
 
 def between(known: Reference, times: Array) -> tuple[Array, Array]:
-    """q and v (k, n) at times between equally spaced samples, by polynomials of degree five in q."""
+    """Return q and v (k, n) at times between equally spaced samples, by quintic Hermite polynomials of q."""
     h = float(known.t[1] - known.t[0])
     k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)
     s = ((times - known.t[k]) / h)[:, None]
@@ -84,17 +84,17 @@ def between(known: Reference, times: Array) -> tuple[Array, Array]:
 
 
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
-    """A truth whose bars are within `wanted` (kind -> m, rad or N), or as near to that as the seconds and rounding allow.
+    """Return a reference whose error bars are within `wanted` (kind -> m, rad or N), or as near as time and rounding allow.
 
     Two runs in numpy come first: where they serve, nothing need be compiled. Else the compiled formulation takes ever smaller
     steps, for COMPILED of the budget at most, and where it fails numpy goes on.
 
     Args:
-        left: how many seconds it may still take.
-        worker: of the compiled formulation, whose model it keeps.
+        left: returns the seconds that are left.
+        worker: runs the compiled formulation and keeps its model.
 
     Raises:
-        NoTruth: no run came to an end, its accelerations are not the linkage's, or it is not where its certificate says.
+        NoTruth: no run completed, its accelerations are not the linkage's, or it contradicts the certificate.
     """
     budget = left()
     reasons: dict[str, str] = {}
@@ -129,13 +129,13 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
 def follow(
     run: Run, engine: str, worker: Worker, left: Callable[[], float], steps: int = PLAIN, most: float = math.inf
 ) -> Iterator[Truth]:
-    """Yield the motion by ever smaller steps of one engine, until time ends or rounding makes it no better.
+    """Yield references by ever smaller steps of one engine, until time ends or rounding stops the improvement.
 
     Args:
-        steps: of the coarser run at first; most: of it at last.
+        steps: of the first coarser run; most: of the last one.
 
     Raises:
-        NoTruth: a run failed after the last that did not, or none has the linkage's accelerations.
+        NoTruth: the run with the smallest steps failed, or no run has the linkage's accelerations.
     """
     judge, failed = Evaluator(run.mechanism), ""
     best: Truth | None = None
@@ -159,7 +159,7 @@ def follow(
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
-    """The trajectory of so many steps, every so many of them kept (SAMPLES at most); or a sentence why there is none."""
+    """Run with a number of steps; return the trajectory, thinned to SAMPLES at most, or a sentence why there is none."""
     every = max(1, math.ceil(steps / SAMPLES))
     kept = steps // every
     times = run.until / kept * np.arange(kept + 1)
@@ -170,7 +170,7 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
 
 
 def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
-    """The finer run, with what it differs from the coarser by as its bar."""
+    """Return the finer run as a reference; its difference from the coarser run is the error bar."""
     every = (len(fine.t) - 1) // (len(coarse.t) - 1)
     kept = [x[::every] for x in (fine.t, fine.q, fine.v, fine.a)]
     true = AbsoluteCoordinates(run.mechanism).acceleration(*kept[:3])
@@ -192,7 +192,7 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
 
 
 def _between_bars(known: Reference) -> dict[str, float]:
-    """Kind -> error bar of polynomials between the samples."""
+    """Return kind -> error bar of the polynomials between the samples."""
     half = replace(known, **{x: getattr(known, x)[::2] for x in ("t", "q", "v", "a")})
     if len(half.t) < 2:
         return {"position": math.inf, "angle": math.inf}
@@ -201,10 +201,10 @@ def _between_bars(known: Reference) -> dict[str, float]:
 
 
 def _certify(run: Run, truth: Truth) -> Truth:
-    """The same truth with what a certificate says of it.
+    """Return the reference checked against a certificate: its bars then include the difference of the two.
 
     Raises:
-        NoTruth: the certificate tells another motion.
+        NoTruth: the certificate holds another motion.
     """
     certificate = find_certified(run.mechanism, run.until)
     if certificate is None:

@@ -26,12 +26,12 @@ TEMPLATES = Environment(loader=PackageLoader("gauss_bench.atlas", "."), autoesca
 
 
 def part(axis: Axis, value: float | None) -> float:
-    """The share of an axis up to a value: a rung of its ladder each."""
+    """Return the position of a value on its axis, from 0 to 1; the values of the axis are equally spaced."""
     return 0.0 if value is None else (axis.values.index(value) + 1) / len(axis.values)
 
 
 def number(value: float) -> str:
-    """A number as short as it can be said."""
+    """Return a number as a short text."""
     if value and (abs(value) >= 1e4 or abs(value) < 1e-3):
         digits, power = f"{value:.0e}".split("e")
         return f"{digits}e{int(power)}"
@@ -57,7 +57,7 @@ def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
 
 
 def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
-    """All panels in one picture; or one, alone."""
+    """Draw all panels in one picture, or a single panel."""
     drawn = [(axis, [bar(axis, x) for x in some]) for axis, some in panels(reaches)]
     height = HEAD + FOOT + ROW * max((len(rows) for _, rows in drawn), default=0)
     abreast = min(ABREAST, max(1, len(drawn)))

@@ -1,6 +1,6 @@
-"""Takes every way of running along every axis and finds by halving where it stops to pass, and where it fails.
+"""Runs every way (engine, settings, stabilization) along every axis and finds by bisection where it stops passing and fails.
 
-Halving takes for granted that what is harder is not done better; where that is not so, one of the places is found at which a
+Bisection assumes that a harder value never gives a better verdict; where it does, bisection finds one of the places at which the
 verdict changes. Both ends are always run. Every run is in a worker process, with a limit of its own: what crashes or hangs has
 failed, and says so. The verdicts do not depend on time, but where a run reaches its limit or the survey its budget.
 """
@@ -158,7 +158,7 @@ def compare(step: float, until: float) -> Array:
 
 
 def reach(way: Way, axis: Axis, course: Course, worker: Worker, left: Callable[[], float]) -> Reach:
-    """The reach of one way along one axis, as far as it can be told in the seconds that are left."""
+    """Find the reach of one way along one axis, as far as the remaining seconds allow."""
     runs: dict[int, RunVerdict] = {}
 
     def at(i: int) -> RunVerdict:
@@ -167,7 +167,7 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, left: Callable[[
         return runs[i]
 
     def count(*no_worse: Verdict) -> int:
-        """Count the values, from the easiest on, that come out no worse."""
+        """Count the values, from the easiest on, whose verdict is one of `no_worse`."""
         last = len(axis.values) - 1
         if at(0).verdict not in no_worse:
             return 0
@@ -199,7 +199,7 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, left: Callable[[
 
 
 def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
-    """One run of one way at one value, where seconds are left."""
+    """Run one way at one value, if seconds are left, and return the verdict."""
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
     mechanism, reference = course.at(axis, value, worker)
@@ -213,7 +213,7 @@ def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, 
 def survey(
     chosen: Sequence[Way], along: Sequence[Axis], budget: float = BUDGET, jobs: int = 2, told: Told = lambda sentence: None
 ) -> list[Reach]:
-    """Every way along every axis, in the order of both; told how far things are."""
+    """Survey every way along every axis, in the order of both; `told` is called with the progress."""
     until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
     workers = threading.local()
     opened: list[Worker] = []

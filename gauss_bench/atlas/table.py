@@ -12,7 +12,7 @@ HEAD = "axis,engine,"  # of the table's file
 
 
 def row(x: Reach) -> dict[str, Any]:
-    """One way along one axis; `breaks_at` is the first value that does not pass."""
+    """Return the row of one way along one axis; `breaks_at` is the first value that does not pass."""
     axis = FAMILIES[x.axis]
     rest = axis.values[0 if x.passes_to is None else axis.values.index(x.passes_to) + 1 :]
     breaks = rest[0] if rest and x.last not in (Verdict.CANNOT, Verdict.OPEN) else None
@@ -22,12 +22,12 @@ def row(x: Reach) -> dict[str, Any]:
 
 
 def rows_of(reaches: Sequence[Reach], commit: str) -> list[dict[str, Any]]:
-    """The rows of the table `atlas`; of an error three digits mean something."""
+    """Return the rows of the table `atlas`, with errors rounded to three digits."""
     return [row(x) | {"error": float(f"{x.error:.3g}"), "commit": commit} for x in reaches]
 
 
 def text(reaches: Sequence[Reach]) -> str:
-    """The same for people."""
+    """Return the atlas as text for users."""
     lines = [RULE]
     for axis, some in panels(reaches):
         lines += ["", f"{axis.title}: {axis.meaning}"]

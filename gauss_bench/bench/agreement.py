@@ -43,7 +43,7 @@ LINKAGES = (  # moved by loads and by drivers; with redundant rows; those of mos
 
 
 def declarations(subject: Subject) -> Iterator[Check]:
-    """Declared inexactness has a cause."""
+    """Check that every declared inexactness names its cause."""
     offer = subject.offer
     declared = [("soft", *x) for x in offer.soft.items()] + [("unfinished", *x) for x in offer.unfinished.items()]
     wrong = []
@@ -63,7 +63,7 @@ class Answer:
     """The accelerations of an engine on a probe, compared with our own.
 
     Attributes:
-        off, along: errors, of the accelerations and of N^T (M a - Q); NaN where there are none.
+        off, along: errors of the accelerations and of N^T (M a - Q); NaN where the engine returned no accelerations.
         refused: why the engine does not take the linkage; wrong: why there are no accelerations.
         given: (k, n), or None.
     """
@@ -75,7 +75,7 @@ class Answer:
     given: Array | None = None
 
     def fault(self, soft: bool) -> str:
-        """The fault in a sentence, or nothing."""
+        """Return the fault in a sentence, or an empty text."""
         if self.wrong or self.refused:
             return self.wrong
         if not self.along <= ALONG:
@@ -86,7 +86,7 @@ class Answer:
 
 
 def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
-    """The accelerations that an engine finds at the states of a probe."""
+    """Ask an engine for its accelerations at the states of a probe."""
     question = partial(accelerations, on.t, on.q, on.v)
     run = subject.perform(on.mechanism, choice, np.array([0.0, STEP]), question, on.a.size)
     if refusal(subject, choice, run, on.mechanism):
@@ -100,7 +100,7 @@ def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
 
 
 def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
-    """Tell whether an engine refuses a linkage, its redundant rows, or, under a variant, says that its solver gave up.
+    """Tell whether an engine refuses a linkage or its redundant rows, or reports, under a variant, that its solver gave up.
 
     Variants are what searches try, and may fail with a sentence; settings are what users are offered.
     """
@@ -109,7 +109,7 @@ def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) ->
 
 
 def name_fault(choice: Choice) -> str:
-    """A choice in words."""
+    """Return a choice in words."""
     return ", ".join((choice.settings, choice.integrator, choice.stabilization))
 
 
@@ -118,7 +118,7 @@ def digits(error: float) -> str:
 
 
 def same_states(subject: Subject) -> Iterator[Check]:
-    """Accelerations at given states: on every linkage under settings, on one under every integrator and variant."""
+    """Check accelerations at given states: on every linkage under each setting, on one under every integrator and variant."""
     for choice in subject.choices():
         title, offer = f"accelerations ({name_fault(choice)})", subject.offer
         if cause := offer.unfinished.get(choice.settings):
@@ -136,7 +136,7 @@ def same_states(subject: Subject) -> Iterator[Check]:
 
 
 def _sum(title: str, answers: dict[str, Answer], soft: bool) -> Check:
-    """One check of what an engine answered, by the name of what it was asked on."""
+    """Combine an engine's answers, by the name of the probe, into one check."""
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
         return Check(title, None, next(iter(answers.values())).refused)
@@ -158,7 +158,7 @@ def _few(names: list[str]) -> str:
 
 
 def change_numbers(subject: Subject) -> Iterator[Check]:
-    """Accelerations follow the numbers of the file, changed one by one and all of a kind."""
+    """Check that accelerations follow the numbers of the file, changed one by one and all of a kind."""
     soft = subject.usual.settings in subject.offer.soft
     for linkage, scenario in subject.moving:
         names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]
@@ -167,7 +167,7 @@ def change_numbers(subject: Subject) -> Iterator[Check]:
 
 
 def forces(subject: Subject) -> Iterator[Check]:
-    """Every kind of force acts as defined: together, and where that is not so, each alone."""
+    """Check that every kind of force acts as defined: all together, and each alone where that fails."""
     document, _, _ = document_of(KINDS)
     soft = subject.usual.settings in subject.offer.soft
     together = _sum("every kind of force acts as defined", {"kinds": ask(subject, subject.usual, probe(KINDS, "loaded"))}, soft)
@@ -199,7 +199,7 @@ def effect(measured: Array, true: Array) -> str:
 
 
 def motions(subject: Subject) -> Iterator[Check]:
-    """Runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
+    """Check that runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
     usual, offer = subject.usual, subject.offer
     for choice in subject.choices():
         yield _follow(subject, choice, *subject.moving[0])
@@ -214,7 +214,7 @@ def motions(subject: Subject) -> Iterator[Check]:
 
 
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
-    """A run under one choice, repeated more finely, against the motion that it should follow."""
+    """Compare a run under one choice, and its finer repetitions, with the motion that it should follow."""
     subject.tell(f"A run under {name_fault(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
     title = f"a run ({name_fault(choice)}; {mechanism.name} {scenario})"
@@ -242,14 +242,14 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
-    """The choices under which a run is repeated; the last is the finest."""
+    """Return the choices under which a run is repeated; the last is the finest."""
     if adaptive:
         return [replace(choice, tolerance=COARSE), choice, replace(choice, tolerance=TIGHT)]
     return [choice, replace(choice, step=choice.step / 2)]
 
 
 def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> tuple[str, str]:
-    """Compare positions, velocities and accelerations (3, k, n) with the true ones: their distance, and the fault if any."""
+    """Compare positions, velocities and accelerations (3, k, n) with the reference: return their distance, and a fault if any."""
     way = np.array([true[0] - true[0, 0], true[1], true[2]])
     scale = np.abs(way).max(axis=(1, 2))
     off, moved = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (true, fine))
@@ -273,7 +273,7 @@ def own_motion(q0: Array, v0: Array, model: Model) -> Array:
 
 @lru_cache(maxsize=16)
 def _true_motion(linkage: str, scenario: str) -> Array:
-    """Own motion (3, k, n) at TIMES."""
+    """Return the suite's own motion (3, k, n) at TIMES."""
     return np.array(absolute_motion(probe(linkage, scenario).mechanism, TIMES))
 
 

@@ -17,7 +17,7 @@ Variant = tuple[str, str, str]  # settings, integrator, stabilisation
 
 @dataclass(frozen=True, order=True)
 class Case:
-    """One cell of the table: the key of everything.
+    """A case of the accuracy table; its fields are the key of every row about it.
 
     Attributes:
         linkage: name of a built-in linkage, or a path.
@@ -44,7 +44,7 @@ class Case:
 def variants(
     engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False, asked: str | None = None
 ) -> list[Variant]:
-    """The (settings, integrator, stabilization) an engine is shown at: its defaults, its best, and what a user would try.
+    """Return the (settings, integrator, stabilization) that an engine is shown with: defaults, best, and what users would try.
 
     Every setting (or that of a user who asked for one) with every integrator (or the first few, or those that are named) without
     stabilisation, and every stabilisation at the defaults; or, of an engine that is shown plainly, its defaults alone.
@@ -77,7 +77,7 @@ def cross(
     plain: Sequence[str] = PLAIN,
     asked: str | None = None,
 ) -> Iterator[Case]:
-    """All engines at their variants, or at the settings `asked`, on all linkages (name or path -> scenario)."""
+    """Combine all engines, at their variants or at the settings `asked`, with all linkages (name or path -> scenario)."""
     for linkage, scenario in linkages.items():
         for name in engines:
             engine = offer(name)
@@ -88,7 +88,7 @@ def cross(
 
 
 def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
-    """The cases with the end and the steps that a user asks for.
+    """Return the cases with the end and the steps that a user asks for.
 
     A linkage and scenario that no suite lists runs as long as its scenario says.
 
@@ -107,7 +107,7 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
 
 
 def cases(suite: Suite) -> list[Case]:
-    """The cases of a suite, each once, without those that it leaves out."""
+    """Return the cases of a suite, each once, without those that it leaves out."""
     distinct: dict[Case, None] = {}
     for part in suite.accuracy:
         chosen = part.engines or names()

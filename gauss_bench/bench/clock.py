@@ -44,7 +44,7 @@ K = TypeVar("K", bound=Hashable)
 
 
 class Key(NamedTuple):
-    """A timed quantity of an engine, with everything that is chosen for it."""
+    """The key of a timed quantity: what is timed, engine and setting."""
 
     quantity: str
     engine: str
@@ -55,7 +55,7 @@ class Key(NamedTuple):
 
 @dataclass
 class Block:
-    """A piece of work known by its entry.
+    """A piece of work to be timed, one for each entry of a race.
 
     `ready()` is not timed, `go()` is, both `again` times; `count` repetitions, or a share of one, are in one `go()`. `facts()` is
     asked after the race for what else a row says of the entry.
@@ -78,7 +78,7 @@ class Block:
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
-    """A call that needs nothing ready, as often as BLOCK seconds take; each counts as `work` repetitions."""
+    """Return a block that repeats a call without preparation for BLOCK seconds; each call counts as `work` repetitions."""
     call()
     count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
 
@@ -109,7 +109,7 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
 def interleave(
     blocks: list[Block], rounds: int, seed: int = 1, watch: Callable[[Hashable], object] = id
 ) -> Iterator[tuple[Block, int, float]]:
-    """Each block once a round, in a new random order every round: the block, the round, and seconds per repetition.
+    """Time each block once a round, in a new random order every round; yield block, round and seconds per repetition.
 
     A block that takes long, such as generating code, sits out the later rounds.
     """
@@ -140,7 +140,7 @@ class Missing(LookupError):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Seconds per repetition of every entry, (processes, rounds) each, what else they say of themselves, and why others have none.
+    """The result of a race: seconds per repetition (processes, rounds) and facts of each entry, or why it has no times.
 
     NaN stands for rounds that an entry sat out, and for all those of a process in which it did not run.
     """
@@ -209,12 +209,12 @@ class Race:
 
 
 def key_of(row: Row) -> Key:
-    """The quantity of an engine that a row tells of."""
+    """Return the key of the timed quantity in a row."""
     return Key(*(row[x] for x in Key._fields))
 
 
 def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
-    """What the rows of races say, by their entries: seconds of a round of a process, facts, or a status with its reason.
+    """Collect the rows of races by entry: seconds of each round in each process, facts, or a status with its reason.
 
     With `strict` an entry that failed in one process has failed, whatever it took in others.
     """
@@ -233,7 +233,7 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
 
 
 def pad(processes: Sequence[Array]) -> Array:
-    """Rounds of several processes, (rounds,) each, as one array (processes, rounds) with NaN where one has fewer than another."""
+    """Return rounds of several processes, (rounds,) each, as one array (processes, rounds), filled with NaN."""
     table = np.full((len(processes), max(map(len, processes), default=0)), np.nan)
     for row, x in zip(table, processes, strict=True):
         row[: len(x)] = x
@@ -252,12 +252,12 @@ def quartiles(samples: Array) -> Array:
 
 
 def time_of(samples: Array) -> float:
-    """The time [s] that samples tell: the median of the processes' lower quartiles."""
+    """Return the time [s] of an entry: the median over processes of the lower quartile of their rounds."""
     return float(np.nanmedian(quartiles(samples)))
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """Ratios that chance allows: those of the processes, or of RESAMPLES resamplings where one process alone ran both.
+    """Return the scatter of a ratio: one value a process, or RESAMPLES resampled ones where only one process ran both.
 
     Both (processes, rounds), or (rounds,) of one.
     """
@@ -272,7 +272,7 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 
 
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
-    """Return how many times longer one takes than the other in the rounds that both have, and its spread; NaN without any."""
+    """Return the ratio of two times over the rounds that both have, and its spread; NaN without common rounds."""
     one, other = common(samples, baseline)
     if not len(one):
         return math.nan, math.nan, math.nan
@@ -281,7 +281,7 @@ def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
 
 
 def ends(values: Array, several: bool) -> tuple[float, float]:
-    """The spread of what several processes found; or of rounds of one, nine tenths of them."""
+    """Return the spread of the values of several processes; of one process, the range of the middle 90 % of its rounds."""
     if several:
         return foreseen(values)
     low, high = np.quantile(values, (0.05, 0.95)).tolist()
@@ -289,7 +289,7 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 
 
 def foreseen(values: Array) -> tuple[float, float]:
-    """Bounds of the median of a second race, by a chance of CERTAIN; at least all `values` (processes,), two or more.
+    """Return bounds that hold the median of a second race with probability CERTAIN, and all `values` (processes,), two or more.
 
     Logarithms scatter about their median by s, two medians of n of them differ by s (pi / n)^(1/2), and n values tell s as well as
     Student's t has it.
@@ -302,7 +302,7 @@ def foreseen(values: Array) -> tuple[float, float]:
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Both (processes, rounds) in the processes that ran both, with NaN where one has none: slow blocks sit later rounds out."""
+    """Return both samples (processes, rounds) of the processes that ran both; NaN stands for rounds that a slow block sat out."""
     pair = [np.atleast_2d(x) for x in (one, other)]
     rounds = min(x.shape[1] for x in pair)
     first, second = (x[:, :rounds] for x in pair)
@@ -312,7 +312,7 @@ def common(one: Array, other: Array) -> tuple[Array, Array]:
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """A time and its spread; `samples` (processes, rounds), or (rounds,) of one process."""
+    """Return a time and its spread; `samples` (processes, rounds), or (rounds,) of one process."""
     found = quartiles(samples)
     found = found[np.isfinite(found)]
     rounds = samples[np.isfinite(samples)]
@@ -321,7 +321,7 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 
 
 def compare(own: Array, rival: Array) -> Row:
-    """Both times, each over all its rounds, and how many times longer the rival takes in the rounds that both have.
+    """Return both times, each over all its rounds, and the ratio of the rival's to the own over the rounds that both have.
 
     A time has one value, whoever it is compared with; where one has fewer rounds, the ratio is not the quotient of the two.
     """
@@ -330,7 +330,7 @@ def compare(own: Array, rival: Array) -> Row:
 
 
 def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
-    """A row with its status: of what make(*arguments) measures, or of why it measures nothing."""
+    """Return the row that make(*arguments) measures, with status OK, or a row with the reason why there is no measurement."""
     try:
         return start | {"status": str(Status.OK), "message": ""} | make(*arguments)
     except Missing as missing:
@@ -338,12 +338,12 @@ def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
 
 
 def at_least(row: Row, column: str, target: float | None) -> Row:
-    """The row with its target, and whether the column reaches it; what was not measured has not reached it."""
+    """Return the row with its target, and whether the column reaches it; a missing measurement does not reach it."""
     if target is None:
         return row
     return row | {"target": target, "met": row.get(column) is not None and bool(row[column] >= target)}
 
 
 def at_most(row: Row, column: str, target: float) -> Row:
-    """As `at_least`, for what should be small."""
+    """As `at_least`, for a quantity with an upper limit."""
     return row | {"target": target, "met": row.get(column) is not None and bool(row[column] <= target)}

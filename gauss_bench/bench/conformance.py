@@ -29,7 +29,7 @@ LATE = 0.75  # steps: first-order methods put rates half a step beside the diffe
 
 
 def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) -> list[Check]:
-    """All checks of an engine, by name or as MODULE:CLASS; `told` hears of each before it is made.
+    """Run all checks of an engine, given by name or as MODULE:CLASS; `told` is called with each before it runs.
 
     Raises:
         KeyError: there is no engine of that name.
@@ -64,12 +64,12 @@ def _judge(
 
 
 def _times(subject: Subject) -> Iterator[Check]:
-    """Samples are at the times asked for."""
+    """Check that samples are at the times asked for."""
     yield from _judge(subject, "samples are at the times asked for", lambda m, x: "", np.array(ODD))
 
 
 def _start(subject: Subject) -> Iterator[Check]:
-    """The first sample is the start."""
+    """Check that the first sample is the start of the scenario."""
 
     def look(m: Mechanism, x: Trajectory) -> str:
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
@@ -83,7 +83,7 @@ def _start(subject: Subject) -> Iterator[Check]:
 
 
 def _derivatives(subject: Subject) -> Iterator[Check]:
-    """Velocities belong to positions, and accelerations to velocities."""
+    """Check that velocities are the rates of positions, and accelerations those of velocities."""
 
     def look(m: Mechanism, x: Trajectory) -> str:
         for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
@@ -106,7 +106,7 @@ def lateness(slope: Array, told: Array) -> float:
 
 
 def _same_again(subject: Subject) -> Iterator[Check]:
-    """The same run gives the same bits."""
+    """Check that a repeated run returns the same bits."""
     for linkage, scenario in PLAIN[:1]:
         runs = [subject.whole[linkage], *(subject.run(linkage, scenario, EVERY_STEP, ask) for ask in (nothing, run_before))]
         first, second, third = (run.trajectory for run in runs)
@@ -120,7 +120,7 @@ def _same_again(subject: Subject) -> Iterator[Check]:
 
 
 def _is_undisturbed(subject: Subject) -> Iterator[Check]:
-    """Asking for an acceleration changes nothing."""
+    """Check that asking for an acceleration does not change the run."""
     linkage, scenario = PLAIN[0]
     m = mechanism_of(linkage, scenario)
     plain, asked = subject.whole[linkage], subject.run(linkage, scenario, EVERY_STEP, asking(m), m.n)
@@ -134,7 +134,7 @@ def _is_undisturbed(subject: Subject) -> Iterator[Check]:
 
 
 def _steps(subject: Subject) -> Iterator[Check]:
-    """Steps are counted."""
+    """Check that the engine counts its steps."""
     if subject.offer.integrators[0] in subject.offer.adaptive:
         yield Check("steps are counted", None, "its first integrator chooses its own steps")
         return

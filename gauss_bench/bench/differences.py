@@ -28,7 +28,7 @@ class Differences:
 
 
 def differences(here: Path, there: Path) -> Differences:
-    """The figures in the folder `here` against those in the folder `there`.
+    """Compare the figures in the folder `here` with those in the folder `there`.
 
     A figure that is better by as much as the gate calls worse lies apart too: between two runs neither is the measure.
 
@@ -52,13 +52,13 @@ def differences(here: Path, there: Path) -> Differences:
 
 @dataclass(frozen=True)
 class Clocked:
-    """Something that a clock decides and that two runs decide otherwise.
+    """A timed figure or conclusion that differs between two runs.
 
     Attributes:
         what: table, row and column.
         here, there: the values as words, a ratio with its spread.
-        matters: whether what a reader concludes is another thing: a target or a claim changed sides, or a ratio did of 1.
-        factor: of a ratio, here over there; 1 else.
+        matters: whether a reader's conclusion changes: a target or a claim changed sides, or a ratio crossed 1.
+        factor: the ratio here over that there; 1 for anything else.
     """
 
     what: str

@@ -1,8 +1,8 @@
 """The accuracy gate: the gate suite against a committed baseline. It never reads a time.
 
-A figure fails when it is worse than its limit, and is told when it is better by as much. One that is better by far fails too: a
-metric that has begun to flatter looks like that, and what is truly better is accepted like any other change. Limits are computed
-from the baseline by the rules below; a new baseline is accepted only with a dated reason.
+A figure fails when it is worse than its limit, and is reported when it is better by as much. One that is better by far fails too,
+because a metric that has begun to flatter looks like that; a real improvement is accepted like any other change. Limits are
+computed from the baseline by the rules below; a new baseline is accepted only with a dated reason.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +27,7 @@ Key = tuple[Any, ...]  # their values
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits of a metric: worse than `factor` times the baseline, but never below `floor`, fails; better by `factor` is told."""
+    """Limits of a metric: worse than `factor` times the baseline, and above `floor`, fails; better by `factor` is reported."""
 
     factor: float
     floor: float
@@ -58,7 +58,7 @@ BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # the process
 
 @dataclass(frozen=True)
 class Verdict:
-    """One figure against its limit: "fail", "better" or "ok"; `cause` is what the engine said."""
+    """One figure against its limit: "fail", "better" or "ok"; `cause` is the engine's message."""
 
     outcome: str
     case: str
@@ -74,7 +74,7 @@ class Verdict:
 
 
 def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
-    """The gated figures in long form: one row per case and metric.
+    """Return the gated figures in long form: one row per case and metric.
 
     Runs that have lost their way keep only their status, whether they are valid and their acceleration error: what else they say
     differs between machines, but they must stay what they are.
@@ -126,7 +126,7 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
 
 
 def judge_figure(key: Key, value: str | None, base: str | None) -> tuple[str, str, str, str]:
-    """The outcome of a figure, given its baseline; then both and the limit in words: value, limit, baseline."""
+    """Judge a figure against its baseline; return the outcome, and value, limit and baseline in words."""
     metric, missing = key[-1], "none"
     if base is None or value is None:
         # an order exists only while the errors stand above their floor: its loss is told, not judged
@@ -206,7 +206,7 @@ def is_known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
 
 
 def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
-    """The part of a baseline that a partial run can be held against."""
+    """Return the part of a baseline that a partial run can be compared with."""
     inside = baseline["mechanism"].isin(list(mechanisms)) & baseline["engine"].isin([*engines, "reference"])
     return baseline[inside].reset_index(drop=True)
 

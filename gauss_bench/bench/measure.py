@@ -1,4 +1,4 @@
-"""One case becomes one row: run by the one recipe, in a process of its own where the engine is of others, and judged here."""
+"""Measure one case into one row: foreign engines run in a process of their own, and every run is judged here."""
 
 import json
 from contextlib import suppress
@@ -39,7 +39,7 @@ def mechanism_of(linkage: str, scenario: str) -> Mechanism:
 
 @lru_cache(maxsize=4)
 def states_of(linkage: str, scenario: str) -> TrueStates | None:
-    """Random states with their true accelerations, or None where the linkage has none that are unique."""
+    """Return random states with their reference accelerations, or None where the accelerations are not unique."""
     try:
         return random_states(mechanism_of(linkage, scenario))
     except NO_TRUTH:
@@ -53,7 +53,7 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
 
 @lru_cache(maxsize=4)
 def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
-    """The reference, or why there is none."""
+    """Return the reference, or the reason why there is none."""
     try:
         return reference_of(linkage, scenario, t_end, store)
     except NO_TRUTH as error:
@@ -117,7 +117,7 @@ def measure(
 
 
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
-    """Return the repetition of a run, or why it is not tried: what is left of `limit` [s], of which it may take half, decides."""
+    """Return a finer repetition of a run, or why it is not tried: it may take half of what is left of `limit` [s]."""
     assert run.trajectory is not None
     spent = run.seconds + run.build_time
     longest = min(LONGEST, (limit - spent) / 2)
@@ -133,7 +133,7 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
 
 
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
-    """Relative error at the same states: median and worst; NaN where what is given are no accelerations of them."""
+    """Return median and largest relative error at the same states; NaN where the given array is no acceleration of them."""
     error = np.full(1, np.nan)
     with suppress(TypeError, ValueError):
         a = np.asarray(given, dtype=float)
@@ -167,7 +167,7 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
 
 
 def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
-    """The columns of values (k,) at those of the times t (k,) that tables have; NaN at those that are not reached."""
+    """Return the columns of values (k,) at the checkpoints of tables; NaN at checkpoints that the run did not reach."""
     found = {}
     for checkpoint in metrics.CHECKPOINTS:
         at = np.flatnonzero(np.abs(t - checkpoint) < 1e-9)
@@ -176,7 +176,7 @@ def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
 
 
 def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]:
-    """Error, drift and energy over time, thinned to what a figure can show; none without a truth."""
+    """Return error, drift and energy over time, thinned to what a figure can show; empty without a reference."""
     drift, errors = evidence.drift, evidence.errors
     if errors is None:
         return []

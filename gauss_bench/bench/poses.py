@@ -1,4 +1,4 @@
-"""Poses of links in a run that a report plays: beside the true motion, told apart by what the loops allow and what they do not.
+"""Poses of links that a report plays: the deviation from the reference, split into a motion of the linkage and open loops.
 
 A run's pose at a time is written as the sum
 
@@ -44,7 +44,7 @@ def play(cases: Sequence[Case]) -> frozenset[Case]:
 
 
 def frames(truth: Reference) -> Array:
-    """The times (k,) [s] that are kept of a motion."""
+    """Return the times (k,) [s] at which poses are kept."""
     return truth.t[:: max(1, len(truth.t) // FRAMES)]
 
 
@@ -56,14 +56,14 @@ def wrap(q: Array) -> Array:
 
 
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
-    """The true pose of every link at every frame."""
+    """Return the reference pose of every link at every frame."""
     times = frames(truth)
     at = common_times(truth.t, times)[0]
     return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrap(q)})]
 
 
 def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:
-    """The difference of every link's pose in a run from the true one, at every frame that the run reached."""
+    """Return the deviation of every link's pose from the reference, at every frame that the run reached."""
     times = frames(truth)
     mine, both = common_times(trajectory.t, times)
     true = truth.q[common_times(truth.t, times[both])[0]]

@@ -73,7 +73,7 @@ class Probe:
 
 
 def _share(errors: Array, sizes: Array) -> float:
-    """The largest error (k,) by its size (k,); infinite where one is no number."""
+    """Return the largest error (k,) relative to its size (k,); infinite where an error is NaN."""
     floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0))
     share = np.divide(errors, floored, out=np.zeros_like(errors), where=floored > 0)
     return float(share.max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
@@ -81,7 +81,7 @@ def _share(errors: Array, sizes: Array) -> float:
 
 @lru_cache(maxsize=256)
 def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
-    """A linkage with a change of `changes` made, at its states; under these of its forces alone, where they are given."""
+    """Return a linkage with one of `changes` made, at states of its motion; with only the given forces, if any are given."""
     document, digest, path = document_of(linkage)
     changed = scale(document, changes(linkage, scenario)[change])
     if forces is not None:
@@ -93,7 +93,7 @@ def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str
 
 
 def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Array, Array, Array]:
-    """States t (k,), q, v (k, n) that the constraints allow, by steps of random size from the start; the times are for drivers."""
+    """Return states t (k,), q, v (k, n) on the constraints, by steps of random size from the start; drivers use the times."""
     random = np.random.default_rng(SEED)
     times = np.linspace(0.05, 0.95, STATES) * (mechanism.duration if mechanism.drivers else 0.0)
     q, states = mechanism.q0, []

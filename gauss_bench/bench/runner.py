@@ -1,4 +1,4 @@
-"""Runs a suite: what no clock decides in parallel workers, then what is timed, alone; then the tables. All of it is resumable.
+"""Runs a suite: untimed tasks in parallel workers, then timed tasks one by one, then the tables. Every stage is resumable.
 
 A measurement is a file in `measurements`. It may offer `exact(suite, context)`, tasks in whose answers no time counts;
 `timed(suite, context, tables)`, tasks that run one after the other, given the tables so far; `timed_again`, the same after all of
@@ -36,7 +36,7 @@ ORDER = ("accuracy", "cost")  # what others are worked out from comes first
 
 
 def modules() -> list[ModuleType]:
-    """Every measurement, those first that others are worked out from."""
+    """Return every measurement; those that others depend on come first."""
     names = sorted((m.name for m in iter_modules(measurements.__path__)), key=lambda x: (x not in ORDER, x))
     return [import_module(f"{measurements.__name__}.{name}") for name in names]
 
@@ -105,7 +105,7 @@ def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 
 def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
-    """Where, when and with what a run was made: version and every setting of its engines, as the report prints them."""
+    """Describe a run for the report: place, time, and version and settings of its engines."""
     engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
     return environment() | {
         "suite": name,

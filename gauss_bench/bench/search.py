@@ -1,4 +1,4 @@
-"""Search: of all variants of an engine, the cheapest that is exact enough, found without taste.
+"""Search: find the cheapest of an engine's variants that is accurate enough, by fixed rules.
 
 A variant is tried at sizes from coarse to fine: steps, or tolerances where the integrator chooses its own steps. Errors are of the
 whole run and depend on no clock, so that what passes is the same in every run. A ladder first walks over some of the sizes until
@@ -42,7 +42,7 @@ K = TypeVar("K", bound=Hashable)
 
 @dataclass(frozen=True)
 class Scale:
-    """The sizes that may be tried, from coarse to fine, and which of them (indices) the first ladder walks over."""
+    """The sizes that may be tried, from coarse to fine, and the indices of those that the first ladder tries."""
 
     sizes: tuple[float, ...]
     rungs: tuple[int, ...]
@@ -77,7 +77,7 @@ def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
 def explore(
     evaluate: Callable[[float], Trial], scale: Scale, wanted: Sequence[Requirement], budget: int, most: int = 0
 ) -> tuple[list[Trial], str]:
-    """Trials of one variant, from coarse to fine, and why there are no more.
+    """Return the trials of one variant, from coarse to fine, and the reason why the search ended.
 
     `most` is how many steps a run may have, 0 where the integrator chooses them.
     """
@@ -130,31 +130,31 @@ def _stall(errors: Sequence[float]) -> bool:
 
 
 def coarsest(trials: Sequence[Trial], wanted: Requirement) -> Trial | None:
-    """The trial of the largest size that meets a requirement, or None."""
+    """Return the trial of the largest size that meets a requirement, or None."""
     return max((t for t in trials if t.meets(wanted)), key=lambda t: t.size, default=None)
 
 
 def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
-    """The trial with the least error of a kind, or None where none tells it."""
+    """Return the trial with the least error of a kind, or None where no trial has that error."""
     known = [t for t in trials if t.status is Status.OK and math.isfinite(t.errors.get(kind, math.nan))]
     return min(known, key=lambda t: t.errors[kind], default=None)
 
 
 def finalists(costs: Mapping[K, float]) -> list[K]:
-    """Those worth a race, in their order: near the cheapest by their estimated costs [s], and no more than FINALISTS."""
+    """Return the settings worth a race, in their order: near the cheapest by estimated cost [s], FINALISTS at most."""
     chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
     least = min(costs.values(), default=math.inf)
     return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
 
 
 def close(times: Mapping[K, float]) -> list[K]:
-    """Those that another process may find the fastest, in their order; by their times [s] in the first."""
+    """Return the settings that may be the fastest in another process, in their order, judged by times [s] in the first."""
     least = min(times.values(), default=math.inf)
     return [k for k, x in times.items() if x <= CLOSE * least]
 
 
 def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
-    """The winner of a race, and all who tie with the fastest.
+    """Return the winner of a race, and all settings that tie with the fastest.
 
     `samples`: seconds (processes, rounds), or (rounds,) of one process, of everyone raced, in the order that breaks ties.
     """

@@ -1,4 +1,4 @@
-"""An engine that is looked at from outside: how it is asked in a worker, and what a check of it says."""
+"""An engine under test: how checks ask it in a worker, and the result of a check."""
 
 import os
 import time
@@ -29,7 +29,7 @@ PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
         name: what an engine must keep to.
@@ -77,13 +77,13 @@ class Subject:
 
     @cached_property
     def moving(self) -> list[tuple[str, str]]:
-        """The linkage of all loads, or those of few where an engine does not take it."""
+        """Return the linkage with every kind of load, or those with few loads where an engine refuses it."""
         one = np.array([0.0, STEP])
         taken = [x for x in ((PROBE, "loaded"), *PLAIN) if self.run(*x, one).status is not Status.SKIP]
         return taken[:1] if taken[:1] == [(PROBE, "loaded")] else taken or [*PLAIN]
 
     def run(self, linkage: str, scenario: str, times: Array, ask: Asked = nothing, answers: int = 0) -> Run:
-        """A run of a linkage by its name, under the defaults."""
+        """Run a linkage, given by name, under the engine's defaults."""
         return self.perform(mechanism_of(linkage, scenario), self.usual, times, ask, answers)
 
     def perform(

@@ -1,4 +1,4 @@
-"""Races that outlive an engine: all race in one process, and who brings it down is a row with a reason, not the end of the rest.
+"""Races that survive a crash: all engines race in one process; one that crashes it becomes a row with a reason.
 
 The process of a race tells in a few bytes of a file who is at work, which a crash or a hang leaves standing. The race is
 then run again without the one that stands there.
@@ -92,5 +92,5 @@ def watching(path: str) -> Watch:
 
 
 def at_work(path: str) -> str:
-    """The engine that was at work last."""
+    """Return the engine that ran last."""
     return Path(path).read_bytes().rstrip(b"\0").decode()

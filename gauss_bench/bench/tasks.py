@@ -37,7 +37,7 @@ def place_of(mechanism: Mechanism) -> dict[str, Any]:
 
 
 class Task(NamedTuple):
-    """A question to a worker.
+    """A task for a worker.
 
     Attributes:
         key: names the task and nothing else.
@@ -75,7 +75,7 @@ class Task(NamedTuple):
 
 
 def patient(task: Task, processes: int = 1) -> Task:
-    """With time for as many races as there may be; `processes` that each has one to win."""
+    """Return the task with a time limit for every race that may be run; each race runs in `processes` processes."""
     return task._replace(limit=processes * RACES * LIMIT)
 
 

@@ -1,4 +1,4 @@
-"""Ways: a variant of an engine at a step or tolerance, run over a linkage's whole motion, judged, and timed.
+"""Ways: a way is a variant of an engine at a step or tolerance, run over a linkage's whole motion, judged, and timed.
 
 What `measurements/search.py` and `../advice` share: which ways there are, how large the errors of one are (no clock is looked
 at), and what of one is raced.
@@ -61,7 +61,7 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def loop_of(way: Way) -> str:
-    """Return who runs the loop under a way's settings, where they tell (option `loop`); else an empty text."""
+    """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
     offered = offer(way.engine)
     variant = offered.variants.get(way.settings)
     return str((variant.options if variant else offered.settings.get(way.settings, {})).get("loop", ""))
@@ -73,14 +73,14 @@ def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
 
 
 def has_samples(truth: Reference, until: float, beats: int) -> bool:
-    """Tell whether the truth is known at every beat of a run."""
+    """Tell whether the reference is known at every beat of a run."""
     times = until / beats * np.arange(beats + 1)
     near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
     return bool((np.abs(truth.t[near] - times) < 1e-9).all())
 
 
 def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
-    """One run over all beats, and its largest errors."""
+    """Run over all beats, and return the run's largest errors."""
     steps = beats if adaptive else round(run.until / way.size)
     wanted = sample(run, steps, math.gcd(steps, beats))
     return judge_trial(
@@ -89,7 +89,7 @@ def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptiv
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:
-    """So many equal steps, of which so many samples after the first are kept."""
+    """Return the sampling of a run by equal steps that keeps the start and `samples` further samples."""
     return Sampling(run.until / samples * np.arange(samples + 1), run.until / steps, steps, 0)
 
 
@@ -98,7 +98,7 @@ def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
 
 
 def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
-    """The largest errors of a run at the times that it has in common with the truth."""
+    """Return the trial of a run: its largest errors at the times that it shares with the reference."""
     if ran.trajectory is None:
         return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
     errors = state_errors(run.mechanism, ran.trajectory, truth)
@@ -124,7 +124,7 @@ def build_model(run: Run, way: Way, models: Models) -> Model:
 
 
 def one_step(run: Run, way: Way, steps: int, models: Models) -> Block:
-    """A step of a way; of one that chooses its steps, which are not alike, a whole run of which each is a repetition."""
+    """Return a block of one step; where the integrator chooses its steps, of a whole run, each step being a repetition."""
     if not is_adaptive(way):
         return stepping(way, build_model(run, way, models), way.size, native=True)
     block = whole_run(run, way, steps, 0.0, math.inf, models)
@@ -133,7 +133,7 @@ def one_step(run: Run, way: Way, steps: int, models: Models) -> Block:
 
 
 def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float, models: Models) -> Block:
-    """A run, whole, or its first part where equal steps take longer than `lead` [s], as often as BLOCK seconds take.
+    """Return a block of a whole run, repeated for BLOCK seconds; of equal steps only a part that takes `lead` [s].
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -148,7 +148,7 @@ def share_of(seconds: float, lead: float, steps: int) -> float:
 
 
 def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: Models) -> Block:
-    """As `whole_run`, of a way of which nobody has found out how long it takes.
+    """As `whole_run`, for a setting whose run time is not known yet.
 
     Steps of its own choice end at so many samples, as where they were judged.
 
@@ -166,7 +166,7 @@ def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: 
 
 
 def _block(run: Run, way: Way, model: Any, times: Array, share: float) -> Block:
-    """A run over the times, so much of a whole one, of a model that ways of other sizes share."""
+    """Return a block that runs over the times, a known part of a whole run, on a model that other sizes share."""
     choice = choice_of(way, is_adaptive(way), run.until)
 
     def ready() -> None:
@@ -177,7 +177,7 @@ def _block(run: Run, way: Way, model: Any, times: Array, share: float) -> Block:
 
 
 def _repeat(run: Run, way: Way, model: Model, times: Array, share: float) -> Block:
-    """The same as often as BLOCK seconds take."""
+    """Return the block repeated for BLOCK seconds."""
     block = _block(run, way, model, times, share)
     block.ready()
     taken = processor_time(block.go)

@@ -1,4 +1,4 @@
-"""The suite's own checks, each with a known answer: silent on what is sound, else a sentence that says what is wrong.
+"""The suite's own checks, each with a known answer: a check returns nothing if all is sound, else a sentence on the fault.
 
 They ask the same functions that judge engines, certify references, keep the gate and read the clock. What is checked is a small
 linkage and a short motion, so that all of them together take seconds.
@@ -50,7 +50,7 @@ Figures = dict[str, float | str]
 def alter(
     mechanism: Mechanism, of: str = "", gravity: float = 1.0, joint: str = "", by: float = 0.0, **factors: float
 ) -> Mechanism:
-    """Another linkage: numbers of a link or force by factors, gravity by one, a pin `by` [m] further out along its second link."""
+    """Return a changed linkage: numbers of a link or force and gravity by factors, a pin `by` [m] further out on link two."""
 
     def scaled(x: Any) -> Any:
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
@@ -81,7 +81,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
 
 
 def exact(reference: Reference) -> Trajectory:
-    """The truth as an engine without an error would tell it."""
+    """Return the reference as the trajectory of an engine without errors."""
     return Trajectory(reference.t, reference.q, reference.v, reference.a, len(reference.t) - 1)
 
 
@@ -91,7 +91,7 @@ def shifted(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
 
 
 def off(figure: Any, expected: float, tolerance: float) -> bool:
-    """Tell whether the largest of some figures is not what it must be; what is no number is not."""
+    """Tell whether the largest of some figures differs from its known value; NaN differs."""
     return not abs(float(np.max(figure)) - expected) <= tolerance * max(1.0, abs(expected))
 
 
@@ -111,7 +111,7 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
 
 
 def model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = None) -> str | None:
-    """An engine's accelerations at known states, gated against what sound ones are."""
+    """Check an engine's accelerations at known states by the gate, against sound ones."""
 
     def error(altered: Mechanism) -> Figures:
         x, engine = states(which), Interpreted("gauss").build(altered, Choice(integrator="rk4"))
@@ -127,7 +127,7 @@ def change(mechanism: Mechanism, how: Mapping[str, Any] | None) -> Mechanism:
 
 
 def in_time(late: float) -> str | None:
-    """A sound motion sampled `late` [s] too late, gated by its errors."""
+    """Check by the gate the errors of a sound motion that is sampled `late` [s] too late."""
     reference = truth(FOUR_BAR)
     sound = exact(reference)
     moved = replace(sound, q=sound.q + late * sound.v + late**2 / 2 * sound.a, v=sound.v + late * sound.a)
@@ -203,7 +203,7 @@ def stabilizations() -> str | None:
 
 
 def measures() -> str | None:
-    """Metrics of motions whose errors are known, because they were put in."""
+    """Check the metrics of motions with known, planted errors."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), exact(reference)
     x, y = PLANE.size, PLANE.size + 1  # places of the second link
@@ -256,7 +256,7 @@ def forces() -> str | None:
 
 
 def judge_case() -> str | None:
-    """The judge on a sound motion, and on motions that are not to be used."""
+    """Check the judge on a sound motion, and on invalid ones."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), exact(reference)
     turned = sound.q.copy()
@@ -342,7 +342,7 @@ def read_certified(
 
 @contextmanager
 def ticking() -> Iterator[Callable[[float], None]]:
-    """A clock of known ticks in the place of the processor's; what is given lets seconds pass."""
+    """Replace the processor's clock by one of known ticks; the yielded function lets seconds pass."""
     now, true = [0], (time.process_time_ns, time.process_time)
     time.process_time_ns, time.process_time = lambda: now[0], lambda: now[0] * 1e-9
 
@@ -391,7 +391,7 @@ def clocks() -> str | None:
 
 
 def check_guard() -> str | None:
-    """The gate on figures that stayed, and on figures that must not pass."""
+    """Check the gate on unchanged figures, and on figures that must fail."""
     base: Figures = {"status": "ok", "valid": "True", "position_error": 1e-6, "position_drift": 1e-9}
     base |= {"observed_order": 4.0, "measured_t1": 12.0, "acceleration_error_median": 1e-10}
     if said := ask_gate(base, base):

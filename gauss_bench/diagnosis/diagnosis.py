@@ -1,8 +1,8 @@
 """What is wrong with an engine on a linkage: its error against the reference, split, with a verdict in words.
 
-The order of questions is that of what spoils the answers to the next: are the samples in order and do they move; did the state
-jump; are they those of other times; then what smaller steps leave of the error, what of it leaves the constraints, and which
-explanation predicts the accelerations that are off. A cause is named only where it accounts for most of what is seen.
+A question comes before those whose answers it could spoil: are the samples in order and do they move; did the state jump; are they
+samples of other times; then how much of the error smaller steps leave, how much of it leaves the constraints, and which explanation
+predicts the wrong accelerations. A cause is named only where it accounts for most of what is seen.
 
 **"No dominant cause"** is said where there is nothing to explain: the largest error of a position is below SMALL, or below three
 times the error bar of the reference, and the accelerations that the engine tells are not off by more than OFF_TOLD at its own
@@ -51,7 +51,7 @@ WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # ca
 
 @dataclass(frozen=True)
 class Numbers(split.Closure):
-    """What was measured, beside the closure; m and rad where nothing else is said, NaN where it could not be told.
+    """The measured figures beside the closure, in m and rad unless noted; NaN where a figure could not be determined.
 
     Attributes:
         error: largest of a position, of the run that was asked for; at: [s] when; errors: of every run.
@@ -94,13 +94,13 @@ class Ended:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is said.
+    """The result of a diagnosis.
 
     Attributes:
-        cause: that dominates; sentence: in words.
-        parts: how much of the error [m, rad] each part accounts for.
-        numbers: behind it, None where there was no run to look at.
-        explanations: of accelerations that are off, the best first.
+        cause: the dominant one; sentence: the same in words.
+        parts: part -> its share of the error [m, rad].
+        numbers: the measured figures, None where there was no run to look at.
+        explanations: of wrong accelerations, the best first.
         runs: how each run ended: status and message.
         candidates: the explanations that reproduce the accelerations within their noise; none of them can be told from another.
     """
@@ -115,14 +115,14 @@ class Verdict:
 
 
 def nothing_to_see(*ended: Ended) -> Verdict:
-    """The verdict where there is no run to look at."""
+    """Return the verdict where there is no run to look at."""
     first = ended[0]
     why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
     return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), ended)
 
 
 class Answer(NamedTuple):
-    """What is said to one question."""
+    """The answer to one question of the diagnosis."""
 
     cause: Cause
     sentence: str
@@ -139,17 +139,17 @@ def diagnose_runs(
     projected: Choice | None = None,
     told: Callable[[str], object] = id,
 ) -> Verdict:
-    """The verdict on an engine that `run` runs by each of the choices.
+    """Diagnose an engine, which `run` runs under each of the choices.
 
     Args:
         run: (choice, sampling) -> Run.
-        mechanism: the linkage as it should be.
+        mechanism: the linkage of the file, without any fault.
         reference: of it, from 0 to `until` [s].
         choices: the one that is asked for, and finer ones.
         until: [s].
         adaptive: whether the integrator chooses its own steps, so that the choices differ by tolerance.
         projected: the first choice with its steps projected, where the engine offers that.
-        told: is told how far things are.
+        told: is called with a sentence on the progress.
 
     Raises:
         ChoiceError: too few steps.
@@ -205,7 +205,7 @@ class Case:
         self.jumped: samples.Jump | None = None
 
     def verdict(self) -> Answer:
-        """Cause, sentence and the explanations that were tried."""
+        """Return cause, sentence and the explanations that were tried."""
         if self.error <= max(SMALL, BARS * self.bar):
             return self._small()
         for question in (self._turns, self._order, self._still, self._jump, self._velocities):
@@ -218,7 +218,7 @@ class Case:
         return answer if answer.explanations or not exact else answer._replace(explanations=exact.explanations)
 
     def _noise(self) -> float:
-        """The relative difference that sound accelerations may have: ten times that of two ways of the suite to solve for them."""
+        """Return the relative error that sound accelerations may have: ten times the difference of two of the suite's solvers."""
         states = self.sound[-1].at
         if not len(states) or self.own.evaluator.friction:
             return NOISE
@@ -227,14 +227,14 @@ class Case:
         return max(NOISE, 10 * apart) if np.isfinite(apart) else NOISE
 
     def _explained(self, y: Array) -> list[Explained]:
-        """What would make the accelerations of the finest run off by y (k, n)."""
+        """Return the explanations of acceleration errors y (k, n) of the finest run, the best first."""
         b = self.sound[-1]
         some = every_explanation(self.own, b.at, b.before, self.start)
         found = explain(y, self.own.evaluator.mass, some, self.own.accelerations(b.at), self.noise)
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _reproduced(self) -> Answer | None:
-        """The causes each of which, planted by its own amount, gives the very accelerations that the engine tells."""
+        """Return the causes that reproduce the engine's accelerations when planted by their amount."""
         last = self.local[-1]
         if last is None or not last.relative_told > SEEN:
             return None
@@ -265,7 +265,7 @@ class Case:
         return Answer(Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations)
 
     def _turns(self) -> Answer | None:
-        """Angles that an engine has brought back into one turn."""
+        """Detect angles that an engine has wrapped into one turn."""
         turns = samples.whole_turns(self.off)
         if not turns.any():
             return None
@@ -281,7 +281,7 @@ class Case:
         return Answer(Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left") if found else None
 
     def _velocities(self) -> Answer | None:
-        """Velocities that are not those by which the positions told move from step to step."""
+        """Detect velocities that disagree with the change of positions from step to step."""
         b = self.bursts[-1]
         moved = (b.after.q - b.before.q) / (b.after.t - b.before.t)[:, None]
         off, factor, left = samples.other_velocities(moved, b.at.v)
@@ -302,7 +302,7 @@ class Case:
         return Answer(Cause.STATIONARY, "the samples stand still while the linkage moves")
 
     def _jump(self) -> Answer | None:
-        """Look again at every step of the one stretch between two checkpoints that could hold a jump."""
+        """Detect a jump of the state: run again, sampled at every step of the stretch between two checkpoints that may hold one."""
         told = _join(self.first.start, self.first.at)
         k = samples.suspicious_window(told, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
@@ -318,7 +318,7 @@ class Case:
         return Answer(Cause.RESET, f"{said}, as an engine does that resets itself after an error")
 
     def _length(self) -> Answer | None:
-        """A pin elsewhere than in the file: gaps that turn with its link, whatever the step."""
+        """Detect a pin that is elsewhere than in the file: its gap turns with its link, whatever the step."""
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > SMALL / 10:
             return None
@@ -329,7 +329,7 @@ class Case:
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; that explains {share_words(pin.share)} of it")
 
     def _other_times(self) -> Answer | None:
-        """A start that is another, or samples of other times: both with steps that are sound."""
+        """Detect a wrong start, or samples of other times; in both cases the steps are sound."""
         h = self.first.step
         for stretch in (False, True):
             found = samples.time_map(self.truth, self.first.at, stretch)
@@ -355,7 +355,7 @@ class Case:
         return None
 
     def _as_steps_go(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Tell whether a finer run is off in time as much as a map says, or by as many steps; an integrator is not."""
+        """Tell whether a finer run is off by the same time or the same number of steps; an integrator's error falls faster."""
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
             return True
@@ -367,9 +367,9 @@ class Case:
         return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
     def _late_from_the_first_step(self) -> float:
-        """The shift [s] of all samples but the start, told by the first step of every run; 0 where there is none.
+        """Return the shift [s] of all samples but the start, found from the first step of every run; 0 where there is none.
 
-        It shows where the integrator's error hides it from a map of time: a first step that leads too far, and no other.
+        A first step that goes too far reveals a shift even where the integrator's error hides it from the map of time.
         """
         shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
@@ -387,7 +387,7 @@ class Case:
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-        """Tell whether nothing speaks for wrong accelerations: they are the linkage's, and steps differ by the rate alone.
+        """Tell whether accelerations are the linkage's, and steps differ from its flow only by the rate of the time map.
 
         Where time enters the linkage itself, other times are other accelerations; there the map must leave next to nothing.
         """
@@ -397,7 +397,7 @@ class Case:
         return last.relative_told < SOUND and (last.relative_moved < SOUND or abs(last.relative_moved - by_rate) < by_rate / 2)
 
     def _by_steps(self) -> Answer:
-        """Divide the rest without a step by what the step adds."""
+        """Attribute the error to round-off, to the step, or to a fault that smaller steps leave."""
         if self._rounds():
             said = "the error does not fall with the step, and a step is off by as much however short it is: round-off"
             by = ", ".join(f"{e:.1e} by {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=False))
@@ -405,11 +405,11 @@ class Case:
         return self._of_step() if self._step_dominates() else self._without_step()
 
     def _step_dominates(self) -> bool:
-        """Tell whether the step adds more than smaller steps leave."""
+        """Tell whether the error that falls with the step is larger than the one that stays."""
         return self.limit <= self.by_step and (self.steps.converges or self.adaptive)
 
     def exponent(self) -> float:
-        """k of what a step is off by, h^k, of the two smallest steps."""
+        """Return k of the error of one step, proportional to h^k, from the two smallest steps."""
         pairs = zip(self.local[-2:], self.sound[-2:], strict=True)
         found = [(split.size(x.moved) * b.step, b.step) for x, b in pairs if x is not None]
         if self.adaptive or len(found) < 2 or not all(size for size, _ in found):
@@ -421,7 +421,7 @@ class Case:
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.exponent() < 0.5)
 
     def _without_step(self) -> Answer:
-        """An error that smaller steps leave: wrong accelerations, or loops that are not held."""
+        """Explain an error that smaller steps leave: wrong accelerations, or loops that are not held."""
         last, c = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open everywhere: there are no states to look at")
@@ -437,12 +437,12 @@ class Case:
             gap = f"the loops stay open by {c.closure[-1]:.1e} (m, rad) at {c.closure_joint} however short the step is"
             yields = f", yielding {c.compliance:.1e} m/N" if c.held > FOLLOWS else ""
             return Answer(Cause.SOFTNESS, f"soft constraints: {gap}{yields}", explanations)
-        stays = f"{self.limit:.1e} (m, rad) of error stay however short the step is"
+        stays = f"an error of {self.limit:.1e} (m, rad) stays at any step"
         off = f"accelerations are off by {max(last.relative_told, last.relative_moved):.1e} at the same states"
         return Answer(Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations)
 
     def _of_step(self) -> Answer:
-        """An error that falls with the step: old constraint data, soft constraints tied to the step, drift, or the integrator."""
+        """Explain an error that falls with the step: old constraint data, constraints softened by it, drift, or the integrator."""
         if old := self._stale():
             return Answer(Cause.STALE, old.sentence, [old])
         c = self.closure
@@ -464,24 +464,24 @@ class Case:
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
     def _yields(self) -> bool:
-        """Tell whether forces that yield, not the integrator, make the error: accelerations stay wrong, and the order is lower."""
+        """Tell whether compliant constraint forces make the error: accelerations stay wrong, and the order is too low."""
         first, last = self.local[0], self.local[-1]
         if first is None or last is None or not self._lost_order():
             return False
         return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
 
     def _beside(self) -> str:
-        """Name the fault beside the error of the step, which hides it: the end of a sentence, empty where nothing is."""
+        """Name a fault that the error of the step hides, as the end of a sentence; return an empty text where there is none."""
         last = self.local[-1]
         if last is not None and last.relative_told > SOUND:
             best = next(iter(self._explained(last.told)), None)
             if best and best.share >= EXPLAINS:
                 return f"; beside it, {best.sentence}"
         stays = self.limit > max(SMALL, self.by_step / 10)
-        return f"; {self.limit:.1e} (m, rad) would stay however short the step is" if stays else ""
+        return f"; an error of {self.limit:.1e} (m, rad) would stay at any step" if stays else ""
 
     def _mended(self) -> float:
-        """The share of the error left when the engine's steps are projected; 1 where it offers no projection."""
+        """Return the share of the error left when the engine's steps are projected; 1 where it offers no projection."""
         at = self.first.at.t[: self.steps.horizon]
         if self.projected is None or (trajectory := self.run(self.projected, sample(self.first.step, at)).trajectory) is None:
             return 1.0
@@ -489,11 +489,11 @@ class Case:
         return split.size(told.q - self.truth.at(told.t).q) / self.whole
 
     def _stale(self) -> Explained | None:
-        """Constraint data older than the integrator's own."""
+        """Detect constraint data older than the integrator's state."""
         last, b, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
             return None
-        euler = [] if self._lost_order() else [last.euler]  # what a first-order step is off by as it is
+        euler = [] if self._lost_order() else [last.euler]  # the error of a sound first-order step
         for y, relative, known in ((last.told, last.relative_told, []), (last.moved, last.relative_moved, euler)):
             if not relative > SEEN:
                 continue
@@ -532,10 +532,10 @@ class Case:
         )
 
     def parts(self, cause: Cause) -> dict[Part, float]:
-        """The error within the horizon [m, rad], by parts.
+        """Return the error within the horizon [m, rad], by parts.
 
-        What the step adds is drift as far as it leaves the constraints, else the integrator's; what is left without a step belongs
-        to the cause found, else to the model. Samples of other times, and round-off, are the whole error or none of it.
+        The part that falls with the step is drift as far as it leaves the constraints, and else the integrator's. The part that
+        stays belongs to the cause found, else to the model. Samples of other times and round-off are the whole error or none of it.
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in WHOLE:
@@ -563,7 +563,7 @@ def _largest(x: Array) -> float:
 
 
 def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
-    """The amount of the last of some columns (k, n) in y (k, n), by least squares with all, and the squares that are left."""
+    """Fit columns (k, n) to y (k, n) by least squares; return the coefficient of the last, and the squared residual."""
     b = (y * root).ravel()
     if not columns:
         return 0.0, float(b @ b)
@@ -574,5 +574,5 @@ def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
 
 
 def share_words(share: float) -> str:
-    """A share in words that do not round to all."""
+    """Return a share in words, with more digits where it would round to 100 %."""
     return f"{share:.0%}" if share < 0.995 else f"{100 * share:.4g} %" if share < 0.99995 else "all"

@@ -1,4 +1,4 @@
-"""Accelerations that are wrong, and what would make them so: every explanation predicts the difference at the same states.
+"""Explanations of wrong accelerations: each predicts the difference that it would make at the same states.
 
 The engine's accelerations minus the linkage's own, y (k, n), are held against what each explanation says they would be: a link's
 mass or inertia, gravity, a number of a force, a torque on another link, two links' masses exchanged, velocity terms or a driver's
@@ -44,7 +44,7 @@ COORDINATES = ("x", "y", "theta")
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """One thing that may be wrong.
+    """One possible fault.
 
     Attributes:
         cause: of the error.
@@ -63,13 +63,13 @@ class Explanation:
     exact: bool = False
 
     def changed(self, amount: float) -> Array:
-        """What an amount of it changes."""
+        """Return the change (k, n) of the accelerations by an amount."""
         return self.effect(amount) if callable(self.effect) else amount * self.effect
 
 
 @dataclass(frozen=True)
 class Explained:
-    """How well one explanation does.
+    """The fit of one explanation.
 
     Attributes:
         cause, what: of the explanation; amount: that fits best; share: of the squared difference that it explains, at most 1.
@@ -86,7 +86,7 @@ class Explained:
 
 
 def tell(said: str, amount: float) -> str:
-    """A sentence with its amount: a number, or a relative change in words."""
+    """Fill the amount into a sentence, as a number or as a relative change."""
     off = f"{abs(100 * amount):.3g} % too {'large' if amount > 0 else 'small'}"
     words = {"amount": f"{amount:.2g}"}
     for be, have in (("is", "has"), ("are", "have")):
@@ -99,7 +99,7 @@ def tell(said: str, amount: float) -> str:
 
 
 def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
-    """All explanations of differences y (k, n) from accelerations a, the best first; none of what has no effect.
+    """Return all explanations of differences y (k, n) from accelerations a, the best first, without those of no effect.
 
     Those that leave no more than `noise` (relative to a) cannot be told apart and stand in the order in which they were tried.
     """
@@ -115,7 +115,7 @@ def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None 
 
 
 def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
-    """Those that reproduce the accelerations within their noise when they are planted by the amount named."""
+    """Return the explanations that reproduce the accelerations within their noise when planted by their amount."""
     return [x for x in explanations if x.residual <= noise]
 
 
@@ -142,7 +142,7 @@ def _fit(one: Explanation, target: Array, root: Array, size_of_all: float) -> Ex
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """The amount of least squares and what is left, by Gauss and Newton's steps; a parameter stays positive."""
+    """Refine an amount by Gauss-Newton steps that keep a parameter positive; return it and the squared residual."""
     left = target - effect(amount)
     for _ in range(REFINEMENTS):
         slope = (effect(amount + SMALL) - effect(amount - SMALL)) / (2 * SMALL)
@@ -311,7 +311,7 @@ def of_constraints(own: OwnMotion, x: States, before: States, start: States) -> 
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """All of them, at states x, one step after states `before`."""
+    """Yield every explanation at states x, each one step after states `before`."""
     yield from of_parameters(own, x)
     yield from of_constraints(own, x, before, start)
     yield Explanation(Cause.ACCELERATIONS, "all accelerations", own.accelerations(x), "every acceleration {is}")

@@ -46,8 +46,8 @@ class Fault:
         solved: (solution, terms, model) -> solution.
         stepped: (state, model, t) -> state after the step that ended at t.
         times: (times, step) -> times that are sampled in place of those asked for; of as many.
-        read: (trajectory, mechanism) -> what is told.
-        where: linkage and scenario in which it shows.
+        read: (trajectory, mechanism) -> the trajectory that the engine returns.
+        where: linkage and scenario in which the fault shows.
     """
 
     name: str
@@ -202,7 +202,7 @@ def too_large(solution: Solution, terms: Terms, model: FaultyModel) -> Solution:
 
 
 def reset(state: State, model: FaultyModel, t: float) -> State:
-    """Back to the start and at rest, as an engine does that has met what is no number."""
+    """Reset to the start, at rest, as an engine does that has met a NaN."""
     if not model.reset and t >= RESET_AT:
         model.reset = True
         return model.mechanism.q0, 0 * model.mechanism.v0

@@ -97,7 +97,7 @@ class OwnMotion:
         return self.parts(x).accelerations()
 
     def moved(self, x: States, by: Array) -> States:
-        """The states that the linkage itself reaches from x after times `by` (k,) [s], which may be negative or zero."""
+        """Return the states that the linkage reaches from x after times `by` (k,) [s], which may be negative or zero."""
         steps = max(1, int(np.ceil(np.abs(by).max(initial=0.0) / SUBSTEP)))
         k, n = x.q.shape
         h = (by / steps)[:, None]
@@ -116,7 +116,7 @@ class OwnMotion:
         return States(x.t + by, q.reshape(k, n), v)
 
     def projected(self, x: States) -> States:
-        """The nearest states on the constraints."""
+        """Return the nearest states on the constraints."""
         pairs = [self.evaluator.project(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)]
         return States(x.t, np.array([q for q, _ in pairs]), np.array([v for _, v in pairs]))
 
@@ -133,7 +133,7 @@ class TrueMotion:
         self.motion, self.reference, self.until = motion, reference, float(reference.t[-1])
 
     def at(self, t: Array) -> States:
-        """The true states at times t (k,); a little before the start and beyond the end too."""
+        """Return the reference states at times t (k,), also a little before the start and beyond the end."""
         r = self.reference
         after = np.clip(np.searchsorted(r.t, t), 1, len(r.t) - 1)
         near = after - (t - r.t[after - 1] < r.t[after] - t)

@@ -1,4 +1,4 @@
-"""What is asked of an engine: the same motion by three steps, each half the one before, sampled in bursts of three steps.
+"""The runs asked of an engine: the same motion by three steps, each half the one before, sampled in bursts of three steps.
 
 A burst is a checkpoint, one step before it and one after it: from the step after, an engine's own steps can be held against the
 linkage's flow, wherever its motion has got to meanwhile; from the step before follows whether it used old data. Checkpoints are
@@ -52,7 +52,7 @@ class Burst:
 
 
 def checkpoints(step: float, until: float) -> Array:
-    """Times (k,) [s] that whole steps reach, a step before the end at the latest; on the grid of the references if they can be.
+    """Return times (k,) [s] that whole steps reach, a step before the end at the latest; on the references' grid if possible.
 
     Raises:
         ChoiceError: the run has too few steps.
@@ -67,14 +67,14 @@ def checkpoints(step: float, until: float) -> Array:
 
 
 def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
-    """The choice as asked, and two finer ones."""
+    """Return the choice asked for, and two finer ones."""
     if adaptive:
         return [choice, *(replace(choice, tolerance=x) for x in REFINED)]
     return [replace(choice, step=choice.step / 2**k) for k in range(HALVINGS)]
 
 
 def sample(step: float, at: Array) -> Sampling:
-    """The samples of the bursts, the start and the first step."""
+    """Return the sampling of the bursts, the start and the first step."""
     whole = np.unique(np.concatenate([[0, 1], *(np.round(at / step) + k for k in (-1, 0, 1))]))
     return sampling_at(step, whole * step)
 

@@ -68,7 +68,7 @@ def plant(file: str, text: str, mutant: str) -> Iterator[None]:
 
 
 def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = checks.FOUR_BAR, **fault: Any) -> Planted:
-    """One entry of the file."""
+    """Read one entry of the file."""
     sound: Any = getattr(checks, check)
     if "file" in fault:
 

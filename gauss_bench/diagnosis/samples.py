@@ -1,4 +1,4 @@
-"""Samples that are right but told wrongly: at other times, of other links, standing still, or those of a motion that began anew.
+"""Detection of wrong samples of a sound motion: of other times, of other links, frozen, or of a motion that restarted.
 
 What is looked for is a map from the true motion to what was told, after which (nearly) nothing is left of the error.
 """
@@ -44,7 +44,7 @@ def _state(x: States, pace: float) -> Array:
 
 
 def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
-    """The constant shift, or the shift and stretching, of time that explains samples best; None where none does by LEFT."""
+    """Find the shift, or shift and stretching, of time that explains samples best; None if more than LEFT of the error is left."""
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
     if not all(rms):
@@ -82,7 +82,7 @@ def _first_rate(truth: TrueMotion, told: States, pace: float) -> float:
 
 
 def stands_still(truth: States, told: States) -> bool:
-    """Tell whether the samples do not move while the truth does."""
+    """Tell whether the samples do not move while the reference does."""
     moved = [float(np.abs(x.q - x.q[0]).max()) for x in (told, truth)]
     return moved[0] <= STILL * moved[1]
 
@@ -114,7 +114,7 @@ class Order:
 
 
 def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
-    """The order of links or of joint coordinates in which what was told is the truth; None where it is in order or in none."""
+    """Find the order of links or joint coordinates in which the samples match the reference; None if already in order or never."""
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
     best: Order | None = None
@@ -151,7 +151,7 @@ def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tupl
 
 
 def suspicious_window(told: States, a: Array) -> int | None:
-    """The number of the checkpoint before which a state may have jumped: the largest way that rates do not account for."""
+    """Return the checkpoint before which a state may have jumped: the largest displacement that rates do not explain."""
     h = np.diff(told.t)[:, None]
     v, q = told.v, told.q
     off = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
@@ -175,7 +175,7 @@ class Jump:
 
 
 def jump(own: OwnMotion, dense: States) -> Jump | None:
-    """The step in which a state jumped, of samples at every step; the first is the start."""
+    """Find the step in which a state jumped, from samples at every step; the first is the start."""
     x = dense[1:]
     h = np.diff(x.t)[:, None]
     off = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)

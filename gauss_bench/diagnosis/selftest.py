@@ -28,7 +28,7 @@ KINDS = (*dict.fromkeys(x.kind for x in PLANTED), ADAPTERS)
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault, and what became of it.
+    """One planted fault and the outcome.
 
     Attributes:
         kind: what it was planted in; fault: what is wrong; seen: whether a check spoke; said: what it said.
@@ -51,7 +51,7 @@ class Smallest:
 
 @dataclass(frozen=True)
 class SelfTest:
-    """What a self-test found.
+    """The result of a self-test.
 
     Attributes:
         findings: of every planted fault.
@@ -82,7 +82,7 @@ class SelfTest:
 
 
 def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
-    """The diagnosis of an engine with this fault."""
+    """Diagnose an engine with this fault."""
     which = where or fault.where
     mechanism, engine = load(*which), Faulty(fault)
 
@@ -95,7 +95,7 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
 
 
 def diagnose_sound(where: tuple[str, str]) -> str | None:
-    """What the diagnosis of an engine without a fault says of it."""
+    """Diagnose an engine without a fault."""
     verdict = diagnose_fault(CLEAN, where)
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
@@ -111,7 +111,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
 
     Args:
         only: of KINDS; all where not given.
-        told: is told how far things are.
+        told: is called with a sentence on the progress.
     """
     started, kinds = time.process_time(), only or KINDS
     chosen = [x for x in PLANTED if x.kind in kinds]

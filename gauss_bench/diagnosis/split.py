@@ -35,7 +35,7 @@ def size(x: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """What the step does to a motion.
+    """The effect of the step size on a motion.
 
     Attributes:
         order: at which the motion converges; NaN where it does not, or only one step was run.
@@ -54,14 +54,14 @@ class Steps:
 
 
 def horizon_of(errors: list[Array]) -> int:
-    """Checkpoints until the first at which an error (k, n) of any run leaves the regime in which errors add up."""
+    """Return the number of checkpoints before any run's error (k, n) grows too large for errors to add up."""
     beyond = np.any([~(np.abs(e).max(axis=1) <= REGIME) for e in errors], axis=0)
     first = int(beyond.argmax()) if beyond.any() else len(beyond)
     return max(first, min(FEWEST, len(beyond)))
 
 
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
-    """Compare runs of ever smaller steps."""
+    """Compare runs of decreasing step size."""
     k = min(len(b.at) for b in bursts)
     h = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
     x, q, order = [b.at.q[:h] for b in bursts], true.q[:h], np.nan
@@ -77,7 +77,7 @@ def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
 
 @dataclass(frozen=True)
 class Closure:
-    """How far loops are open [m, rad] (and drivers off), over the run.
+    """The opening of loops [m, rad], and the error of drivers, over the run.
 
     Attributes:
         closure: largest gap, of every run; closure_early, closure_late: of the first run, in the first and in the last third.

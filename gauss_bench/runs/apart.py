@@ -1,8 +1,8 @@
-"""A run in a process of its own: what the engine's process is asked, and what of its answer is taken here.
+"""A run in a process of its own: the request to the engine's process, and the checks on its answer.
 
-Everything but the suite's own formulations runs apart. What comes back are samples and sentences, and whether they are any good is
-found out on this side of the pipe, by code that the engine's process cannot reach. That process imports this file before anything
-else, so it and what it imports leave out what reads linkages and keeps journals: a mechanism is sent as it is.
+Everything but the suite's own formulations runs apart. The answer holds samples and sentences; they are checked on this side of the
+pipe, by code that the engine's process cannot reach. That process imports this file before anything else, so this file avoids
+modules that read linkages or keep journals, which import slowly; a mechanism is sent as data.
 """
 
 import math
@@ -52,12 +52,12 @@ class Request:
     alter: Alteration = is_unaltered
 
     def largest(self, n: int) -> int:
-        """Bytes of an answer: t, and q, v, a of n coordinates at every sample."""
+        """Return the size of an answer [bytes]: t, and q, v, a of n coordinates at every sample."""
         return 8 * (len(self.wanted.times) * (1 + len(LEVELS) * n) + self.answers) + TEXT
 
 
 def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
-    """The run that is asked for: own formulations in this process, everything else in a worker.
+    """Carry out a requested run: own formulations in this process, everything else in a worker.
 
     Args:
         mechanism: that the request names, as read in this process.
@@ -74,11 +74,11 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
 def run_apart(
     request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False, longest: float = math.inf
 ) -> Run:
-    """The run that is asked for in a worker, whoever's engine it is: one that takes longer than `limit` [s] is stopped.
+    """Carry out a requested run in a worker, and stop it after `limit` [s] without the waits for a processor.
 
-    So is one that takes more than `longest` seconds by the clock on the wall.
+    It is also stopped after `longest` seconds of elapsed time.
 
-    `again` says that the worker may keep the model for the next request: then no build time is told.
+    `again` says that the worker may keep the model for the next request: then the run has no build time.
     """
     try:
         answer = worker.call(
@@ -90,12 +90,12 @@ def run_apart(
 
 
 def perform_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """The run as plain data, in the process of the engine; what is no sample is left out here already."""
+    """Run in the engine's process and return plain data; anything that is no sample is left out."""
     return plain_run(_run(request, get(request.engine), request.alter(mechanism)))
 
 
 def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """As `performed_there`, with the model of the last such request where the two differ in step, tolerance and samples alone."""
+    """As `perform_there`, with the model of the last request if the two differ only in step, tolerance and samples."""
     return plain_run(_run_again(request, request.alter(mechanism)))
 
 
@@ -145,7 +145,7 @@ class _Keeping:
 
 
 def plain_run(run: Run) -> dict[str, Any]:
-    """A run as plain data, as `outcome_of` takes it."""
+    """Return a run as plain data, as `outcome_of` takes it."""
     trajectory = run.trajectory or run.reached
     told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
@@ -153,7 +153,7 @@ def plain_run(run: Run) -> dict[str, Any]:
 
 
 def outcome_of(answer: object) -> Outcome:
-    """Read a worker's answer, for numbers and sentences alone; an answer that is none is an error."""
+    """Read numbers and sentences from a worker's answer; anything else makes the run an error."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             told = rest.get("answer")
@@ -179,7 +179,7 @@ def _trajectory(x: object) -> Trajectory | None:
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
     """Build what an engine needs for any of its settings and is not there yet, once for a user, before it is run or searched.
 
-    It is built in a worker, which ends what it has started when its parent dies. Whatever fails here is said again by the engine.
+    It is built in a worker, which ends its compilers when its parent dies. A failure here is ignored: the engine reports it again.
     """
     if engine not in FOREIGN or not hasattr(get(engine), "build_once"):
         return

@@ -1,4 +1,4 @@
-"""What can be asked for: of engines their offers, of runs their durations, steps and budgets.
+"""Offers of engines, and the durations, steps and budgets that a run may have.
 
 Engines are asked where asking is safe: own ones in this process, everything else in a worker.
 
@@ -31,7 +31,7 @@ MOST_SAMPLES = 5e6  # half a GiB of a four-bar's states, in each of their copies
 
 
 class ChoiceError(BadInput, ValueError):
-    """A setting, integrator, stabilisation or time that cannot be had."""
+    """A setting, integrator, stabilisation or time that an engine or a run cannot have."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Offer:
         return self.status is Status.OK
 
     def choose(self, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:
-        """The choice for a run, with the engine's own defaults where nothing is asked for.
+        """Return the choice for a run, with the engine's defaults for everything that is not given.
 
         Raises:
             ChoiceError: naming what the engine offers.
@@ -102,10 +102,10 @@ class Offer:
         return chosen
 
     def require_settings(self, text: str) -> None:
-        """Take settings, a variant, or options one by one.
+        """Check that the engine knows settings, a variant, or options one by one.
 
         Raises:
-            ChoiceError: what the engine does not know, naming what it does.
+            ChoiceError: the engine does not know them; the message names those that it knows.
         """
         self.resolve_settings(text)
 
@@ -143,7 +143,7 @@ _asking = threading.Lock()
 
 
 def offer(name: str) -> Offer:
-    """The offer of the engine of that name; asked once in a process.
+    """Return the offer of the engine of that name; each process asks an engine once.
 
     Raises:
         KeyError: there is no such engine.
@@ -152,7 +152,7 @@ def offer(name: str) -> Offer:
 
 
 def offers(wanted: list[str] | None = None) -> list[Offer]:
-    """The offers of the engines of these names, or of all.
+    """Return the offers of the engines of these names, or of all.
 
     Raises:
         KeyError: there is no such engine.
@@ -182,12 +182,12 @@ def _ask(worker: Worker, name: str) -> Offer:
 
 
 def _describe(name: str) -> dict[str, Any]:
-    """`describe` as plain data, for the way out of a worker."""
+    """Return the result of `describe` as plain data, to be sent by a worker."""
     return asdict(describe(name))
 
 
 def _tell(name: str, answer: object) -> Offer:
-    """The offer that a worker's answer is, taken for names and sentences alone."""
+    """Read an offer from a worker's answer, of which only names and sentences are used."""
     from pydantic import TypeAdapter, ValidationError  # which an engine's process, where offers are made, does not need
 
     try:
@@ -260,25 +260,25 @@ def _version(asked: Callable[[], object]) -> str:
 
 
 def _variant(name: str, said: Any) -> Variant:
-    """A variant as plain data, whatever object an engine tells it by."""
+    """Return a variant as plain data, whatever type the engine's own object has."""
     return Variant(name, str(said.integrator), str(said.stabilization), {str(k): _plain(x) for k, x in said.options.items()})
 
 
 def _options(engine: Any) -> dict[str, tuple[str, ...]]:
-    """The options that can be given one by one: the knobs that an engine declares, or the options that it names."""
+    """Return the options that can be given one by one: the engine's declared knobs, or the options of its settings."""
     knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(getattr(engine, "knobs", {})).items()}
     return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, getattr(engine, "options", ())), ())
 
 
 def _plain(value: object) -> object:
-    """Options as they are printed: what is no plain value is its text."""
+    """Return options as plain values; any other object is replaced by its text."""
     if isinstance(value, (list, tuple)):
         return [_plain(x) for x in value]
     return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
 
 
 def duration(own: float, suite: float | None = None, until: float | None = None) -> float:
-    """The duration of a run [s]: as asked, else as a suite says that lists the linkage, else its scenario's own.
+    """Return the duration of a run [s]: the one asked for, else that of a suite that lists the linkage, else the scenario's.
 
     Raises:
         ChoiceError: no positive time.
@@ -292,10 +292,10 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
 
 
 def countable(step: float, t_end: float, spacing: float = 1e-3) -> None:
-    """Take a run of these steps, sampled about every `spacing` [s], for one that can be made.
+    """Check that a run of these steps, sampled about every `spacing` [s], is not too large.
 
     Raises:
-        ChoiceError: it is not; how many steps or samples there would be.
+        ChoiceError: it is too large; the message holds the number of steps or samples.
     """
     with np.errstate(all="ignore"):
         steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, spacing))
@@ -306,13 +306,13 @@ def countable(step: float, t_end: float, spacing: float = 1e-3) -> None:
 
 
 def affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
-    """Take a run that may end within its budget [s].
+    """Check that a run may end within its budget [s].
 
     Args:
-        seconds_a_step: what a step takes at least, of the quickest linkage.
+        seconds_a_step: the least time of a step [s], on the quickest linkage.
 
     Raises:
-        ChoiceError: it cannot; what it takes at least.
+        ChoiceError: it cannot; the message holds the least time.
     """
     countable(step, t_end)
     least = t_end / step * seconds_a_step
@@ -324,10 +324,10 @@ def affordable(step: float, t_end: float, seconds_a_step: float, budget: float) 
 
 
 def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
-    """The steps [s], from large to small, each once.
+    """Return the steps [s], from large to small, each once.
 
     Raises:
-        ChoiceError: one is not positive, or longer than the run: then it would not be the step that is taken.
+        ChoiceError: a step is not positive, or longer than the run, which would then take a shorter one.
     """
     for step in steps:
         if not (math.isfinite(step) and step > 0):
@@ -339,7 +339,7 @@ def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
 
 
 def check_budget(seconds: float | None, usual: float) -> float:
-    """Seconds that one case may take.
+    """Return the seconds that one case may take.
 
     Raises:
         ChoiceError: no positive time.

@@ -1,6 +1,6 @@
 """The one recipe of a run: sample times -> build -> prepare -> run -> read -> complete or not. Every verb runs engines through it.
 
-What happens where the engine is (`performed`) is apart from what is made of it (`received`), because they may be in two processes.
+The engine's part (`perform`) is separate from the checks on its result (`receive`), because the two may run in different processes.
 
 A step is the step that is really taken. Samples lie where unbroken steps arrive; a time that they miss, such as the end of a run
 that is no multiple of its step, is met by one shorter step and the run says so.
@@ -31,7 +31,7 @@ JUDGED = 20  # samples whose accelerations are held against Gauss's principle: a
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """When a run is sampled, and by which steps.
+    """The sample times of a run, and its steps.
 
     Attributes:
         times: (k,) [s], from 0, increasing.
@@ -54,7 +54,7 @@ class Sampling:
 
 
 def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
-    """Samples from 0 to t_end about `spacing` [s] apart, and at those of the times `meet` that whole steps reach.
+    """Return samples from 0 to t_end about `spacing` [s] apart, and at those of the times `meet` that whole steps reach.
 
     The end is always met, by a shorter last step where it is no multiple of the step.
     """
@@ -66,7 +66,7 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
 
 
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
-    """Samples about `spacing` [s] apart and at every time of `at`, each met by a shorter step where whole steps miss it."""
+    """Return samples about `spacing` [s] apart and at every time of `at`; a shorter step meets a time that whole steps miss."""
     last = max(at)
     rests = [k * step for x in at if not _on(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
     each = max(1, round(spacing / step))
@@ -75,7 +75,7 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
-    """Samples at these times and no other; the first is the start, and each is met, by shorter steps where whole ones miss it."""
+    """Return samples at these times only, the first being the start; shorter steps meet times that whole steps miss."""
     return _sample(step, np.asarray(times, dtype=float), [])
 
 
@@ -106,13 +106,13 @@ def nothing(model: Model) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The outcome of a run in an engine, before anybody has looked at it.
+    """The outcome of a run in an engine, before any check.
 
     Attributes:
         status, message: OK, or what went wrong and a sentence.
-        returned: what the engine read, or had reached where it failed; not looked at yet, so that it may be anything.
-        answer: what the model said when it was asked, before it ran.
-        build_time, seconds: processor time of building and of running [s]; NaN where it did not come so far.
+        returned: the engine's samples, or those before its failure; unchecked, so that it may be any object.
+        answer: the model's answer to `ask`, before it ran.
+        build_time, seconds: processor time of building and of running [s]; NaN for a stage that was not reached.
     """
 
     status: Status
@@ -130,7 +130,7 @@ class Run:
     Attributes:
         status, message: OK and a remark, or what went wrong and a sentence.
         trajectory: complete and finite where the status is OK, else None.
-        reached: where the status is not OK, the samples up to where it failed, or None where there is not one.
+        reached: the samples before the failure where the status is not OK, or None where there are none.
         sampling: what was asked for.
         answer, build_time, seconds: as in Outcome.
     """
@@ -153,10 +153,10 @@ class Run:
 def one_run(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
 ) -> Run:
-    """Build the mechanism in an engine and run it over the samples; what an engine cannot or does not do is a status.
+    """Build the mechanism in an engine and run it over the samples; a refusal or a failure becomes a status.
 
     Args:
-        ask: is given the model before it runs; what it returns is the run's `answer`.
+        ask: is called with the model before the run; its result is the run's `answer`.
         shortest: [s] a run that takes less is repeated and timed anew: the first one finds the processor's caches full of others.
     """
     return receive(perform(engine, mechanism, choice, wanted, ask, shortest), wanted, mechanism.n)
@@ -165,9 +165,9 @@ def one_run(
 def perform(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
 ) -> Outcome:
-    """The part of `one_run` that happens where the engine is: nothing that it says is believed yet.
+    """Do the part of `one_run` that needs the engine; its result is checked later, by `receive`.
 
-    A motion that runs away is told by what is judged, not by numpy on stderr.
+    Overflow warnings of numpy are silenced: the judge reports a motion that diverges.
     """
     with np.errstate(all="ignore"):
         return _perform(engine, mechanism, choice, wanted, ask, shortest)
@@ -205,12 +205,12 @@ def _perform(engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampl
 
 
 def _failing(status: object) -> Status:
-    """The status of a failure; one that says all is well is an error."""
+    """Return the status of a failure; an exception that carries the status OK is an error."""
     return next((x for x in Status if x == status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
 
 
 def _read(model: Model | None) -> object:
-    """Read the samples that a model reached whose run was broken off, if it can tell."""
+    """Read the samples that a model reached before its run was broken off, if the model can return them."""
     try:
         return model and model.read()
     except RunFailure as failure:
@@ -220,7 +220,7 @@ def _read(model: Model | None) -> object:
 
 
 def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
-    """Take the samples of an outcome: of a run that ended well all of n coordinates, of another those that it reached."""
+    """Check an outcome and return the run: all samples of n coordinates if it is complete, else those that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
     reached = judge.leading(outcome.returned, wanted.times, n)
     if outcome.status is not Status.OK:
@@ -238,7 +238,7 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
 
 
 def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
-    """Return JUDGED places of samples, drawn by a lot that they make themselves: no engine can be right there alone."""
+    """Return the indices of JUDGED samples, drawn with a seed made from the samples, so that no engine can foresee them."""
     told = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
     lot = np.random.default_rng(int.from_bytes(told.digest()[:8], "big"))
     return np.sort(lot.permutation(len(trajectory.t))[:JUDGED])
@@ -247,7 +247,7 @@ def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
     """Median relative error of a trajectory's own accelerations at some of its states, against Gauss's principle there.
 
-    None where that cannot be told, such as friction on redundant rows.
+    None where it is not determined, such as with friction on redundant rows.
     """
     chosen = draw_samples(trajectory)
     t, q, v, told = (x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
@@ -261,7 +261,7 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
 
 
 def measure_seconds(go: Callable[[], object]) -> float:
-    """Seconds of the processor, in all threads of this process, that a call takes: what every cost is measured in."""
+    """Return the processor time [s] of a call, in all threads of this process; every cost is measured so."""
     start = time.process_time_ns()
     go()
     return (time.process_time_ns() - start) * 1e-9

@@ -1,9 +1,8 @@
-"""Checks of a run without knowing the truth: by a repetition, by the fastest mode, by a second formulation.
+"""Checks of a run without a reference: by a repetition, by the fastest mode, by a second formulation.
 
-A run that agrees with nothing but itself is not trusted. Half the step shows what the step spoils, whatever the engine, and a
-tighter tolerance what an integrator spoils that chooses its own steps; the own
-linearisation shows whether any step of that length could follow the motion; two formulations of the same accelerations show how
-many digits the linkage leaves them.
+A run that agrees with nothing but itself is not trusted. Half the step shows the error of the step, in any engine; a tighter
+tolerance shows that of an integrator with its own steps. The suite's linearisation shows whether a step of that length could follow
+the motion, and two formulations of the same accelerations show how many digits the linkage leaves them.
 """
 
 import re
@@ -71,7 +70,7 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
     Args:
         seconds: that the run took.
         times: (k,) [s] of its samples.
-        longest: [s] of a repetition; of a run that would take more the first part is repeated.
+        longest: [s] of a repetition; of a longer run only the first part is repeated.
     """
     part, choice = first_part(times, seconds, longest), request.choice
     if choice.integrator not in offer.adaptive:
@@ -83,7 +82,7 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
 
 
 def at_samples(finer: Run, times: Array) -> Run:
-    """Return a repetition without the samples that the run (k,) [s] has not."""
+    """Return a repetition, cut to the sample times (k,) [s] of the run."""
     x = finer.trajectory
     if x is None:
         return finer
@@ -103,7 +102,7 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the rates of a motion need no repetition to be trusted, where a truth decides everything else."""
+    """Tell whether the rates of a motion can be trusted without a repetition, where a reference decides everything else."""
     evidence = examine(Evaluator(mechanism), trajectory)
     return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
 
@@ -116,20 +115,20 @@ def is_same_run(one: Trajectory, other: Trajectory) -> bool:
 
 
 def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the last bits of a motion must hang on its steps: links move freely, and no parabola is all that they do."""
+    """Tell whether a motion's last bits must depend on its steps: it has free motion, and that is more than a parabola."""
     J = Evaluator(mechanism).constraints(trajectory.t[:1], trajectory.q[:1], trajectory.v[:1]).J[0]
     return bool(np.ptp(trajectory.a, axis=0).any()) and null_space(J, mechanism.n).shape[1] > 0
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
-    """Return the first times (k,) [s], whose run at half the step takes `longest` seconds where the whole takes more."""
+    """Return the first times (k,) [s], as many as a run at half the step reaches within `longest` seconds."""
     if not seconds > longest / 2:  # nor where a failed run was not timed
         return times
     return times[: max(2, int(len(times) * longest / 2 / seconds))]
 
 
 def warn_of_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> str:
-    """Return a warning where a fixed step does not resolve a force that swings with time, before anything is run; or nothing."""
+    """Return a warning where a fixed step does not resolve a force that oscillates with time, else an empty text."""
     steps = steps_a_forcing(mechanism, choice, adaptive)
     if steps is None or steps >= FEWEST:
         return ""
@@ -144,7 +143,7 @@ def steps_a_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> flo
 
 
 def decides(truth: Reference, mechanism: Mechanism) -> bool:
-    """Tell whether a reference is known so well that no second run is needed to tell whether a run may be used."""
+    """Tell whether a reference is accurate enough to judge a run without a repetition."""
     return bool(truth.error_q.max(initial=0.0) <= VAGUE * OFF_MOTION * min(1.0, mechanism.size))
 
 
@@ -158,10 +157,10 @@ def evidence_of(
     adaptive: bool = False,
     untried: str = "",
 ) -> tuple[Evidence, str]:
-    """Return what there is to judge a run by, and a sentence where its repetition says less than all.
+    """Return the evidence to judge a run by, and a sentence where the repetition does not cover the whole run.
 
     Args:
-        finer: the repetition of the run, where no truth decides.
+        finer: the repetition of the run, where no reference decides.
         acceleration_off: median relative error of its accelerations at given states; found at the run's own where not given.
         adaptive: whether the integrator chooses its own steps.
         untried: why there is no repetition where one is wanted.
@@ -193,7 +192,7 @@ def evidence_of(
 
 
 def as_truth(trajectory: Trajectory) -> Reference:
-    """A second run in the place of a truth, without error bars of its own."""
+    """Return a second run in the form of a reference, with error bars of 0."""
     none = np.zeros(len(trajectory.t))
     return Reference(trajectory.t, trajectory.q, trajectory.v, trajectory.a, none, none, none, none, none, none, "half the step")
 

@@ -1,4 +1,4 @@
-"""A process of its own for what may crash or hang: functions go in, results come out, and its death is an answer too.
+"""A worker process for code that may crash or hang: it takes functions and returns results, and a crash is a result too.
 
 Tasks are pickled on their way to the worker. What comes back is plain data and never unpickled, because a task may run the code
 of others: JSON, in which an array is its kind and its shape, and the bytes of the arrays in their order. Reading it makes data no
@@ -56,7 +56,7 @@ KINDS = {"f": np.dtype("<f8"), "i": np.dtype("<i8"), "b": np.dtype("|b1")}
 
 
 class NoAnswer(ValueError):
-    """Bytes that are no answer, or an object that cannot be one."""
+    """Bytes that do not hold an answer, or an object that cannot be sent as one."""
 
 
 class WorkerFailure(RuntimeError):
@@ -68,7 +68,7 @@ class WorkerFailure(RuntimeError):
 
     @property
     def told(self) -> dict[str, str]:
-        """As it stands in a row."""
+        """Return the failure as the columns of a row."""
         return {"status": str(self.status), "message": str(self)}
 
 
@@ -126,9 +126,9 @@ class Worker:
         largest: int = LARGEST,
         longest: float = math.inf,
     ) -> Any:
-        """function(*arguments), run in the worker: plain data of `largest` bytes at most, tuples as lists.
+        """Run function(*arguments) in the worker; return plain data of `largest` bytes at most, with tuples as lists.
 
-        After `longest` seconds by the clock on the wall it is stopped too, whatever it waited for.
+        It is stopped after `longest` seconds of elapsed time too, waiting included.
 
         Raises:
             WorkerFailure: the worker crashed, was stopped by another thread, exceeded `limit` seconds (in which it ran or slept,
@@ -169,7 +169,7 @@ class Worker:
 
     @staticmethod
     def _ended(process: "subprocess.Popen[bytes]") -> int:
-        """Its exit code; one that closed its pipe and lives on is ended."""
+        """Return the exit code of the process, which is ended first if it has only closed its pipe."""
         try:
             return process.wait(GRACE)
         except subprocess.TimeoutExpired:
@@ -187,7 +187,7 @@ _kept: dict[str, Worker] = {}
 
 
 def keep(engine: str) -> Worker:
-    """A worker that is asked about this engine and no other, until this process ends: libraries take up to 3 s to import."""
+    """Return the worker reserved for an engine, kept until this process ends because libraries take up to 3 s to import."""
     if engine not in _kept:
         _kept[engine] = Worker()
         atexit.register(_kept[engine].stop)
@@ -199,7 +199,7 @@ class SpoiltAnswer(RuntimeError):
 
 
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
-    """A task on its way to the worker, which may trust its parent."""
+    """Send a task to the worker, which may unpickle it because it trusts its parent."""
     content = pickle.dumps(item)
     pipe.write(HEADER.pack(token, len(content)) + content)
     pipe.flush()
@@ -238,14 +238,14 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
 
 
 class _Clock:
-    """The rest of a task's limit [s]: what its process waited for a processor is given back, where the system tells."""
+    """The rest of a task's limit [s]; time that its process waits for a processor does not count, where the system reports it."""
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
         self.path, self.limit, self.longest = f"/proc/{pid}/schedstat", limit, min(longest, BACKSTOP * limit)
         self.start, self.waited = time.monotonic(), self._waited()
 
     def _waited(self) -> float:
-        """Seconds that the process was ready to run and did not."""
+        """Return the seconds that the process has waited for a processor."""
         try:
             with open(self.path, encoding="ascii") as file:
                 return int(file.read().split()[1]) * 1e-9
@@ -265,7 +265,7 @@ def _end_all(mark: str) -> None:
 
 
 def _end_descendants(root: int) -> None:
-    """End every process below one that goes on."""
+    """End every descendant of a process, but not the process itself."""
     _end_each(lambda: _descendants(root))
 
 
@@ -288,7 +288,7 @@ def _processes() -> list[int]:
 
 
 def _descendants(root: int) -> list[int]:
-    """Return the processes below one, but for those that have ended and wait to be asked how."""
+    """Return the descendants of a process, without those that have ended and await their parent (zombies)."""
     children: dict[int, list[int]] = {}
     ended = set()
     for pid in _processes():
@@ -321,13 +321,13 @@ def _leave_with_parent() -> None:
 
 
 def _adopt() -> None:
-    """Become the parent of what this process's children leave behind, where the system lets it."""
+    """Become the parent of processes that this one's children leave behind, where the system allows it (Linux)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
 
 
 def _limit() -> None:
-    """No more memory than MEMORY or the machine has: an array that does not fit is an error here, not the end of somebody else."""
+    """Limit memory to MEMORY or the machine's, so that an array too large fails here instead of ending other processes."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
@@ -338,7 +338,7 @@ def _limit() -> None:
 
 
 def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
-    """The answer in bytes; one that is no plain data is a failure of the task."""
+    """Return a task's result in bytes; a result that is no plain data is a failure of the task."""
     try:
         return pack_answer(("ok", function(*arguments)))
     except BaseException as error:
@@ -348,10 +348,10 @@ def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
 
 
 def pack_answer(item: object) -> bytes:
-    """The bytes of an answer.
+    """Return an answer as bytes.
 
     Raises:
-        NoAnswer: it holds something that is neither text, number, array nor made of them.
+        NoAnswer: it holds something other than texts, numbers, arrays, and lists or mappings of them.
     """
     parts: list[bytes] = []
 
@@ -368,10 +368,10 @@ def pack_answer(item: object) -> bytes:
 
 
 def unpack_answer(content: bytes) -> Any:
-    """The answer that the bytes hold.
+    """Read an answer from bytes.
 
     Raises:
-        NoAnswer: they hold none.
+        NoAnswer: the bytes do not hold one.
     """
     if len(content) < LENGTH.size:
         raise NoAnswer("it is too short")
@@ -399,7 +399,7 @@ def unpack_answer(content: bytes) -> Any:
 
 
 def _form(told: object) -> tuple[np.dtype[Any], list[int]]:
-    """Type and shape of an array as told."""
+    """Read type and shape of an array from an answer."""
     match told:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
             lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]

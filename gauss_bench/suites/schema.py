@@ -23,7 +23,7 @@ class OnLinkages(Section):
     """A part about linkages.
 
     Attributes:
-        linkages: name, or path of a file from the suite's own folder -> scenario.
+        linkages: name of a linkage, or path of its file relative to the suite's folder -> scenario.
         any_linkage: whether a user who names linkages gets this part for them; else for those of them that stand here.
     """
 
@@ -65,7 +65,7 @@ class LeftOut(Section):
 
 
 class Cost(OnLinkages):
-    """Everything that is timed on a linkage, in one interleaved race.
+    """The race of a linkage, which times all its engines interleaved.
 
     Attributes:
         engines: names; empty for all there are.

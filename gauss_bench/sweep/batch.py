@@ -1,6 +1,6 @@
-"""Some samples of a sweep and an engine become rows: a batch in one call of the native kernel, or one by one.
+"""Runs samples of a sweep in an engine and returns rows: a batch in one call of the native kernel, or one by one.
 
-Whatever happens to a sample is a row: numbers that are no linkage, a start that does not close, an engine that fails or is lost.
+Every sample gives a row, with a reason where its numbers are no valid linkage, its start does not close, or its engine fails.
 """
 
 import atexit
@@ -44,7 +44,7 @@ Rows = dict[str, Any]  # by columns: numbers (k,), or a list of texts
 
 @dataclass(frozen=True)
 class Asked:
-    """What every sample of a sweep shares; plain data, so that it travels, and the same sweep is known again.
+    """The data that all samples of a sweep share; plain, so that it can be sent to processes and identifies the sweep.
 
     Attributes:
         text: the document of one scenario, as JSON. source: the file. paths: of what varies. until: end [s].
@@ -66,7 +66,7 @@ class Asked:
 
 
 def times(step: float, until: float) -> tuple[float, int, int, Array]:
-    """The step that is taken [s], how many steps, how many from sample to sample, and the times of the samples.
+    """Return the step taken [s], the number of steps, the steps between samples, and the times of the samples.
 
     The step is at most the one asked for, and a whole part of the time.
     """
@@ -163,7 +163,7 @@ def _native(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
 
 
 def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
-    """Status and sentence of a motion; its linkage is read where what damping took between samples may have to be told apart."""
+    """Return status and message of a motion; its linkage is read only if damping between samples must be accounted for."""
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
@@ -194,7 +194,7 @@ def _one_by_one(asked: Asked, engine: str, values: Array, parts: int) -> Rows:
 
 
 def _single(asked: Asked, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
-    """Status, sentence and figures of a sample."""
+    """Return status, message and figures of one sample."""
     choice = asked.choice(engine)
     try:
         mechanism = family(asked).mechanism_of(values)

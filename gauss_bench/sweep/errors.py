@@ -1,4 +1,4 @@
-"""What a user can mend of a sweep."""
+"""The error for a sweep that the user can correct."""
 
 from gauss_bench.untrusted import BadInput
 

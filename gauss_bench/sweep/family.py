@@ -128,11 +128,11 @@ class Family:
         return ""
 
     def document_of(self, values: Sequence[float]) -> Document:
-        """The document of one sample."""
+        """Return the document of one sample."""
         return change(self.document, dict(zip(self.paths, map(float, values), strict=True)))
 
     def mechanism_of(self, values: Sequence[float]) -> Mechanism:
-        """One sample, read and assembled on its own.
+        """Read and assemble one sample on its own.
 
         Raises:
             LinkageError: why it cannot be.
@@ -193,7 +193,7 @@ class Family:
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
-        """Numbers and starts of samples (k, d)."""
+        """Return numbers and starts of samples (k, d)."""
         reasons, goals = dict[int, str](), np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
         wrong = np.zeros(len(values), dtype=bool)
@@ -231,7 +231,7 @@ class Family:
         return np.array([[float(x) for _, x, _ in items], [float(x) for _, _, x in items]])
 
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
-        """States (k, n) on the constraints, at targets and rates (k, 2, h); not a number where Newton's method ends elsewhere."""
+        """States (k, n) on the constraints, at targets and rates (k, 2, h); NaN where Newton's method fails."""
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:
@@ -243,7 +243,7 @@ class Family:
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
         def rows(q: Array, part: float) -> tuple[Array, Array]:
-            """Residual and Jacobian where part of the way to numbers and targets has been gone; at the end those themselves."""
+            """Return residual and Jacobian at a fraction of the path from the nominal numbers and targets to the sample's."""
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
             at = Varied(mechanism, now, q)
@@ -274,7 +274,7 @@ def _is_still(_: Array, size: Array) -> bool:
 
 
 def _solution(J: Array, right: Array) -> Array:
-    """The shortest x (k, n) of J x = right, for J (k, m, n)."""
+    """Return the shortest x (k, n) with J x = right, for J (k, m, n)."""
     if J.shape[1] == J.shape[2]:
         try:
             return np.asarray(np.linalg.solve(J, right[..., None])[..., 0])
@@ -288,5 +288,5 @@ def _solution(J: Array, right: Array) -> Array:
 
 
 def describe(error: LinkageError) -> str:
-    """The faults of a sample in one sentence."""
+    """Describe the faults of a sample in one sentence."""
     return "; ".join(f"{x.path}: {x.text}" if x.path else x.text for x in error.faults)

@@ -1,4 +1,4 @@
-"""What a row says of a motion: evaluated here from its states alone, for a whole family of linkages at once.
+"""The figures of a motion in a row, evaluated from its states alone, for a whole family of linkages at once.
 
 The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`; a family's numbers are arrays (batch,).
 """
@@ -27,7 +27,7 @@ def units(mechanism: Mechanism) -> dict[str, str]:
 
 
 def figures(x: Varied, t: Array, multipliers: Array) -> tuple[dict[str, Array], list[Evidence]]:
-    """Every figure (batch,) of motions at times t (k,), and what the judge needs of each.
+    """Return every figure (batch,) of motions at times t (k,), and the judge's input for each.
 
     Args:
         x: states (k, batch, n) of a family, or of one linkage.
@@ -71,7 +71,7 @@ def _gaps(x: Varied, t: Array) -> Array:
 
 
 def _energy(x: Varied, t: Array, multipliers: Array) -> tuple[Array, Array, Array]:
-    """Energy gained beyond the work done (k, batch), the error bar of that work (batch,), and the energy that moves (batch,).
+    """Return energy gained beyond the work (k, batch), the error bar of that work (batch,), and the energy scale (batch,).
 
     As `metrics.energy_error` and `metrics.energy_scale` have it for one linkage.
     """

@@ -1,4 +1,4 @@
-"""The folder of a sweep: what was asked, and the rows of each batch in a Parquet file of its own.
+"""The folder of a sweep: its plan, and the rows of each batch in a Parquet file of its own.
 
     plan.json              what was asked, by which a later call knows whether it may go on
     samples/part-00000.parquet, ...   the rows of each batch and engine, in the plan's order
@@ -66,7 +66,7 @@ class Folder:
         return self.path / PARTS / f"part-{number:05d}.parquet"
 
     def has(self, number: int, rows: int) -> bool:
-        """Tell whether a batch is there with all its rows, as it was written; one that is not is written anew."""
+        """Tell whether a batch is stored completely and undamaged; otherwise it is run again."""
         try:
             table = _table(self.part(number))
         except (OSError, pa.ArrowException):
@@ -74,7 +74,7 @@ class Folder:
         return bool(table.num_rows == rows and table.schema.equals(self.schema))
 
     def write(self, number: int, rows: Mapping[str, Any]) -> None:
-        """The rows of a batch, by columns, in one move; what is not a number is missing."""
+        """Write the rows of a batch, by columns, atomically; NaN is stored as missing."""
         columns = {name: pa.array(rows[name], from_pandas=True) for name in self.schema.names}
         table = pa.table(columns, schema=self.schema)
         atomically(self.part(number), lambda path: pq.write_table(table, path, write_page_checksum=True))
@@ -92,7 +92,7 @@ def _table(path: Path) -> Any:
 
 
 def check(path: Path, asked: Mapping[str, Any]) -> None:
-    """Refuse a folder that is not this sweep's.
+    """Refuse a folder that does not belong to this sweep.
 
     Raises:
         SweepError: there is no folder to make it in, it holds something else, or another sweep.

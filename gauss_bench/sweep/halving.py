@@ -1,4 +1,4 @@
-"""Some samples of a sweep again, at half the step or a tighter tolerance: neither loops nor energy tell what a step spoils."""
+"""Repeats some samples of a sweep at half the step or a tighter tolerance; loops and energy do not show the step's error."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,7 +18,7 @@ HALF = "half the step"
 
 
 def halve(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
-    """Return what a repetition changes in places and extremes of some samples that are ok, or None where none is ok.
+    """Repeat some samples that are ok and return the changes of their places and extremes, or None where none is ok.
 
     Args:
         rows: of the engine, as pandas has them. values: (N, d) of all samples.
@@ -57,7 +57,7 @@ def halve(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any]
 
 
 def text(check: dict[str, Any] | None) -> str:
-    """The same for people."""
+    """Return the result as text for users."""
     if check is None:
         return "nothing was repeated: no sample is ok"
     told = f"{check['how']} of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"

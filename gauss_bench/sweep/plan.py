@@ -1,4 +1,4 @@
-"""Which values the samples of a sweep have: grids, Monte Carlo, and Sobol's points, all known before anything is run.
+"""The values of a sweep's samples: grids, Monte Carlo, and Sobol points, all fixed before any run.
 
     PATH=a:b:n          n values from a to b, ends included
     PATH=uniform(a,b)   anything from a to b, all equally likely
@@ -39,7 +39,7 @@ class Dimension:
     count: int = 0
 
     def values(self, shares: Array) -> Array:
-        """Values (k,) where the shares (k,) of all possible values are smaller."""
+        """Return the quantiles (k,) of the distribution at probabilities (k,)."""
         if self.kind == "uniform":
             return self.a + (self.b - self.a) * shares
         from scipy.special import ndtri
@@ -67,10 +67,10 @@ class Plan:
 
 
 def dimension(text: str) -> Dimension:
-    """Read one --vary.
+    """Read one --vary option.
 
     Raises:
-        SweepError: it says nothing that is known.
+        SweepError: it has none of the known forms.
     """
     path, equals, values = (x.strip() for x in text.partition("="))
     if not (path and equals and values):
@@ -102,7 +102,7 @@ def _number(text: str, value: str) -> float:
 
 
 def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "random", seed: int = 0) -> Plan:
-    """The samples of a sweep.
+    """Plan the samples of a sweep.
 
     Args:
         texts: what every --vary says.
@@ -110,7 +110,7 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
         sampling: "random" or "sobol".
 
     Raises:
-        SweepError: what cannot be planned so.
+        SweepError: the options do not make a plan.
     """
     some = tuple(dimension(x) for x in texts)
     paths = [x.path for x in some]

@@ -1,4 +1,4 @@
-"""Runs a sweep: plan, folder, batches by joblib, summary. What is there already is not run again."""
+"""Runs a sweep: plan, folder, batches by joblib, summary. Batches already stored are not run again."""
 
 import json
 import os
@@ -85,7 +85,7 @@ def sweep(
         vary: PATH=VALUES, as in `plan.py`.
         out: the folder. Where it holds the same sweep, what is missing is run.
         samples, sampling, seed: of the plan.
-        tell: is given how far things are.
+        tell: is called with a sentence on the progress.
 
     Raises:
         LinkageError, SweepError, ChoiceError, KeyError: what cannot be used; before anything is written.
@@ -159,7 +159,7 @@ def _choice(engine: str, how: How, until: float) -> Choice:
 
 
 def _stamp(asked: Asked, vary: Sequence[str], some: Plan, sampling: str, seed: int) -> dict[str, Any]:
-    """All that the rows of a sweep depend on, as plain data."""
+    """Return everything that the rows of a sweep depend on, as plain data."""
     return {
         "form": FORM,
         "linkage": family(asked).nominal.digest,
@@ -226,7 +226,7 @@ def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
 
 
 def _end_with(parent: int) -> None:
-    """Let this process end when its parent has: one that is killed tells nobody, and joblib's would wait for minutes."""
+    """End this process when its parent ends; joblib's processes would otherwise outlive a killed parent by minutes."""
 
     def watch() -> None:
         while os.getppid() == parent:

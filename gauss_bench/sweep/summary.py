@@ -1,4 +1,4 @@
-"""What many samples say together: how they ended, quantiles of every figure, and what each figure depends on.
+"""The summary of a sweep: counts by status, quantiles of every figure, and sensitivities.
 
 Of Sobol's plan the sensitivities are Sobol's indices by scipy: the share of a figure's variance that a number explains alone
 (first), and with all others (total). Elsewhere they are Spearman's rank correlations of numbers and figures.
