@@ -265,9 +265,9 @@ def _check_start(x: Evidence) -> Iterator[Check]:
 def _check_rates(x: Evidence) -> Iterator[Check]:
     """Compare positions with the integral of velocities, and velocities with that of accelerations.
 
-    The allowance of each comes from the samples, whose every second one is left out, and from the repetition: gaps that it halves
-    are those of the method's steps, as rates half a step beside the motion; gaps that stay are of another motion. Neither allows
-    more than the motion itself may be off by.
+    Two things widen a limit, each at most as far as MOST_SHARED limits: the error of the integral, which is estimated by leaving
+    out every second sample, and the part of the gap that a finer run removes. That part comes from the method (some methods store
+    rates half a step beside the positions); a gap that stays means another motion.
     """
     if x.rates is None:
         return

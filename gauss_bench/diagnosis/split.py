@@ -1,12 +1,12 @@
 """An engine's error, split by what changes it: the step, the closure, time.
 
-Three runs by h, h/2 and h/4 give the order p of what the step does and the motion that is left when the step has gone to nothing
-(Richardson):
+Three runs with steps h, h/2 and h/4 give the order p of the integration error, and an estimate x of the motion at step zero
+(Richardson extrapolation):
 
     p = log2 |x_1 - x_2| / |x_2 - x_3|,    x = x_3 + (x_3 - x_2) / (2^p - 1)
 
-What x is off by has nothing to do with the integrator. The rest is the integrator's, and drift as far as it leaves the
-constraints. Sizes are root mean squares over the checkpoints of the largest error of a coordinate [m, rad], as far as errors are
+The error of x does not come from the integrator. The rest of the error does; the part of it that violates the constraints is
+drift. Sizes are root mean squares over the checkpoints of the largest error of a coordinate [m, rad], as far as errors are
 small enough to add up (REGIME). All of it is the suite's own arithmetic on samples.
 """
 

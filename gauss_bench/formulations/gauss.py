@@ -33,7 +33,7 @@ UNEVEN = 1e6  # ratio of masses from which rounding, so amplified, would reach 1
 
 
 def gauss(terms: Terms) -> Solution:
-    """Accelerations (n,) by Gauss's principle; rank is that of J.
+    """Return accelerations (n,) by Gauss's principle, and the rank of J.
 
     Raises:
         numpy.linalg.LinAlgError: the mass matrix is not positive definite.
@@ -51,8 +51,9 @@ def gauss(terms: Terms) -> Solution:
         return a
 
     a = least_constraint(Q, gamma)
-    roots = np.diagonal(L)
-    if roots.max() ** 2 > UNEVEN * roots.min() ** 2:
+    masses = np.diagonal(L) ** 2  # the pivots of M
+    if masses.max() > UNEVEN * masses.min():
+        # One step of iterative refinement: the residuals of both equations go through the same factors again.
         r = Y.shape[1]
         multipliers = np.zeros(0)  # LAPACK takes no system without unknowns
         if r:
@@ -62,7 +63,7 @@ def gauss(terms: Terms) -> Solution:
 
 
 def subspaces(J: Array) -> tuple[Array, Array, Array, Array]:
-    """Y (n, r), N (n, n - r), R (r, m) and the order P of the rows in J^T P = Y R, with Y^T N = 0."""
+    """Return Y (n, r), N (n, n - r), R (r, m) and the order P of the rows, with J^T P = Y R and Y^T N = 0."""
     m, n = J.shape
     factors, pivots, tau, _, _ = dgeqp3(J.T)
     R = np.where(_below(min(m, n), m), 0.0, factors[: min(m, n)])
@@ -81,6 +82,6 @@ def _below(rows: int, columns: int) -> NDArray[np.bool_]:
 
 
 def least_squares(A: Array, b: Array) -> Array:
-    """x that minimises |A x - b|, A (k, l) of full column rank with k >= l; exact where A is square."""
+    """Return the x that minimises |A x - b|, A (k, l) of full column rank with k >= l; exact where A is square."""
     x: Array = dgels(A, b)[1][: A.shape[1]] if A.shape[1] else np.zeros(0)  # LAPACK takes no system without unknowns
     return x

@@ -74,8 +74,8 @@ class Assembly:
     Attributes:
         q: (n,) the position with all loops closed, or with those before the open one.
         open: the first loop that does not close, or None.
-        dof: degrees of freedom; redundant: rows of the joints beyond their rank; both at a position of no special kind near q,
-            without the pair that stays open.
+        dof, redundant: degrees of freedom, and rows of the joints beyond their rank, at a position near q that is not singular;
+            the joint that stays open is left out.
         loops: links of every independent loop, in order.
     """
 

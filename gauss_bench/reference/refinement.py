@@ -31,8 +31,8 @@ class Saddle:
     """A double-precision inverse of the equations of motion at one state or a batch.
 
     Attributes:
-        inverse: (..., n + m, n + m) P above.
-        lift: (..., n, m) G above, which turns a constraint error into the shortest correction, weighted with masses.
+        inverse: (..., n + m, n + m) the matrix P of the equations above.
+        lift: (..., n, m) the matrix G above, which turns a constraint error into the shortest correction, weighted with masses.
         smallest: least singular value that the rank counts, relative to the largest: the distance from a singular position.
     """
 

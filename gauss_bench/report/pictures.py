@@ -98,7 +98,7 @@ def spread_times(times: Array, crank: Array) -> Array:
 
 
 def open_wider(run: Played, turn: Turn, times: Array, truth: Array, t: Array) -> Array:
-    """Return states (k, n) of a run at times t (k,), interpolated between stored poses, with its gaps WIDER times as large."""
+    """Return states (k, n) of a run at times t (k,) between its stored poses; open joints gape WIDER times as far."""
     closed, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))
     crank = PchipInterpolator(times, crank_angles(turn.mechanism, truth + closed))(t)
     states = turn.at(crank)

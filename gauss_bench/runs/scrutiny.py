@@ -102,7 +102,7 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the rates of a motion can be trusted without a repetition, where a reference decides everything else."""
+    """Tell whether the judge accepts the rates of a motion as they are: with a reference, nothing else asks for a repetition."""
     evidence = examine(Evaluator(mechanism), trajectory)
     return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
 

@@ -39,10 +39,10 @@ def number(message: Message, key: str, otherwise: float | None = None) -> float:
 
 
 def place(x: Any, field: str = "at") -> complex:
-    """Return a place of a message as x + i y [m].
+    """Return the point that a message gives as [x, y], as x + i y [m].
 
     Raises:
-        Refused: the value is no place, or is too far away.
+        Refused: the value is not a point, or is too far away.
     """
     numbers = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not numbers or not all(abs(y) <= FARTHEST for y in x):

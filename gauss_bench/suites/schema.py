@@ -175,7 +175,7 @@ class Search(OnLinkages):
         own: engines to whose cheapest way ratios are taken.
         until: [s] end of the runs; a shorter scenario ends as it does.
         position, angle, force: the largest errors that are required [m], [rad], [N], one by one.
-        end: the same of positions at the end of the run alone [m].
+        end: largest errors of positions at the last sample that are required [m].
         budget: evaluations of one variant on one linkage.
         most_steps: of a run: smaller steps are not tried.
         steps_of: engine -> the same, of engines whose methods are of a lower order than others.
@@ -234,7 +234,7 @@ class Growth(Section):
     Attributes:
         sizes: windows.
         rounds: of a race.
-        processes: each with a race of its own at every size.
+        processes: how many; each races once at every number of windows.
         large: windows from which on growth is told.
     """
 

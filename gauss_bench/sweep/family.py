@@ -3,9 +3,9 @@
 `Varied` places the bodies of many linkages at once: where one has a number, it has an array (batch,) of them, and the formulas of
 `mechanism/coordinates.py`, which take numbers of any kind, evaluate all of them at states (..., batch, n).
 
-Starts come from that of the file: numbers and held coordinates go to those of each sample in small steps, and Newton's method
-closes the joints after each. Where that does not end on the constraints, the sample is read and assembled on its own, which also
-says why one cannot be.
+Each sample starts from the assembled start of the file. The numbers, and the coordinates that a start holds, change in small steps
+from those of the file to those of the sample, and Newton's method closes the joints after each step. A sample that does not close
+this way is read and assembled on its own; if that fails too, its message says why.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -37,7 +37,7 @@ BLOCK = 8  # rows and lanes of the largest transposition
 
 
 def hexadecimal(x: float) -> str:
-    """A double as LLVM writes it exactly."""
+    """Return a double in LLVM's hexadecimal form, which loses no digit."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
 
 

@@ -108,7 +108,7 @@ class LoopCoordinates:
         return merge(path, less)
 
     def _gap(self, joint: Joint) -> Sum:
-        """From the first point of a joint to its second, less the way along a slide."""
+        """Return the vector from the first point of a joint to its second, minus the displacement along a slide."""
         first, second = ends(joint)
         return merge(self.point(second), [*self.point(first), *(self.along(joint) if isinstance(joint, Prismatic) else ())])
 

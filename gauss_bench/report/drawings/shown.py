@@ -44,7 +44,7 @@ def film(kind: str, told: Told, history: History, mechanism: Mechanism, trajecto
 
 
 def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
-    """Return a GIF of pictures at equal times on one canvas."""
+    """Return a GIF of pictures that follow one another at equal intervals."""
     slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
     count = int(np.clip(round(RATE * float(t[-1] - t[0]) * slower), 2, MOST))
     shown = np.searchsorted(t, np.linspace(t[0], t[-1], count)).clip(0, len(t) - 1)
