@@ -46,6 +46,8 @@ OPEN = 1.0  # [px] from which a joint is drawn open
 RED = "#c62828"
 GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # between the halves, above them, a line of words, and all words [px]
 COARSEST = 1e-2  # [m] larger errors are not drawn: the linkage is half a metre long
+# [px] on the right more: readers whose Arial is wider than that of the measured text see the legend whole
+PADDING = {"left": 16, "top": 16, "right": 52, "bottom": 16}
 LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "var(--ink)", "labelFontSize": 13, "labelLimit": 260}}
 
 
@@ -143,7 +145,7 @@ def cost_picture(run: Run) -> str:
     until = max(one.until for some in lines.values() for one in some)
     words = f"processor time of {until:g} s of motion [s]", "largest error of any link [m]"
     spec = points(rows, *words, 430, list(dict.fromkeys(row["engine"] for row in rows)))
-    spec |= {"data": {"values": rows}, "width": 900, "padding": 16, "config": GRAMMAR["config"] | LOOK}
+    spec |= {"data": {"values": rows}, "width": 900, "padding": PADDING, "config": GRAMMAR["config"] | LOOK}
     drawn = vl_convert.vegalite_to_svg(spec, vl_version=VEGA_LITE)
     width, height = (float(x) for x in re.findall(r'(?:width|height)="([\d.]+)"', drawn)[:2])
     inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]
