@@ -23,7 +23,7 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.compiler.machine import graph, native_code, trigonometry
 from gauss_bench.compiler.machine.graph import Graph
-from gauss_bench.compiler.machine.llvm import listing
+from gauss_bench.compiler.machine.llvm import write_listing
 from gauss_bench.compiler.machine.native_code import Loaded, Target, address
 from gauss_bench.compiler.stepping import programs, steps
 from gauss_bench.compiler.stepping import rollout as loops
@@ -88,7 +88,7 @@ def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
     load = graph.Load("x", {g.leaf(f"%x{i}"): i for i in range(x.shape[1])})
     arrays = {"x": graph.Array(x.shape[1]), "out": graph.Array(len(roots))}
     made = graph.Routine("evaluate", g, arrays, (), (), [load, graph.Store("out", roots)], g.all(True), len(roots))
-    code = native_code.compile_listing(listing(made, 1), cached=False)
+    code = native_code.compile_listing(write_listing(made, 1), cached=False)
     out = np.empty((len(x), len(roots)))
     code.call(address(x), address(out), len(x))
     return out

@@ -17,7 +17,7 @@ from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.code import read_code
-from gauss_bench.compiler.machine.graph import depending, period
+from gauss_bench.compiler.machine.graph import find_dependents, period
 from gauss_bench.compiler.stepping.rollout import Body, bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load
@@ -76,5 +76,5 @@ def limit(start: Row, own: str, measured: Measured) -> Row:
 def flops(body: Body) -> int:
     """Additions, multiplications and divisions in one turn of the loop; a fused multiply-add counts twice."""
     g = body.step.graph
-    varying = depending(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
+    varying = find_dependents(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
     return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x in varying)

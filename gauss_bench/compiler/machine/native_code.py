@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.graph import Routine
-from gauss_bench.compiler.machine.llvm import Listing, listing
+from gauss_bench.compiler.machine.llvm import Listing, write_listing
 from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
 from gauss_bench.terms import Array
 
@@ -264,7 +264,7 @@ class Loaded:
             return self._plain
         with self._lock:
             if lanes not in self.codes:
-                made = listing(self.make(lanes > 1), lanes)
+                made = write_listing(self.make(lanes > 1), lanes)
                 self.codes[lanes] = compile_listing(made, self.target.cache)
             return self.codes[lanes].call
 
