@@ -12,11 +12,10 @@ With friction in joints Q gains W N(lambda), and what is left of K^T lambda = M^
 
 import numpy as np
 
+from gauss_bench.linkage.closure import RANK_TOLERANCE
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-
-RANK_TOLERANCE = 1e-9
 
 
 class AbsoluteCoordinates:

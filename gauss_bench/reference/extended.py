@@ -26,9 +26,10 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.references import drivers_of
 from gauss_bench.reference.collocation import NoConvergence, Tableau, gauss_tableau, step_count
 from gauss_bench.reference.extended_linkage import LONG, Linkage, check_platform, start
-from gauss_bench.reference.motion import Motion, Progress
+from gauss_bench.reference.motion import Motion, Progress, find_breaks
 from gauss_bench.reference.refinement import EPS, Unsolved, correct
 from gauss_bench.terms import Array
 
@@ -61,7 +62,8 @@ def extend_motion(
     check_platform()
     linkage, q0, v0 = start(document, scenario)
     samples = {LONG(x) for x in times}
-    grid = sorted(samples | {x for x in _breaks(document["scenarios"][scenario]) if 0 < x < max(samples)})
+    breaks = {x for driver in drivers_of(document["scenarios"][scenario]) for x in find_breaks(driver, LONG)}
+    grid = sorted(samples | {x for x in breaks if 0 < x < max(samples)})
     states: list[tuple[Array, ...]] = []
     stopped = ""
     try:
@@ -75,14 +77,6 @@ def extend_motion(
             raise
         stopped = str(error)
     return _sample(linkage, times, states, stopped, step)
-
-
-def _breaks(scenario: dict[str, Any]) -> list[Any]:
-    """Return the times [s] at which the motion laws of a scenario are not smooth: the end of a rise, the knots of a table."""
-    tables = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
-    ends = [table["time"] for table in tables if "time" in table]
-    knots = [row[0] for table in tables for row in table.get("rows", [])]
-    return [LONG(str(x)) for x in (*ends, *knots)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import RANK_TOLERANCE, joint_residual, list_held
+from gauss_bench.linkage.closure import joint_residual, list_held
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.motion import assemble_doubles
-from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance, saddle
+from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance, pseudo_inverse, saddle
 from gauss_bench.terms import Array
 
 MANTISSA = 60  # bits; long double is no longer than double on some platforms
@@ -116,13 +116,9 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
         return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
 
     q = guess.q0.astype(LONG)
-    q = chord(gap, _pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+    q = chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
     A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
-    v = chord(lambda v: A @ v - b, _pseudo_inverse(A), guess.v0.astype(LONG))
+    v = chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
     rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
     return Linkage(mechanism, Evaluator(mechanism), rank), q, v
-
-
-def _pseudo_inverse(A: Array) -> Array:
-    return np.linalg.pinv(A.astype(float), rcond=RANK_TOLERANCE)

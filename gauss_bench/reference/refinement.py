@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gauss_bench.linkage.closure import RANK_TOLERANCE
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)
@@ -84,3 +85,9 @@ def chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: flo
             return x
         before = size
     raise Unsolved(f"corrections stay at {before:.1e}")
+
+
+def pseudo_inverse(A: Array) -> Array:
+    """Return the pseudo-inverses (..., n, m) of matrices (..., m, n) in double precision, cut off at the rank of a linkage."""
+    A = A.astype(float)
+    return np.asarray(np.linalg.pinv(A, rcond=RANK_TOLERANCE)) if A.size else np.swapaxes(A, -1, -2).copy()

@@ -140,10 +140,9 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
     """
     mechanism = load("shaper", "driven")
     links = {link.name: 3 * i for i, link in enumerate(mechanism.links)}
-    assert mechanism.driver is not None
     motion, turn = MinimalCoordinate(mechanism), []
     for t in np.linspace(0.0, 1.0, 24, endpoint=False):
-        q, v, a = (x[0] for x in motion.state(*(np.atleast_1d(x).astype(float) for x in mechanism.driver.law(t))))
+        q, v, a = (x[0] for x in motion.state_at(t))
         at, lever = links["block"], links["lever"] + 2
         arm, speed, push = q[at : at + 2] - mechanism.ground_points["O1"], v[at : at + 2], a[at : at + 2]
         s = float(np.hypot(*arm))

@@ -65,9 +65,7 @@ def turnings() -> tuple[DrivenLinkage, ...]:
 
 def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
     """The linkage at time t of its driven scenario."""
-    assert mechanism.driver is not None
-    motion = MinimalCoordinate(mechanism)
-    q, v, a = (x[0] for x in motion.state(*(np.atleast_1d(x).astype(float) for x in mechanism.driver.law(t))))
+    q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
     moved = replace(mechanism, q0=q)
     equations = LoopEquations(moved, inputs_of(moved))
     slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}

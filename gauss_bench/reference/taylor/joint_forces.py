@@ -17,11 +17,11 @@ import numpy as np
 
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Prismatic, SlideDriver
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.refinement import chord
+from gauss_bench.reference.refinement import chord, pseudo_inverse
 from gauss_bench.reference.taylor.arithmetic import Value, dot, vanishes
 from gauss_bench.reference.taylor.forces import Wrench
 from gauss_bench.reference.taylor.moving_vectors import Instant
-from gauss_bench.reference.taylor.solve import Long, dense, pseudo_inverse
+from gauss_bench.reference.taylor.solve import Long, dense
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from gauss_bench.terms import Array
 

@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gauss_bench.linkage.references import drivers_of
 from gauss_bench.mechanism.model import Driver
-from gauss_bench.mechanism.numbers import PI, Number, exact
+from gauss_bench.mechanism.numbers import PI, Number
+from gauss_bench.reference.motion import find_breaks
 from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value
 from gauss_bench.reference.taylor.rows import Law
 
@@ -32,7 +34,7 @@ class Piece:
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
         value, rate, second = driver.law(self.begin)
-        none, origin, ends = rate - rate, self.begin, breaks(table, self.number)
+        none, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)
         coefficients = [value, rate, second / 2]
         if ends and (self.begin >= max(ends) or ("rows" in table and self.begin < min(ends))):
             coefficients = [value]
@@ -72,16 +74,11 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
     return levels[0], levels[1], levels[2]
 
 
-def breaks(table: dict[str, Any], number: Number) -> list[Any]:
-    """Times [s] at which a driver's law is not smooth: the end of a rise, the knots of a table."""
-    return [exact(number, x) for x in (*([table["time"]] if "time" in table else []), *(row[0] for row in table.get("rows", [])))]
-
-
 def pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
-    """The pieces of all laws of a scenario together, from t = 0."""
-    tables = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
-    pairs = tuple(zip(drivers, tables, strict=True))
-    zero = number("0")
-    ends = sorted(x for table in tables for x in breaks(table, number) if x > zero)
-    knots = [x for k, x in enumerate(ends) if k == 0 or x != ends[k - 1]]
-    return [Piece(pairs, begin, end, number) for begin, end in zip([zero, *knots], [*knots, None], strict=True)]
+    """Return the pieces of all laws of a scenario together, from t = 0."""
+    pairs, zero = tuple(zip(drivers, drivers_of(scenario), strict=True)), number("0")
+    times = [zero]
+    for t in sorted(x for _, table in pairs for x in find_breaks(table, number)):
+        if t > times[-1]:
+            times.append(t)
+    return [Piece(pairs, begin, end, number) for begin, end in zip(times, [*times[1:], None], strict=True)]

@@ -17,10 +17,10 @@ import numpy as np
 
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.refinement import chord
+from gauss_bench.reference.refinement import chord, pseudo_inverse
 from gauss_bench.reference.taylor.arithmetic import Value, cross, dot, vanishes
 from gauss_bench.reference.taylor.moving_vectors import Instant, at_states
-from gauss_bench.reference.taylor.solve import Long, dense, pseudo_inverse, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, dense, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
 
 Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver

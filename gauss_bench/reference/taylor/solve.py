@@ -1,4 +1,4 @@
-"""Sparse rows over a batch of states in extended precision, and their double-precision inverses for `refinement.chord`."""
+"""Sparse rows over a batch of states in extended precision, as products and as dense matrices in double precision."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -12,8 +12,6 @@ from gauss_bench.reference.taylor.arithmetic import Value
 from gauss_bench.terms import Array
 
 Long = NDArray[Any]
-
-RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
 
 
 @lru_cache
@@ -50,8 +48,3 @@ def apply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
     """A x (k, m) in the type of x (k, n)."""
     none = x[:, 0] - x[:, 0]
     return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)
-
-
-def pseudo_inverse(A: Array) -> Array:
-    """(k, n, m), cut off at the rank of the linkage."""
-    return np.asarray(np.linalg.pinv(A, rcond=RANK_TOLERANCE)) if A.size else np.swapaxes(A, -1, -2).copy()

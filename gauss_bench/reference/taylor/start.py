@@ -11,10 +11,10 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
-from gauss_bench.reference.refinement import chord
+from gauss_bench.reference.refinement import chord, pseudo_inverse
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import Law, LoopRows, Prescribed
-from gauss_bench.reference.taylor.solve import Long, apply, dense, epsilon, pseudo_inverse, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, apply, dense, epsilon, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, VectorTerm, merge
 from gauss_bench.terms import Array
 
