@@ -149,13 +149,8 @@ def test_equation_16_meets_every_constraint_and_is_wrong_by_the_predicted_amount
     predicted = N @ np.linalg.solve(terms.M, constraint_force(terms, true))
     assert difference(true - wrong, predicted) < 1e-10
     assert difference(wrong, true) > 1.0
-
-
-def test_equation_16_is_right_only_for_a_mass_matrix_that_is_a_multiple_of_the_unit() -> None:
-    terms = random_terms(3, 6, 4)
-    same = replace(terms, M=2.5 * np.eye(6))
+    same = replace(terms, M=2.5 * np.eye(mechanism.n))  # it is right only for a multiple of the unit matrix
     assert difference(FORMULATIONS["yuan_ge_eq16"](same).a, FORMULATIONS["gauss"](same).a) < 1e-12
-    assert difference(FORMULATIONS["yuan_ge_eq16"](terms).a, FORMULATIONS["gauss"](terms).a) > 1e-2
 
 
 @pytest.mark.parametrize("name", SOUND)

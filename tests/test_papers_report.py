@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from gauss_bench.papers.crank_slider import linkage
-from gauss_bench.papers.forms.example import show
+from gauss_bench.papers.forms.example import reference_motion
 from gauss_bench.papers.reproduction import paper_motion
 from gauss_bench.report.content import Finding, Section
 from gauss_bench.report.rows import Run
@@ -27,7 +27,7 @@ def paper_findings(run: Run) -> list[Finding]:
 
 @pytest.fixture(scope="module")
 def told() -> Run:
-    motion = paper_motion(linkage(), show())
+    motion = paper_motion(linkage(), reference_motion())
     return told_of(audited(), reproduced(), tuple(motion["paper_motion"]))
 
 

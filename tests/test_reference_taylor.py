@@ -17,7 +17,6 @@ from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
-from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import pieces
 from gauss_bench.reference.taylor.moving_vectors import at_states
@@ -86,32 +85,6 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     assert off(here.q, mechanism.q0) < 1e-14
     assert off(here.v, mechanism.v0) < 1e-13 * (1.0 + np.abs(mechanism.v0).max())
     assert off(here.a, wanted) < 1e-11 * (1.0 + np.abs(wanted).max())  # the pseudo-inverse loses some digits at light links
-
-
-def test_elimination_solves_rectangular_systems_in_any_fixed_order(rng: np.random.Generator) -> None:
-    m, n = 6, 9
-    pattern = rng.random((m, n)) < 0.5
-    A, b = np.where(pattern, rng.normal(size=(m, n)), 0.0), rng.normal(size=m)
-    order, smallest, _, left = choose_pivots(A, pattern, 1e-9)
-    assert len(order) == m
-    assert smallest > 0.0
-    assert left == 0.0
-    factors = factorise([{j: row[j] for j in np.flatnonzero(seen)} for row, seen in zip(A, pattern, strict=True)], order)
-    x, N = particular(factors, list(b)), null_space(factors, n)
-    assert off(A @ [x.get(j, 0.0) for j in range(n)], b) < 1e-12
-    assert len(N) == n - m
-    for free, column in N.items():
-        full = np.array([column.get(j, 0.0) for j in range(n)], dtype=float)
-        assert full[free] == 1.0
-        assert np.abs(A @ full).max() < 1e-12
-
-
-def test_elimination_leaves_out_dependent_rows_and_keeps_the_better_of_two(rng: np.random.Generator) -> None:
-    A = rng.normal(size=(3, 4))
-    A = np.vstack([1e-3 * A[2], A])
-    pivots = choose_pivots(A, np.ones(A.shape, dtype=bool), 1e-9)
-    assert sorted(row for row, _ in pivots.order) == [1, 2, 3]
-    assert pivots.left < 1e-15
 
 
 @pytest.mark.parametrize("law", ["sine", "cosine", "poly345", "table"])
@@ -214,15 +187,6 @@ def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: st
         assert np.abs(left).max() < 1e-12 * scale
 
 
-def test_the_driving_torque_supplies_the_power_the_links_take_up() -> None:
-    mechanism = load("eight_bar", "driven")
-    found = motion("eight_bar", "driven", decimals("0.5", 5))
-    assert found.multipliers is not None
-    speed = found.v[:, 2]  # of the driven crank
-    taken = (found.v * (found.a * np.array(mechanism.mass) - Evaluator(mechanism).applied.gravity)).sum(axis=1)
-    assert off(-found.multipliers[:, 20] * speed, taken) < 1e-13  # masses here are doubles
-
-
 def test_starts_are_held_at_the_decimals_of_the_file() -> None:
     hy = needs("heyoka")
     found = motion("five_bar", "spring", ["0"])
@@ -274,24 +238,6 @@ def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law
     for level in ("q", "v", "a"):
         wanted = getattr(reference, level)
         assert off(getattr(found, level), wanted) < OTHER_COORDINATES * (1.0 + np.abs(wanted).max())
-
-
-def test_dry_friction_is_refused() -> None:
-    with pytest.raises(ArithmeticError, match="friction"):
-        motion(str(DATA / "friction.toml"), "torque", ["0", "0.1"])
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
-    times = decimals("0.5", 5)
-    long, double = (motion("four_bar", "torque", times, kind) for kind in (False, True))
-    assert off(long.q.astype(float), double.q) < 1e-12
-    document = copy.deepcopy(document_of("four_bar", "torque"))
-    document["forces"]["motor"]["value"] = float(document["forces"]["motor"]["value"]) * (1.0 + 1e-6)
-    moved = taylor.taylor_motion(document, "torque", times, double=True)
-    assert 1e-8 < off(moved.q, double.q) < 1e-4
 
 
 def test_an_override_that_is_merged_is_not_merged_again() -> None:

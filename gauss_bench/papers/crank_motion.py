@@ -3,7 +3,7 @@
     sin th2 = -l1/l2 sin th,   q(th) of crank, rod and slider as in `crank_slider`,   d = dq/dth,   e = d2q/dth2
 
 The true acceleration minimises a distance over all a = d w' + e w^2 (Gauss's principle). The wrong formulas of the paper also
-satisfy J a = g, so they minimise over the same set, but another distance:
+satisfy J a = g, and minimise another distance over the same set:
 
     w' = d . (R - W e w^2) / (d . W d)
     true                      W = M,      R = Q           nearest to M^-1 Q in the metric of M

@@ -1,4 +1,4 @@
-"""Compare published reference values with the certified motion: how many of their printed digits are right.
+"""Compare published reference values with the certified motion, to count how many of their printed digits are right.
 
 Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source: Mazzia and Magherini, Test Set for
 Initial Value Problem Solvers (2008), problem II-12; computed there by PSIDE with both tolerances at 1e-14, and copied since.
@@ -24,7 +24,7 @@ VALUES = {  # angle of the problem -> (link angles to add and subtract, its prin
 
 
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
-    """Return a row per printed value: published and certified value, their difference, error bar and floor of the latter.
+    """Return a row per printed value: published and certified value, their difference, and error bar and floor of the latter.
 
     Raises:
         ValueError: the reference does not end at the time of the published values.

@@ -1,7 +1,7 @@
-"""A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state that fits.
+"""A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state on the constraints.
 
-Every number comes from the decimals of the file; the double-precision assembly only tells where to look. All solves are those of
-`refinement.py`, with a double inverse at the same or a nearby position.
+Every number comes from the decimals of the file; the assembly in double precision is only the first guess. All systems are solved
+by `refinement.py`, with an inverse in double precision at the same or a nearby position.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance,
 from gauss_bench.terms import Array
 
 MANTISSA = 60  # bits; long double is no longer than double on some platforms
-SINGULAR = 1e-9  # relative singular value: its inverse square, the condition of the multipliers, leaves a double nothing
+SINGULAR = 1e-9  # relative singular value: its inverse square, the condition of the multipliers, exceeds the digits of a double
 LONG = np.longdouble
 
 
@@ -38,8 +38,8 @@ class Linkage:
     """A mechanism in long double, with the data that its linear solves need.
 
     Attributes:
-        rank: of the constraint rows, as the linkage has it; singular values beyond are rounding.
-        nearest: smallest relative singular value met so far, and when [s].
+        rank: of the constraint rows; singular values beyond are rounding.
+        nearest: smallest relative singular value so far, and its time [s].
     """
 
     mechanism: Mechanism
@@ -51,7 +51,7 @@ class Linkage:
         return self.evaluator.constraints(t, q, v)
 
     def inverse(self, t: Any, J: Array) -> Saddle:
-        """Return the inverse in double precision at rows J (..., m, n).
+        """Return the inverse of the equations of motion in double precision, for rows J (..., m, n).
 
         Raises:
             Unsolved: the position is singular.
@@ -63,7 +63,7 @@ class Linkage:
         return solved
 
     def imbalance(self, t: Any, q: Array, v: Array, x: Array) -> Array:
-        """Residual (..., n + m) of accelerations and multipliers x at state(s) q, v."""
+        """Return the residual (..., n + m) of the equations of motion for x = [a, lambda] at one state or several."""
         rows = self.rows(t, q, v)
         return imbalance(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
 

@@ -1,12 +1,12 @@
 """Linear and nonlinear systems solved to the last digit of a type of number for which LAPACK has no factorisation.
 
-A double-precision inverse is good enough to find the next dozen digits: with residuals in that type, each correction x += P r takes
-off the factor |1 - P A|, about double rounding times the condition number, until what is left is rounding of the residual.
+An inverse P in double precision is good enough to find the next dozen digits: with residuals r in that type, each correction
+x += P r multiplies the error by |1 - P A|, about double rounding times the condition number, until the residual is rounding alone.
 The same chord iteration solves f(x) = 0 with P the inverse of a Jacobian nearby. Source: Higham, Accuracy and Stability of
 Numerical Algorithms (2002), chapter 12.
 
 The inverse of the equations of motion, [M J^T; J 0][a; lambda] = [Q; gamma], is written in the singular values of the constraints
-in weighted coordinates, J M^(-1/2) = U S V^T, cut off at the rank the linkage has, so that redundant rows do no harm:
+in weighted coordinates, J M^(-1/2) = U S V^T, cut off at the rank of the linkage, so that rows may be redundant:
 
     G = M^(-1/2) V S^-1 U^T,    P = [M^-1 - G (J M^-1), G; G^T, -U S^-2 U^T]
 """
@@ -20,11 +20,11 @@ from gauss_bench.linkage.closure import RANK_TOLERANCE
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)
-CORRECTIONS = 30  # at worst; with a condition of 1e6 each takes off ten digits
+CORRECTIONS = 30  # at most; with a condition of 1e6 each finds ten digits
 
 
 class Unsolved(ArithmeticError):
-    """The corrections do not become small: the inverse in double precision is too inaccurate, as at a singular position."""
+    """The corrections do not become small: the inverse in double precision is too inaccurate, as it is at singular positions."""
 
 
 @dataclass(frozen=True, eq=False)

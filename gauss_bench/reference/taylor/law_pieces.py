@@ -1,6 +1,7 @@
-"""Motion laws as formulas of time, for a linkage that drivers move in part: between two breaks every law is smooth.
+"""Motion laws as formulas of time, for a linkage that drivers move in part.
 
-Values at the ends of a piece come from the law itself; what stands between is written anew:
+Time is divided into pieces at the breaks of all laws; within a piece every law is smooth. Values at the ends of a piece come from
+the law itself; the formulas in between are derived anew:
 
     constant    value + rate (t - t0)
     table       the cubic with value, rate and curvature at one knot and the curvature at the next
@@ -21,7 +22,7 @@ from gauss_bench.reference.taylor.rows import Law
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The time between two breaks; `end` is None for the last one."""
+    """The time between two breaks, with the drivers and their tables; `end` is None for the last piece."""
 
     drivers: tuple[tuple[Driver, dict[str, Any]], ...]
     begin: Any
@@ -29,15 +30,16 @@ class Piece:
     number: Number
 
     def laws(self, t: Value, arithmetic: Arithmetic) -> list[Law]:
-        """Value, rate and second rate of every driver at a time within the piece."""
+        """Return value, rate and second rate of every driver at a time within the piece."""
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
+        """Return value, rate and second rate of one driver."""
         value, rate, second = driver.law(self.begin)
         none, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)
         coefficients = [value, rate, second / 2]
         if ends and (self.begin >= max(ends) or ("rows" in table and self.begin < min(ends))):
-            coefficients = [value]
+            coefficients = [value]  # before and after its motion a law is constant
         elif "time" in table:
             start, time = driver.law(self.number("0"))[0], ends[0]
             travel = driver.law(time)[0] - start
@@ -51,7 +53,7 @@ class Piece:
 
 
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
-    """The rise by a wave: start + c t + A cos w t + B sin w t, less its value at t = 0."""
+    """Return the rise start + c t + A (cos w t - 1) + B sin w t and its rates; `name` is "sine" or "cosine"."""
     sine, of = name == "sine", arithmetic.of
     w = 2 * pi / time if sine else pi / time
     speed = travel / time if sine else travel - travel
@@ -63,7 +65,7 @@ def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arith
 
 
 def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
-    """sum_k c_k x^k with its first and second derivative."""
+    """Return sum_k c_k x^k with its first and second derivative."""
     levels = []
     for _ in range(3):
         value: Value = 0

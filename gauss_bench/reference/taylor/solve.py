@@ -16,7 +16,7 @@ Long = NDArray[Any]
 
 @lru_cache
 def epsilon(number: Number) -> float:
-    """Distance from 1 to the next number of the type."""
+    """Return the distance from 1 to the next number of the type."""
     one = number("1")
     half = one / 2
     while one + half != one:
@@ -25,18 +25,18 @@ def epsilon(number: Number) -> float:
 
 
 def stack_arrays(values: Sequence[Value], like: Long) -> Long:
-    """(k, m) of m values, each an array (k,), a number or a literal; `like` is (k,) and gives shape and type."""
+    """Stack m values, each an array (k,), a number or a literal, to (k, m) in shape and type of `like` (k,)."""
     none = like - like
     return np.stack([none + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
 
 
 def columns(x: Long) -> list[Long]:
-    """The coordinates (k,) of states (k, n)."""
+    """Return the n coordinates (k,) of states (k, n)."""
     return [x[:, j] for j in range(x.shape[1])]
 
 
 def dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
-    """(k, m, n) double-precision matrices of sparse rows."""
+    """Return sparse rows as matrices (k, m, n) in double precision."""
     A = np.zeros((k, len(entries), n))
     for r, row in enumerate(entries):
         for j, value in row.items():
@@ -45,6 +45,6 @@ def dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
 
 
 def apply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
-    """A x (k, m) in the type of x (k, n)."""
+    """Return A x (k, m) in the type of x (k, n), for the sparse rows of A."""
     none = x[:, 0] - x[:, 0]
     return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)

@@ -1,7 +1,7 @@
 """The start of a motion to the last digit: loop coordinates and rates that obey the rows and the decimals of the file.
 
-The assembly in double precision is the first guess. What the start holds are more rows: an angle or a slide is one that a driver
-could prescribe, a point is a closure P - target = 0 with a rate.
+The assembly in double precision is the first guess. The values that the start of a scenario gives are additional rows: an angle or
+a slide is prescribed as by a driver, a point is a closure P - target = 0 with a rate.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ from gauss_bench.terms import Array
 
 
 def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
-    """The rows with those that the start of a scenario holds, the laws at t = 0 of all, and the right-hand side of A x' = rate."""
+    """Add the rows of the start to those of the mechanism; return all rows, their laws at t = 0, and the rates of A x' = rate."""
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
     mechanism = coordinates.mechanism
     laws = rows.laws(zero)
@@ -43,7 +43,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
 
 
 def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Link -> angle [rad] and speed [rad/s]; `crank` and `speed` are those of the crank."""
+    """Return link -> angle [rad] and speed [rad/s] that a start gives; its keys `crank` and `speed` are those of the crank."""
     angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
     angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
     speeds = {name: exact(number, x) for name, x in start.get("speeds", {}).items()}
@@ -61,15 +61,16 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
 
 
 def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: Number) -> tuple[Long, Long]:
-    """Coordinates and rates (1, n) at t = 0, from a guess (n,) in double precision.
+    """Return coordinates and rates (1, n) at t = 0, from a guess (n,) in double precision.
 
     Raises:
-        Unsolved: the rows and the held values cannot be met together near the guess.
+        Unsolved: the rows cannot be satisfied near the guess.
     """
     n, eps = rows.coordinates.n, epsilon(number)
     held, laws, rates = hold_start(rows, scenario, number)
     x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
-    for group in (held, rows):  # what is held may contradict the loops in its last digits; the loops must close to the last
+    # the decimals of a start may contradict the loops in their last digits: the loops alone are closed once more
+    for group in (held, rows):
         x = group.close(x, laws[: len(group.prescribed)], eps)
     A = held.entries(at_states(x))
     return x, chord(lambda v: apply(A, v) - stack_arrays(rates, x[:, 0]), pseudo_inverse(dense(A, 1, n)), np.zeros_like(x), eps)
