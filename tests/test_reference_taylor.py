@@ -18,7 +18,7 @@ from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.equations import choose_chart, rates
-from gauss_bench.reference.taylor.law_pieces import pieces
+from gauss_bench.reference.taylor.law_pieces import cut_pieces
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import loop_rows
 from gauss_bench.reference.taylor.samples import LoopStates, sample
@@ -94,7 +94,7 @@ def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
     driver = {"link": "left", "law": law, "start_deg": 100.0, **(knots if law == "table" else rise)}
     document = decimal_document("five_bar") | {"scenarios": {"part": part_driven(driver)}}
     mechanism = load_document(plain(document), "part")
-    found = pieces(mechanism.drivers, document["scenarios"]["part"], float)
+    found = cut_pieces(mechanism.drivers, document["scenarios"]["part"], float)
     assert len(found) == (5 if law == "table" else 2)
     for piece in found:
         end = 0.6 if piece.end is None else piece.end

@@ -110,12 +110,12 @@ STAGES = 3  # of an implicit step
 
 @cache
 def gauss_tableau(stages: int = STAGES) -> tuple[Array, Array, Array]:
-    """Return nodes (s,), matrix (s, s) and weights (s,) of Gauss's collocation, which integrates polynomials through the stages.
+    """Return nodes (s,), matrix A (s, s) and weights b (s,) of Gauss's collocation.
 
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), section IV.5.
     """
     c = (1 + np.polynomial.legendre.leggauss(stages)[0]) / 2
-    powers = np.arange(1, stages + 1)
+    powers = np.arange(1, stages + 1)  # A and b integrate c^(k-1) exactly for these k: A c^(k-1) = c^k / k, b c^(k-1) = 1 / k
     inverse = np.linalg.inv(c[:, None] ** (powers - 1))
     return c, c[:, None] ** powers / powers @ inverse, 1 / powers @ inverse
 
@@ -163,7 +163,7 @@ class Equal(NamedTuple):
 
 
 def equal_runs(times: Array, step: float) -> list[Equal]:
-    """Group the steps of `step_counts` by size."""
+    """Group the consecutive intervals of `step_counts` with equal counts and sizes of steps."""
     runs: list[Equal] = []
     for (count, size), group in groupby(step_counts(times, step), key=lambda c: (c[0], round(c[1], 15))):
         runs.append(Equal(sum(x.samples for x in runs), count, size, len(list(group))))

@@ -39,7 +39,7 @@ def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Ite
     for step, inside in _find_divided_steps(t0, h, n, kinks):
         yield from _yield_undivided(t0, h, at, step, every, n)
         at = step
-        if inside:
+        if inside:  # one step in parts, each from kink to kink
             ends = [t0 + step * h, *inside, t0 + (step + 1) * h]
             for k, (begin, end) in enumerate(pairwise(ends)):
                 last = k == len(inside)

@@ -122,7 +122,7 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Tell which claims about the example hold: the paper's, and one of this report."""
+    """Return claim -> whether it holds, for the paper's claims about the example and one of this report."""
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
     return {

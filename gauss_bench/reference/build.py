@@ -4,7 +4,7 @@ Two integrators that share no code run the same equations; their disagreement at
 no integration: its motion is geometry, and the error bar is the rounding of the loop closure.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -57,8 +57,8 @@ def build_driven(mechanism: Mechanism, times: Array) -> Reference:
     """Build the reference of a linkage with a driven angle from its geometry at the times."""
     motion = MinimalCoordinate(mechanism)
     levels = _join(motion.state_at(t) for t in times)
-    bars = [ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels]
-    return _with_bars(times, levels, bars, "closure of the driven loop by Newton's method")
+    q, v, a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
+    return _with_bars(times, levels, (q, v, a), "closure of the driven loop by Newton's method")
 
 
 def _join(parts: Iterable[Levels]) -> Levels:
@@ -74,18 +74,20 @@ def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Refere
     grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])
     kept = np.searchsorted(grid, times)
     first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
-    bars = []
-    for x, y in zip(first, second, strict=True):
+
+    def bar(x: Array, y: Array) -> Array:
         gap = np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1))
         # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
-        bars.append(np.maximum.accumulate(gap)[kept])
-    levels = [x[kept] for x in second]
-    return _with_bars(times, levels, bars, f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")
+        return np.asarray(np.maximum.accumulate(gap)[kept])
+
+    q, v, a = (x[kept] for x in second)
+    bars = bar(first[0], second[0]), bar(first[1], second[1]), bar(first[2], second[2])
+    return _with_bars(times, (q, v, a), bars, f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")
 
 
-def _with_bars(times: Array, levels: Sequence[Array], bars: Sequence[Array], method: str) -> Reference:
+def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
     no_floor = np.zeros(len(times))
-    return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)  # type: ignore[misc]
+    return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)
 
 
 def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:

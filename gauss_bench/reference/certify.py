@@ -165,6 +165,7 @@ def _collocate(
     """Run pipeline B with halved steps until halving no longer reduces the disagreement; return the motion and its step [s]."""
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step
+    # the motion of a linkage that is driven completely does not depend on the step
     for _ in range(1 if mechanism.dof == len(mechanism.drivers) else 1 + HALVINGS):
         progress = partial(report, f"collocation at {step:.2g} s")
         other = extend_motion(document, mechanism.scenario, truth.times, step, progress)

@@ -121,6 +121,7 @@ def _stages(acceleration: BatchAcceleration, t: Array, drift: Array, v: Array, a
         corrected = acceleration(t, drift + h**2 * (method.AA @ a), v + h * (method.A @ a))
         change = float(np.abs(corrected - a).max() / (1.0 + np.abs(corrected).max()))
         a = corrected
+        # converged, or close to rounding and no longer shrinking
         if change < 5 * eps or (change < 5000 * eps and change >= previous):
             return a
         previous = change

@@ -38,7 +38,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
         try:
             moved = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (AssemblyError, ArithmeticError):
-            continue  # the neighbour cannot be assembled or started: the motion is at its limit, and the floor stays open
+            continue  # this neighbour cannot be assembled or started, because the motion is at its limit
         k = min(len(base.times), len(moved.times))
         for level, floor in levels.items():
             change = np.abs(getattr(moved, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)

@@ -419,8 +419,10 @@ def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...]
 
 def bend(links: Links, row: Row, alpha: float, beta: float) -> Node:
     """Return Baumgarte's right-hand side of a row, gamma - 2 alpha phi' - beta^2 phi."""
-    bias = row.gamma - rate_of(links, row) * (2 * alpha)
-    return bias if row.phi is None else bias - row.phi * beta**2
+    bias: Node = row.gamma - rate_of(links, row) * (2 * alpha)
+    if row.phi is not None:
+        bias = bias - row.phi * beta**2
+    return bias
 
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:

@@ -73,7 +73,7 @@ def tanh(graph: ExpressionGraph, x: Node) -> Node:
     series = graph.constant(1 / factorial(TERMS))  # of (exp(y) - 1) / y, by Horner's scheme
     for k in range(TERMS - 1, 0, -1):
         series = series * y + 1 / factorial(k)
-    u = series * y
+    u: Node = series * y
     for _ in range(DOUBLINGS):
         u = u * (u + 2.0)
     return u / (u + 2.0)

@@ -34,7 +34,7 @@ from gauss_bench.terms import Array
 
 def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
     """Return name -> number or vector (2,) of everything that can be left open."""
-    numbers = {"gravity": mechanism.gravity}
+    numbers: dict[str, float | Array] = {"gravity": mechanism.gravity}
     for link in mechanism.links:
         numbers |= {f"links.{link.name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
     for owner, points in [("ground", mechanism.ground_points), *((link.name, link.points) for link in mechanism.links)]:
@@ -54,7 +54,7 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
         loads(f for f in mechanism.forces if not factor_of(f))
     except TypeError as error:
         raise KernelError(str(error)) from None
-    values = {}
+    values: dict[str, float] = {}
     for name, number in named_numbers(mechanism).items():
         labels = [f"{name}.x", f"{name}.y"] if np.ndim(number) else [name]
         values |= dict(zip(labels, np.ravel(number).tolist(), strict=True))
@@ -242,8 +242,8 @@ class Links(Given):
         except ValueError as error:
             raise KernelError(str(error)) from None
 
-    def quantity(self, name: str) -> Node | Vec:
-        """Return a number or a vector, by its name in `named_numbers`."""
+    def quantity(self, name: str) -> Any:
+        """Return a number as a node, or a vector as a `Vec`, by its name in `named_numbers`."""
         if name in self.parameters.all:
             return self.number(name)
         return Vec(self.number(f"{name}.x"), self.number(f"{name}.y"))
@@ -252,7 +252,8 @@ class Links(Given):
         """Return the vector from the centre of mass of a point's link to the point, in the link's frame."""
         if f"points.{point.name}.x" not in self.parameters.all:
             return self.constant_vector(*point.local)
-        owner, place = point.name.split(".", 1)[0], self.quantity(f"points.{point.name}")
+        owner = point.name.split(".", 1)[0]
+        place: Vec = self.quantity(f"points.{point.name}")
         return place if point.link == GROUND else place - self.quantity(f"links.{owner}.com")
 
     def constant_vector(self, x: float, y: float) -> Vec:

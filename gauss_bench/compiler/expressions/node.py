@@ -270,6 +270,7 @@ class ExpressionGraph:
             a, b, c = summand
             if abs(x) <= VANISHES * abs(a) and abs(y) <= VANISHES * abs(b) and abs(z) <= VANISHES * abs(c):
                 return self.constant(0.0)
+        # a constant has the same value at all points, a multiple of a known node the same factor
         close = SAME * abs(x)
         if abs(y - x) <= close and abs(z - x) <= close:
             return self.constant(_round(x))

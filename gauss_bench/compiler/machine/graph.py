@@ -277,7 +277,7 @@ def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -
 
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     """Return the cycles per loop turn with unlimited execution units; `carried` maps a leaf's name to its next value."""
-    arrival = dict.fromkeys(carried, 0.0)
+    arrival = dict.fromkeys(carried, 0.0)  # [cycles] of the carried leaves, relative to the beginning of a turn
     turn = 0.0
     for _ in range(ROUNDS):
         times = ready_times(g, values, arrival)
@@ -296,6 +296,7 @@ def order(g: Graph, values: list[int], carried: Mapping[str, int]) -> list[int]:
         for x in reversed(values):
             for k in g.operands[x]:
                 height[k] = max(height[k], height[x] + LATENCY[g.operation[x]])
+        # a carried value is as urgent as its leaf in the next turn
         late = dict.fromkeys(carried.values(), -turn)
         for name, x in carried.items():
             if name in leaves:
@@ -378,9 +379,9 @@ class _Rewriter:
             base, minus = self._strip(y)
             negative ^= minus
             operation, operands = self.old.operation[base], self.old.operands[base]
-            if operation in SUMS and (base == x or base in self.parts):
+            if operation in SUMS and (base == x or base in self.parts):  # its terms are terms of x
                 waiting += [(operands[0], negative), (operands[1], negative != (operation == "sub"))]
-            elif base in self.parts:
+            elif base in self.parts:  # a product, which may be fused with the addition
                 (a, minus_a), (b, minus_b) = map(self.new.split_sign, self._last_two(base))
                 terms.append(Summand(negative ^ minus_a ^ minus_b, a, b))
             else:

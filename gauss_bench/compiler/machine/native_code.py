@@ -230,8 +230,9 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
     if backend == "llvm" and not available():
         raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
-    chosen, width = backend or ("llvm" if available() else "numpy"), best_lanes() if lanes is None else lanes
-    if width < 1 or (chosen == "llvm" and width & (width - 1)):
+    chosen = backend or ("llvm" if available() else "numpy")
+    width = best_lanes() if lanes is None else lanes
+    if width < 1 or (chosen == "llvm" and width & (width - 1)):  # a power of 2 has no bit in common with the number below it
         raise KernelError(f"{width} lanes are no power of 2")
     return Target(chosen, width, cache)
 

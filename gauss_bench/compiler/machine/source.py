@@ -179,7 +179,7 @@ def in_c(routine: Routine) -> str:
     s.line(f"return !{s.need(routine.sound)};")
     arguments = [f"double *{name}" for name in routine.arrays]
     arguments += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
-    kinds: dict[str, list[str]] = {}
+    kinds: dict[str, list[str]] = {}  # type -> its variables, which C99 may declare together
     for name, kind in s.variables.items():
         kinds.setdefault(kind, []).append(name)
     declarations = [f"    {kind} {', '.join(names)};" for kind, names in kinds.items()]

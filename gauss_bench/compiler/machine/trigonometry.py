@@ -49,7 +49,7 @@ SERIES_TERMS = 8
 def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
     """Return a polynomial by Estrin's scheme: pairs of terms first, so that the chain is as long as the logarithm of the degree."""
     level = [g.const(c) for c in coefficients]
-    while len(level) > 1:
+    while len(level) > 1:  # each round halves the degree of the polynomial and squares its argument
         odd = level[-1:] if len(level) % 2 else []
         level = [g.fma(high, z, low) for low, high in zip(level[::2], level[1::2], strict=False)] + odd
         z = g.mul(z, z)

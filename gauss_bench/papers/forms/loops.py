@@ -11,6 +11,7 @@ down as printed; its dimensions are not printed, and those of the linkage file a
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 
 import networkx as nx
 import numpy as np
@@ -61,7 +62,7 @@ class DrivenLinkage:
 
 
 @cache
-def turnings() -> tuple[DrivenLinkage, ...]:
+def list_driven() -> tuple[DrivenLinkage, ...]:
     return tuple(turning(load(name, "cycloid"), t) for name in DRIVEN for t in TIMES)
 
 
@@ -87,7 +88,7 @@ def velocities(m: Matrices, q_rate: Array) -> Array:
 
 
 def velocities_off(form: Callable[[Matrices, Array], Array]) -> float:
-    return worst([relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns]) for t in turnings()])
+    return worst([relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns]) for t in list_driven()])
 
 
 def accelerations_off(last: list[str]) -> float:
@@ -96,7 +97,7 @@ def accelerations_off(last: list[str]) -> float:
     Slides follow from the same rows.
     """
     errors = []
-    for t in turnings():
+    for t in list_driven():
         TU, m = t.unknowns, t.matrices
         left = m.B @ t.second[TU:] + m.B_rate @ t.rate[TU:] + getattr(m, *last) @ t.rate[:TU]
         angles = ~np.isnan(t.second[:TU])
@@ -128,7 +129,7 @@ def loops_of(t: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Arra
 def assembly_off(form: Callable[..., Parts]) -> float:
     """Return the residual of (4) at the true rates, relative to its terms."""
     errors = []
-    for t in turnings():
+    for t in list_driven():
         for units, U, K in loops_of(t):
             J, B = form(units, U, K)
             both = np.hstack([J, B])
@@ -142,7 +143,7 @@ def stack_off(transposed: bool) -> float:
     The blocks of the loops are stacked one below the other, or side by side and transposed.
     """
     errors = []
-    for t in turnings():
+    for t in list_driven():
         parts = [assemble(*loop) for loop in loops_of(t)]
         J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
         rows, columns = 2 * len(parts), t.unknowns
@@ -157,7 +158,7 @@ def stack_off(transposed: bool) -> float:
 def ones_off(form: list[list[str]]) -> float:
     """Return the share of rows without exactly one 1, in the matrices that the form puts side by side."""
     right = []
-    for t in turnings():
+    for t in list_driven():
         for _, Us, Ks in loops_of(t):
             for U, K in zip(Us, Ks, strict=True):
                 for names in form:
@@ -167,10 +168,10 @@ def ones_off(form: list[list[str]]) -> float:
 
 
 def columns_off(form: list[int]) -> float:
-    """Compare the number of columns of a unit with that claimed: so many times its turning, its guides and its blocks."""
+    """Compare the number of columns of a unit with a claim: the multiples of its turning, guides and blocks that make the sum."""
     errors = []
-    for t in turnings():
-        for p in (p for ways in t.equations.ways for p in ways):
+    for t in list_driven():
+        for p in chain.from_iterable(t.equations.ways):
             kinds = [p.way.enter.kind, p.way.leave.kind]
             guides = sum(kind in MOVING for kind in kinds)
             unit = p.way.units(0.0, 0.0, t.x[p.slides], t.rate[p.slides])
@@ -185,7 +186,7 @@ def graphs() -> tuple[tuple[Mechanism, LinkageGraph], ...]:
 
 
 def unknowns_off(form: list[int]) -> float:
-    """Compare the number of unknowns with that claimed: so many times the loops and the redundant constraints."""
+    """Compare the number of unknowns with a claim: the multiples of loops and of redundant constraints that make the sum."""
     errors = []
     for name in COUNTED:
         mechanism = load(name, "driven")
@@ -201,7 +202,7 @@ def incidence(graph: LinkageGraph, oriented: bool) -> Array:
 
 
 def loop_count_off(form: list[int]) -> float:
-    """Compare the number of loops with that claimed: so many times pairs, links and one.
+    """Compare the number of loops with a claim: the multiples of pairs, of links and of one that make the sum.
 
     It is the dimension of the space of cycles, which is the number of pairs minus the rank of the incidence matrix.
     """
@@ -256,7 +257,7 @@ def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
 def blocks_off(form: Callable[[Array, Array], Blocks]) -> float:
     """Return the largest difference from the suite's matrices, for the better of both senses of each loop."""
     errors = []
-    for t in turnings():
+    for t in list_driven():
         equations, m = t.equations, t.matrices
         if equations.mechanism.name != "six_bar":
             continue

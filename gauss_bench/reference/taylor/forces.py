@@ -131,6 +131,7 @@ class Loads(Wrench):
         return self.of(f.k) * (self.of(f.rest) - x) - self.of(f.c) * rate
 
     def _spring(self, f: SpringDamper) -> None:
+        """Apply a spring and damper between two points; terms with a coefficient of zero are left out."""
         gap = self.gap(f.a, f.b)
         d = self.value(gap)
         square = dot(d, d)
@@ -142,18 +143,20 @@ class Loads(Wrench):
         self.pull(f.a, f.b, scale_by(pull, d))
 
     def _along(self, f: AxisSpringDamper) -> None:
+        """Apply a spring and damper along an axis of a link."""
         gap, u = self.gap(f.origin, f.point), self.turn(direction(f.angle), f.origin.link)
         d = self.value(gap)
         rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)
         self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
 
-    def _damp(self, pair: Joint, c: Any) -> None:
-        if isinstance(pair, Prismatic):
-            u, speed = self.turn(direction(pair.angle), pair.guide.link), self.v.get(self.coordinates.slides[pair.name], 0)
-            self.slide(pair.block, pair.guide, scale_by(-(self.of(c) * speed), u))
+    def _damp(self, joint: Joint, c: Any) -> None:
+        """Apply the damping of a joint: a force along a slide, a torque about a pin."""
+        if isinstance(joint, Prismatic):
+            u, speed = self.turn(direction(joint.angle), joint.guide.link), self.v.get(self.coordinates.slides[joint.name], 0)
+            self.slide(joint.block, joint.guide, scale_by(-(self.of(c) * speed), u))
         else:
-            speed = self._speed(pair.b.link) - self._speed(pair.a.link)
-            self.twist(pair.b.link, pair.a.link, -(self.of(c) * speed))
+            speed = self._speed(joint.b.link) - self._speed(joint.a.link)
+            self.twist(joint.b.link, joint.a.link, -(self.of(c) * speed))
 
 
 def opposite(force: Vector) -> Vector:

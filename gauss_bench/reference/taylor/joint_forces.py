@@ -28,27 +28,34 @@ from gauss_bench.terms import Array
 
 def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value]]:
     """Return the rows of J, column -> value, at an instant."""
-    mechanism, rows = coordinates.mechanism, 2 * len(coordinates.mechanism.joints)
-    wrenches = [Wrench(coordinates, at) for _ in range(rows + len(mechanism.drivers) + len(mechanism.knife_edges))]
-    for joint, first, second in zip(mechanism.joints, wrenches[:rows:2], wrenches[1:rows:2], strict=True):
+    mechanism, wrenches = coordinates.mechanism, list[Wrench]()
+
+    def add_row() -> Wrench:
+        wrenches.append(Wrench(coordinates, at))
+        return wrenches[-1]
+
+    for joint in mechanism.joints:
+        first, second = add_row(), add_row()
         if isinstance(joint, Prismatic):
             first.slide(joint.block, joint.guide, first.turn(across(joint.angle), joint.guide.link))
             second.twist(joint.block.link, joint.guide.link, 1)
         else:
             first.pull(joint.b, joint.a, (1, 0))
             second.pull(joint.b, joint.a, (0, 1))
-    for driver, wrench in zip(mechanism.drivers, wrenches[rows:], strict=False):
+    for driver in mechanism.drivers:
+        row = add_row()
         if isinstance(driver, AngleDriver):
-            wrench.twist(driver.link, GROUND, 1)
+            row.twist(driver.link, GROUND, 1)
         elif isinstance(driver, SlideDriver):
             slide = driver.joint
-            wrench.slide(slide.block, slide.guide, wrench.turn(direction(slide.angle), slide.guide.link))
+            row.slide(slide.block, slide.guide, row.turn(direction(slide.angle), slide.guide.link))
         else:
-            d = wrench.value(wrench.gap(driver.a, driver.b))
+            d = row.value(row.gap(driver.a, driver.b))
             length = at.arithmetic.sqrt(dot(d, d))
-            wrench.pull(driver.b, driver.a, (d[0] / length, d[1] / length))
-    for edge, wrench in zip(mechanism.knife_edges, wrenches[rows + len(mechanism.drivers) :], strict=True):
-        wrench.push(edge.point, wrench.turn(across(edge.angle), edge.point.link))
+            row.pull(driver.b, driver.a, (d[0] / length, d[1] / length))
+    for edge in mechanism.knife_edges:
+        row = add_row()
+        row.push(edge.point, row.turn(across(edge.angle), edge.point.link))
     return [{j: x for j, x in enumerate(wrench.flat()) if not vanishes(x)} for wrench in wrenches]
 
 

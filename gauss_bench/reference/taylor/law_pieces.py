@@ -76,7 +76,7 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
     return levels[0], levels[1], levels[2]
 
 
-def pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
+def cut_pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
     """Return the pieces of all laws of a scenario together, from t = 0."""
     pairs, zero = tuple(zip(drivers, drivers_of(scenario), strict=True)), number("0")
     times = [zero]

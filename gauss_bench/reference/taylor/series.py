@@ -16,7 +16,7 @@ from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion, Progress, assemble_doubles
 from gauss_bench.reference.taylor.equations import choose_chart
-from gauss_bench.reference.taylor.law_pieces import pieces
+from gauss_bench.reference.taylor.law_pieces import cut_pieces
 from gauss_bench.reference.taylor.march import SINGULAR, March
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import loop_rows
@@ -55,7 +55,7 @@ def taylor_motion(
         raise ArithmeticError(f"the start is a singular position: smallest pivot {pivots.smallest:.1e}")
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
     moments = [number(t) for t in times]
-    march = March(rows, number, pieces(mechanism.drivers, chosen, number), moments, progress)
+    march = March(rows, number, cut_pieces(mechanism.drivers, chosen, number), moments, progress)
     states, stopped = march.run(chart, x, v)
     bits, counts = 1 - int(np.log2(epsilon(number))), f"steps: {march.steps}, charts: {len(march.compiled)}"
     method = f"loop coordinates in {bits} bits; Taylor series ({counts}); heyoka {heyoka.__version__}"

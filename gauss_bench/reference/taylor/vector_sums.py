@@ -73,40 +73,41 @@ class LoopCoordinates:
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
         steps = spanning_tree(mechanism)
-        taken = {id(step.joint) for step in steps}
-        none = mechanism.gravity[0] - mechanism.gravity[0]
-        leader, turn = {GROUND: GROUND}, {GROUND: none}
+        in_tree = {id(step.joint) for step in steps}
+        zero = mechanism.gravity[0] - mechanism.gravity[0]  # in the type of number of the mechanism
+        links, slides = range(len(mechanism.links)), [j for j in mechanism.joints if isinstance(j, Prismatic)]
+        # angles: slides tie that of a link to the angle of its leader, the first link that the tree reaches, by a constant turn
+        leader, turn = {GROUND: GROUND}, {GROUND: zero}
         for step in steps:
-            leader[step.link], turn[step.link] = step.link, none
+            leader[step.link], turn[step.link] = step.link, zero
             if isinstance(slide := step.joint, Prismatic):
                 sign = 1 if slide.block.link == step.link else -1
                 leader[step.link], turn[step.link] = leader[step.parent], turn[step.parent] + sign * slide.turn
-        links, slides = range(len(mechanism.links)), [j for j in mechanism.joints if isinstance(j, Prismatic)]
         self.roots = [i for i in links if leader[i] == i]
         self.angle = [NONE if leader[i] == GROUND else self.roots.index(leader[i]) for i in links]
         self.turn = [turn[i] for i in links]
-        self.turn_gaps = [turn[j.block.link] - turn[j.guide.link] - j.turn for j in slides if id(j) not in taken]
-        first = len(self.roots) + len(slides)
+        self.turn_gaps = [turn[j.block.link] - turn[j.guide.link] - j.turn for j in slides if id(j) not in in_tree]
+        # displacements: one of every slide, then two of every link that is not connected to the ground
         self.slides = {j.name: k for k, j in enumerate(slides, start=len(self.roots))}
         alone = [step.link for step in steps if step.joint is None]
+        first = len(self.roots) + len(slides)
         self.free = {link: first + 2 * k for k, link in enumerate(alone)}
         self.n = first + 2 * len(alone)
         self.centres: list[Sum] = [()] * len(mechanism.links)
         for step in steps:
-            self.centres[step.link] = self._centre(step, none)
-        self.closures = [(joint.name, self._gap(joint)) for joint in mechanism.joints if id(joint) not in taken]
+            self.centres[step.link] = self._centre(step, zero)
+        self.closures = [(joint.name, self._gap(joint)) for joint in mechanism.joints if id(joint) not in in_tree]
 
-    def _centre(self, step: "TreeStep", none: Any) -> Sum:
+    def _centre(self, step: "TreeStep", zero: Any) -> Sum:
         """Return the centre of mass of the link that a step of the tree reaches."""
         if step.joint is None:
             x = self.free[step.link]
-            return VectorTerm(none + 1, none, NONE, x), VectorTerm(none, none + 1, NONE, x + 1)
+            return VectorTerm(zero + 1, zero, NONE, x), VectorTerm(zero, zero + 1, NONE, x + 1)
         first, second = ends(step.joint)
-        near, far = (first, second) if second.link == step.link else (second, first)
         along = self.along(step.joint) if isinstance(step.joint, Prismatic) else ()
-        path, less = [*self.point(near)], [*self.turn_vector(far.local, far.link)]
-        (path if far is second else less).extend(along)
-        return merge(path, less)
+        if second.link == step.link:  # the joint leads from its first point to its second, or backwards
+            return merge([*self.point(first), *along], self.turn_vector(second.local, second.link))
+        return merge(self.point(second), [*self.turn_vector(first.local, first.link), *along])
 
     def _gap(self, joint: Joint) -> Sum:
         """Return the vector from the first point of a joint to its second, minus the displacement along a slide."""
