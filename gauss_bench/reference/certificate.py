@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,6 @@ from gauss_bench.untrusted import BadInput, harmless, read_bytes
 FORMAT = "gauss-bench certificate/1"
 MAX_BYTES = 1 << 28  # of a file: a thousand times the usual size
 CERTIFICATES = "certificates"  # name of the folder of certificates, beside a linkage file
-ARRAYS = ("t", "q", "v", "a", "multipliers", "error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a")
 
 
 class CertificateError(BadInput, ValueError):
@@ -73,9 +72,12 @@ class Certificate:
         return float(self.t[-1])
 
 
+ARRAYS = tuple(x.name for x in fields(Certificate) if x.type is Array)  # names in the archive; the other fields are in its header
+
+
 def write_certificate(certificate: Certificate, path: Path) -> None:
     """Write the file atomically; the same certificate gives the same bytes."""
-    header = {k: getattr(certificate, k) for k in ("name", "scenario", "digest", "digits", "duration", "stopped", "facts")}
+    header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
     text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")

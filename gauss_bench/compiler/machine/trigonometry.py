@@ -20,6 +20,9 @@ from fractions import Fraction
 from functools import cache
 from math import cos, factorial, pi
 
+import numpy as np
+from numpy.polynomial import polynomial as polynomials
+
 from gauss_bench.compiler.machine.graph import Graph, Pair
 
 LARGEST = 2.0**20  # [rad] of an angle: beyond, k P1 is not exact
@@ -118,13 +121,10 @@ def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[flo
 
 def _interpolate(nodes: list[Fraction], values: list[Fraction | int]) -> tuple[float, ...]:
     """Return the coefficients of the polynomial through the values, by Newton's divided differences in exact arithmetic."""
-    differences = [Fraction(v) for v in values]
+    x, differences = np.array(nodes, dtype=object), np.array(values, dtype=object)
     for order in range(1, len(nodes)):
-        for k in range(len(nodes) - 1, order - 1, -1):
-            differences[k] = (differences[k] - differences[k - 1]) / (nodes[k] - nodes[k - order])
-    coefficients: list[Fraction] = []
+        differences[order:] = (differences[order:] - differences[order - 1 : -1]) / (x[order:] - x[:-order])
+    coefficients = np.array([Fraction(0)])
     for node, difference in zip(reversed(nodes), reversed(differences), strict=True):
-        shifted = [Fraction(0), *coefficients]
-        coefficients = [a - node * b for a, b in zip(shifted, [*coefficients, Fraction(0)], strict=True)]
-        coefficients[0] += difference
-    return tuple(float(c) for c in coefficients)
+        coefficients = polynomials.polyadd(polynomials.polymul(coefficients, [-node, Fraction(1)]), [difference])
+    return tuple(float(c) for c in coefficients[: len(nodes)])  # none of no values

@@ -17,6 +17,7 @@ from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import newton_raphson
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.papers.forms.problems import worst
 from gauss_bench.reference.minimal import MinimalCoordinate
@@ -63,20 +64,13 @@ def turn_states() -> Array:
 @cache
 def shapers() -> tuple[Shaper, ...]:
     """Return the shaper at POSITIONS angles of a driven turn."""
-    m = load_shaper()
-    link = {x.name: i for i, x in enumerate(m.links)}
-    O1, O2 = (complex(*m.ground_points[name]) for name in ("O1", "O2"))
-    lever, rod = m.links[link["lever"]].points, m.links[link["rod"]].points
-    l_lever, l_rod = float(np.linalg.norm(lever["B"] - lever["O1"])), float(np.linalg.norm(rod["C"] - rod["B"]))
-
-    def point(q: Array, owner: str, name: str) -> complex:
-        i = link[owner]
-        return complex(q[3 * i], q[3 * i + 1]) + complex(*m.point(i, name).local) * complex(np.exp(1j * q[3 * i + 2]))
-
-    def at(q: Array) -> Shaper:
-        return Shaper(O1, O2, point(q, "block", "A"), point(q, "lever", "B"), point(q, "ram", "C"), l_lever, l_rod)
-
-    return tuple(at(q) for q in turn_states())
+    shaper, q = load_shaper(), turn_states()
+    O1, O2 = (complex(*shaper.ground_points[name]) for name in ("O1", "O2"))
+    points = {link.name: link.points for link in shaper.links}
+    lever = float(np.linalg.norm(points["lever"]["B"] - points["lever"]["O1"]))
+    rod = float(np.linalg.norm(points["rod"]["C"] - points["rod"]["B"]))
+    A, B, C = (position(q, shaper.named_point(name)) @ [1, 1j] for name in ("block.A", "lever.B", "ram.C"))  # (POSITIONS,) each
+    return tuple(Shaper(O1, O2, complex(a), complex(b), complex(c), lever, rod) for a, b, c in zip(A, B, C, strict=True))
 
 
 def cross(a: complex, b: complex) -> float:
