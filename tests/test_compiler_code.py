@@ -4,7 +4,6 @@ import gc
 import mmap
 import os
 import weakref
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 
 from gauss_bench.compiler import user_cache
-from gauss_bench.compiler.elimination import partition
 from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.compiler.elimination.rank import RankDecision
@@ -466,30 +464,6 @@ def test_steps_of_their_own_choice_take_redundant_rows_back_too() -> None:
     found = code.integrate(m.q0, m.v0, np.linspace(0.0, 20.0, 21), 1e-6, 1e-8)
     assert residuals(m, found.q, found.v)[0].max() < 5e-6
     assert found.steps < 900
-
-
-@pytest.fixture
-def by_pose(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Kernel]]:
-    """Kernels of the parallelogram that drop a row of the file, and another where the others are singular."""
-    monkeypatch.setattr(partition, "_mix", lambda *_: None)
-    monkeypatch.setattr(elimination, "ATTEMPTS", 1)
-    partition.study.cache_clear()
-    elimination.known_program.cache_clear()
-    yield lambda stabilization: compile_kernel(mechanism("parallelogram"), "gauss", stabilization, cache=False)
-    partition.study.cache_clear()
-    elimination.known_program.cache_clear()
-
-
-@pytest.mark.parametrize("stabilization", ["none", "projection"])
-def test_redundant_rows_are_dropped_by_pose(stabilization: str, by_pose: Callable[[str], Kernel]) -> None:
-    """Where no combination of rows serves everywhere, another row is dropped wherever the others are singular."""
-    m, code = mechanism("parallelogram"), by_pose(stabilization)
-    q, _ = code.rollout(m.q0, m.v0, H, 10_000, every=100)
-    assert code.switches > 2
-    assert code.fallbacks == code.lost == 0
-    cranks = q[:, [2, 5, 8]] - m.q0[[2, 5, 8]]
-    assert np.abs(cranks[-1]).max() > 2 * np.pi
-    assert np.ptp(cranks, axis=1).max() < 1e-8
 
 
 @pytest.mark.parametrize(("steps_a_second", "far"), [(160, False), (50, True)])
