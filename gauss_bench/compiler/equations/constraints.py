@@ -27,7 +27,7 @@ def rows_of(links: Links) -> list[Row]:
 
 
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
-    """Return the sum of some rows, each times a factor, under the name of the first; all have a position level."""
+    """Return the sum of rows, each times a factor, with the name of the first; all must have a position level."""
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:
         for c, e in row.entries.items():

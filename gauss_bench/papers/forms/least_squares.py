@@ -235,7 +235,7 @@ def sides_off(form: Callable[[Array, Array, Array], AB]) -> float:
 
 
 def minimum_missed(form: Inverse) -> float:
-    """Return the least-squares residual of (12) with a form of the inverse of A and a random w."""
+    """Return the least-squares residual |A^T (A h - b)| of (12), with a form of the inverse of A and a random w."""
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         A, b = matrix(p), vector(p)

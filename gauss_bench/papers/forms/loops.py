@@ -215,7 +215,10 @@ def loop_count_off(form: list[int]) -> float:
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Return the share of wrong entries in an incidence matrix without signs: of link i with joint j, or with joint i alone."""
+    """Return the share of wrong entries in an incidence matrix without signs.
+
+    Its entries that are not zero belong to link i and joint j or, if they are to be on the diagonal, to link i and joint i.
+    """
     wrong = entries = 0
     for _, graph in graphs():
         links = [*range(graph.links), GROUND]

@@ -72,7 +72,8 @@ class March:
         Raises:
             Unsolved: a position does not close where the chart changes.
         """
-        t, state, trust = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]]), WORN
+        t, state = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]])
+        trust = WORN  # size of a pivot below which the chart is changed
         parts = [self._states(chart, [(t, state)])]
         for k, piece in enumerate(self.pieces):
             end = self.times[-1] if piece.end is None else min(piece.end, self.times[-1])
