@@ -31,7 +31,8 @@ def dop853(
     """
     from scipy.integrate import DOP853  # its import takes longer than most runs
 
-    n, done, steps, evaluations = q.shape[1], 1, 0, 0
+    n, steps, evaluations = q.shape[1], 0, 0
+    done = 1  # rows that are filled
     begin, finish, y = float(times[0]), float(times[-1]), np.concatenate([q[0], v[0]])
     for end in (*(t for t in kinks if begin < t < finish), finish):
         last = np.inf if end == finish else np.nextafter(end, begin)  # before the kink a force that jumps has its old value

@@ -82,7 +82,7 @@ class CrankMotion:
     def acceleration(self, theta: Any, w: Any) -> Any:
         """Return the crank's acceleration [rad/s^2] by `formula`, of the shape of theta and w."""
         q, d, e = self.positions(theta)
-        force = inertia = 0.0
+        force = inertia = 0.0  # d . (R - W e w^2) and d . W d
         for m, Q, di, ei in zip(self.mass, self.forces(q[6], d[6] * w), d, e, strict=True):
             R = Q if self.formula == TRUE else Q / m
             W = m if self.formula == TRUE else 1 / m if self.formula == EQS_10_11 else 1.0

@@ -149,7 +149,7 @@ class ExpressionGraph:
         return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
-        """Return an input with its values at the samples; the random points lie near some of these, off by a part of `size`."""
+        """Return an input with its values at the samples; each random point is that of a sample plus a random part of `size`."""
         known = self.known.get(("INPUT", name, index))
         if known is None:
             near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
@@ -171,6 +171,7 @@ class ExpressionGraph:
         return known
 
     def neg(self, a: Node) -> Node:
+        """Return -a; no node is negated twice."""
         if a.number is not None:
             return self.constant(-a.number)
         if a.op == "NEG":
@@ -183,6 +184,7 @@ class ExpressionGraph:
         return known
 
     def add(self, a: Node, b: Node) -> Node:
+        """Return a + b; the operands of commutative operations are put in order, so that a + b and b + a are one node."""
         if a.zero or b.zero:
             return b if a.zero else a
         if a.number is not None and b.number is not None:
@@ -196,6 +198,7 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
+        """Return a b, its sign and constant factors outside."""
         if a.number is not None or b.number is not None:
             return self.scaled(a.number, b) if a.number is not None else self.scaled(b.number or 0.0, a)
         if a.op == "NEG" or b.op == "NEG":
@@ -222,6 +225,7 @@ class ExpressionGraph:
         return product if factor > 0 else self.neg(product)
 
     def inverse(self, a: Node) -> Node:
+        """Return 1 / a, its sign and constant factor outside."""
         if a.number is not None:
             return self.constant(1.0 / a.number)
         own, base = factor_out(a)

@@ -1,4 +1,4 @@
-"""The functions of a program that steps under one stabilisation need, independent of the machine."""
+"""The functions of a program that are needed to step under one stabilisation, independent of the machine."""
 
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ class Code:
 
 
 def read_code(program: Program, stabilization: str) -> Code:
-    """Select the functions of a program that steps under a stabilisation need.
+    """Select the functions of a program that are needed to step under a stabilisation.
 
     Raises:
         ValueError: Baumgarte's terms are needed, and the program was generated without them.
@@ -44,7 +44,7 @@ def read_code(program: Program, stabilization: str) -> Code:
     if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
     position, velocity = program.position_correction, program.nearest_velocity
-    angles = acceleration.angles(1)
+    angles = acceleration.angles(1)  # of input 1, the positions; input 3 has corrected positions
     if stabilization == "projection" or program.dropped:
         angles |= position.angles(1) | position.angles(3) | velocity.angles(1)
     return Code(program, stabilization, acceleration, position, velocity, tuple(sorted(angles)))

@@ -61,6 +61,7 @@ def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
 
 def sincos(g: Graph, x: int) -> Pair:
     """Return sine and cosine of a value, valid for |x| <= LARGEST."""
+    # k in the low bits of x times 2 / pi + 1.5 * 2^52, and then the rest r
     shifted = g.fma(x, g.const(TWO_OVER_PI), g.const(MAGIC))
     k = g.make("bits", shifted)
     minus = g.neg(g.make("sub", shifted, g.const(MAGIC)))
@@ -70,6 +71,7 @@ def sincos(g: Graph, x: int) -> Pair:
     z = g.mul(r, r)
     s = g.fma(g.mul(r, z), polynomial(g, SINE, z), r)
     c = g.fma(g.mul(z, z), polynomial(g, COSINE, z), g.fma(z, g.const(-0.5), g.const(1.0)))
+    # each quarter turn exchanges sine and cosine; two of them change both signs
     odd = g.make("nonzero", g.make("and", k, payload=1))
     return _sign(g, odd, c, s, k), _sign(g, odd, s, c, g.make("plus", k, payload=1))
 
@@ -112,6 +114,7 @@ def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[flo
     """Interpolate a series in z at Chebyshev nodes of [0, reach^2], as many as keep its error times `factor` below TOLERANCE."""
     width = reach * reach
     for terms in range(SERIES_TERMS):
+        # that of the next term, whose power of z the interpolation reduces to a Chebyshev polynomial
         error = abs(float(series[terms])) * width**terms / (2.0 ** (2 * terms - 1) if terms else 1.0)
         if error * factor <= TOLERANCE:
             nodes = [Fraction(width * (1 + cos(pi * (k + 0.5) / terms)) / 2) for k in range(terms)]

@@ -101,10 +101,11 @@ def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
     for i, k, factor in factors.steps:
         y[i] = y[i] - factor * y[k]
     x: dict[int, Value] = {}
-    for (_, c), row, pivot, value in reversed(list(zip(factors.order, factors.rows, factors.pivots, y, strict=True))):
-        for j, a in row.items():
+    for k in reversed(range(len(y))):
+        value = y[k]
+        for j, a in factors.rows[k].items():
             value = value - a * x.get(j, 0)
-        x[c] = value / pivot
+        x[factors.order[k][1]] = value / factors.pivots[k]
     return x
 
 
@@ -112,11 +113,11 @@ def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
     """Return free unknown -> its column of N, as entries by unknown; n is the number of unknowns."""
     bound = {c for _, c in factors.order}
     N: dict[int, dict[int, Value]] = {j: {j: 1} for j in range(n) if j not in bound}
-    for (_, c), row, pivot in reversed(list(zip(factors.order, factors.rows, factors.pivots, strict=True))):
+    for k in reversed(range(len(factors.order))):
         for column in N.values():
             value: Value = 0
-            for j, a in row.items():
+            for j, a in factors.rows[k].items():
                 value = value + a * column.get(j, 0)
             if not vanishes(value):
-                column[c] = -(value / pivot)
+                column[factors.order[k][1]] = -(value / factors.pivots[k])
     return N

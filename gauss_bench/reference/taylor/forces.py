@@ -108,6 +108,11 @@ class Loads(Wrench):
         return turn if index == NONE else self.at.x[index] + turn
 
     def _apply(self, f: Force) -> None:
+        """Add a force to the wrenches of the links on which it acts.
+
+        Raises:
+            TypeError: the kind of force has no derivation here.
+        """
         match f:
             case Torque():
                 self.twist(f.link, f.reaction, self.of(f.value))

@@ -110,12 +110,13 @@ class LoopRows:
         biases = [-x for closure in self.closures for x in at.combine(closure, bias)]
         for given, (value, first, second) in zip(self.prescribed, laws, strict=True):
             if given.gap:
+                # the second derivative of (d . d - L^2) / 2 without its part that is linear in x''
                 d, u, b = (at.combine(given.gap, of) for of in (at, rate, bias))
                 biases.append(first * first + value * second - (dot(u, u) + dot(d, b)))
             else:
                 biases.append(second)
         for angle, point, normal in self.edges:
-            n = at.combine(normal, at)
+            n = at.combine(normal, at)  # turns with the link, so that n' . P' = theta' n x P'
             u, b = (at.combine(point, of) for of in (rate, bias))
             biases.append(-(dot(n, b) + v.get(angle, 0) * cross(n, u)))
         return biases
