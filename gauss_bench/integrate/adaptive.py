@@ -15,7 +15,7 @@ from gauss_bench.terms import Array
 if TYPE_CHECKING:
     from scipy.integrate import DOP853
 
-MOST = 100_000  # steps: a linkage needs some hundred per second, but near a position that locks steps shrink without end
+MOST = 100_000  # steps: a linkage needs some hundred per second, but where it locks they become ever shorter
 
 
 def dop853(

@@ -56,7 +56,7 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
-    start = crank.free(mechanism.q0[[crank.crank]], mechanism.v0[[crank.crank]])
+    start = crank.free_state(mechanism.q0[[crank.crank]], mechanism.v0[[crank.crank]])
     rows = [*zip(*start, strict=True), *zip(random.q, random.v, random.a, strict=True)]
     return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 

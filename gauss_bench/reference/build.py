@@ -129,7 +129,7 @@ def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _
         return integrated.acceleration(q[:, 0], v[:, 0])[:, None]
 
     theta, w = integrate(rate, times, mechanism.q0[k : k + 1], mechanism.v0[k : k + 1])
-    return _join(sampled.free(x, u) for x, u in zip(theta, w, strict=True))
+    return _join(sampled.free_state(x, u) for x, u in zip(theta, w, strict=True))
 
 
 def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
@@ -169,7 +169,7 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))
         w = rng.uniform(-speed, speed, count)
-        return TrueStates(np.zeros(count), *_join(motion.free(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)))
+        return TrueStates(np.zeros(count), *_join(motion.free_state(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)))
     coordinates = AbsoluteCoordinates(mechanism)
     times = random_times() if mechanism.drivers else np.zeros(count)
     q, states = mechanism.q0, []

@@ -156,7 +156,7 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
         q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]
         if solved is None or size > MOVED:
             solved = linkage.inverse(times, linkage.rows(times, q, v).J)
-        step = correct(solved.inverse, linkage.imbalance(times, q, v, x))
+        step = correct(solved.inverse, linkage.residual(times, q, v, x))
         x, before = x + step, size
         size = float(np.abs(step[:, :n]).max() / (1.0 + np.abs(x[:, :n]).max()))
         ratio = size / before if k else 1.0

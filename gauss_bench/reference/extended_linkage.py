@@ -14,7 +14,7 @@ from gauss_bench.linkage.closure import joint_residual, list_held
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.motion import assemble_doubles
-from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance, pseudo_inverse, saddle
+from gauss_bench.reference.refinement import SaddleInverse, Unsolved, invert_saddle, pseudo_inverse, saddle_residual, solve_by_chord
 from gauss_bench.terms import Array
 
 MANTISSA = 60  # bits; long double is no longer than double on some platforms
@@ -50,22 +50,22 @@ class Linkage:
     def rows(self, t: Any, q: Array, v: Array) -> Rows:
         return self.evaluator.constraints(t, q, v)
 
-    def inverse(self, t: Any, J: Array) -> Saddle:
+    def inverse(self, t: Any, J: Array) -> SaddleInverse:
         """Return the inverse of the equations of motion in double precision, for rows J (..., m, n).
 
         Raises:
             Unsolved: the position is singular.
         """
-        solved, when = saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
+        solved, when = invert_saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
         if not solved.smallest > SINGULAR:
             raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {solved.smallest:.1e})")
         self.nearest = min(self.nearest, (solved.smallest, when))
         return solved
 
-    def imbalance(self, t: Any, q: Array, v: Array, x: Array) -> Array:
+    def residual(self, t: Any, q: Array, v: Array, x: Array) -> Array:
         """Return the residual (..., n + m) of the equations of motion for x = [a, lambda] at one state or several."""
         rows = self.rows(t, q, v)
-        return imbalance(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
+        return saddle_residual(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
 
     def loads(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
         """Return accelerations (n,) and multipliers (m,) at one state.
@@ -76,7 +76,7 @@ class Linkage:
         rows = self.rows(t, q, v)
         mass, Q = self.evaluator.mass, self.evaluator.applied.generalised(q, v)
         x = np.zeros(len(q) + len(rows.phi), dtype=LONG)
-        x = chord(lambda x: -imbalance(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
+        x = solve_by_chord(lambda x: -saddle_residual(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
@@ -89,11 +89,11 @@ class Linkage:
         rows = self.rows(t, q, v)
         lift = hold = self.inverse(t, rows.J).lift
         if edges := len(self.mechanism.knife_edges):
-            hold = saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
+            hold = invert_saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
         try:
-            q = chord(lambda x: self.rows(t, x, v).phi[:h], hold, q)
+            q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:h], hold, q)
             rows = self.rows(t, q, v)
-            return q, chord(lambda x: rows.J @ x + rows.phi_t, lift, v)
+            return q, solve_by_chord(lambda x: rows.J @ x + rows.phi_t, lift, v)
         except Unsolved as error:
             raise Unsolved(f"t = {float(t):.6g} s: the constraints cannot be met ({error})") from error
 
@@ -116,9 +116,9 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
         return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
 
     q = guess.q0.astype(LONG)
-    q = chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+    q = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
     A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
-    v = chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
+    v = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
     rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
     return Linkage(mechanism, Evaluator(mechanism), rank), q, v

@@ -64,9 +64,9 @@ class MinimalCoordinate:
         self.friction = JointFriction(mechanism)
         self.mass = mechanism.mass
         self.redundant = mechanism.redundant > 0
-        self.rest()
+        self.reset()
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Forget the last closed position: the next closure starts from the assembled one."""
         still = np.zeros(self.mechanism.n)
         self.last = (self.mechanism.q0, still, still)
@@ -121,7 +121,7 @@ class MinimalCoordinate:
         assert self.mechanism.driver is not None
         return self.state(*(np.atleast_1d(x).astype(float) for x in self.mechanism.driver.law(t)))
 
-    def free(self, theta: Array, w: Array) -> Levels:
+    def free_state(self, theta: Array, w: Array) -> Levels:
         """Return q, v, a (k, n) for crank angles and speeds (k,), with a from the forces."""
         closed = self.geometry(theta)
         return _state(closed, w, self._acceleration(closed, w))
@@ -154,7 +154,7 @@ class MinimalCoordinate:
         start = float(self.mechanism.q0[self.crank])
         ends = []
         for sign in (-1.0, 1.0):
-            self.rest()
+            self.reset()
             end = 0
             for stride in (8, 1):  # degrees: far until it fails, then a degree at a time from the last that was closed
                 with suppress(LostClosure):
@@ -162,5 +162,5 @@ class MinimalCoordinate:
                         self.geometry(np.array([start + sign * np.radians(degree)]))
                         end = degree
             ends.append(start + sign * np.radians(end))
-        self.rest()
+        self.reset()
         return ends[0], ends[1]

@@ -28,7 +28,7 @@ class Unsolved(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class Saddle:
+class SaddleInverse:
     """A double-precision inverse of the equations of motion at one state or a batch.
 
     Attributes:
@@ -42,7 +42,7 @@ class Saddle:
     smallest: float
 
 
-def saddle(mass: Array, J: Array, rank: int) -> Saddle:
+def invert_saddle(mass: Array, J: Array, rank: int) -> SaddleInverse:
     """Return the inverse for masses (n,) and rows J (..., m, n) of the given rank."""
     n, m = J.shape[-1], J.shape[-2]
     root = np.sqrt(mass.astype(float))
@@ -54,10 +54,10 @@ def saddle(mass: Array, J: Array, rank: int) -> Saddle:
     P[..., :n, :n] = np.diag(1.0 / root**2) - np.swapaxes(Vt, -1, -2) @ Vt
     P[..., :n, n:], P[..., n:, :n] = lift, np.swapaxes(lift, -1, -2)
     P[..., n:, n:] = -scaled @ np.swapaxes(scaled, -1, -2)
-    return Saddle(P, lift, float((s[..., -1] / s[..., 0]).min()) if rank else 1.0)
+    return SaddleInverse(P, lift, float((s[..., -1] / s[..., 0]).min()) if rank else 1.0)
 
 
-def imbalance(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
+def saddle_residual(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
     """Return the residual [Q - M a - J^T lambda, gamma - J a] (..., n + m) of x = [a, lambda], in the type of its arguments."""
     n = len(mass)
     a, multipliers = x[..., :n], x[..., n:]
@@ -70,7 +70,7 @@ def correct(inverse: Array, residual: Array) -> Array:
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 
-def chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
+def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
     """Solve residual(x) = 0 near x by chord iteration with one inverse; `eps` is the precision of the type of x.
 
     Raises:

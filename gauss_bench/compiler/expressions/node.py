@@ -24,7 +24,7 @@ GENERIC = 3  # random points: an accidental agreement in one ratio has a chance 
 VANISHES = 1e-13  # of the larger summand: a few hundred rounding units
 SAME = 1e-12  # relative: values of equal expressions differ by rounding alone
 
-# Cycles until a result can be used, on Zen 4/5 and about the same on other processors; most sines are rotated ones.
+# Cycles until a result can be used, on Zen 4/5 and about the same on others; SIN and COS are mostly computed by a rotation.
 LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 25.0, "COS": 25.0, "NEG": 0.0, "INPUT": 0.0, "CONST": 0.0}
 STEP = 4.0  # [cycles] of every other operation
 

@@ -114,7 +114,7 @@ def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[flo
     """Interpolate a series in z at Chebyshev nodes of [0, reach^2], as many as keep its error times `factor` below TOLERANCE."""
     width = reach * reach
     for terms in range(SERIES_TERMS):
-        # that of the next term, whose power of z the interpolation reduces to a Chebyshev polynomial
+        # the next term, with the Chebyshev polynomial of size width^terms / 2^(2 terms - 1) in place of z^terms
         error = abs(float(series[terms])) * width**terms / (2.0 ** (2 * terms - 1) if terms else 1.0)
         if error * factor <= TOLERANCE:
             nodes = [Fraction(width * (1 + cos(pi * (k + 0.5) / terms)) / 2) for k in range(terms)]
@@ -130,4 +130,4 @@ def _interpolate(nodes: list[Fraction], values: list[Fraction | int]) -> tuple[f
     coefficients = np.array([Fraction(0)])
     for node, difference in zip(reversed(nodes), reversed(differences), strict=True):
         coefficients = polynomials.polyadd(polynomials.polymul(coefficients, [-node, Fraction(1)]), [difference])
-    return tuple(float(c) for c in coefficients[: len(nodes)])  # none of no values
+    return tuple(float(c) for c in coefficients[: len(nodes)])  # without values there is no coefficient

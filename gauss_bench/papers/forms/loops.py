@@ -29,7 +29,7 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
 DRIVEN = ("four_bar", "six_bar", "shaper", "eight_bar")
-TIMES = (0.2, 0.37, 0.8)  # of a cycloidal turn of 1 s: speeds and accelerations of the crank of either sign
+TIMES = (0.2, 0.37, 0.8)  # [s] in a cycloidal turn of 1 s; the acceleration of the crank has either sign
 ALPHA = np.radians(50.0)  # between d-e and d-c of the six-bar's ternary link
 LENGTHS = (0.10, 0.30, 0.28, 0.24, 0.36)  # l1, l2, l3, l3', l5 of the six-bar [m], which are the linkage file's
 RAIL = np.radians(-45.0)

@@ -53,7 +53,7 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
         usable = (part >= SMALL * largest[:, None]) & (part >= TINY * largest.max()) & (part > floor)
         if not usable.any():
             return Pivots(tuple(order), float(smallest), weakest, float(largest.max()))
-        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of equal ones the larger
+        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of pivots with equal fill-in the largest
         i, j = np.unravel_index(int(cost.argmin()), cost.shape)
         r, c = rows.pop(int(i)), columns.pop(int(j))
         order.append((r, c))

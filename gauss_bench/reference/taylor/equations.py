@@ -25,7 +25,7 @@ from gauss_bench.reference.taylor.elimination import Order, Pivots, choose_pivot
 from gauss_bench.reference.taylor.forces import Loads
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import Law, LoopRows
-from gauss_bench.reference.taylor.solve import dense
+from gauss_bench.reference.taylor.solve import to_dense
 from gauss_bench.reference.taylor.vector_sums import NONE
 from gauss_bench.terms import Array
 
@@ -57,7 +57,7 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
     """Choose the chart for one state, given by arrays (1,), and return its pivots too; without a scale, use that of the state."""
     n = rows.coordinates.n
     entries = rows.entries(at)
-    A = dense(entries, 1, n)[0]
+    A = to_dense(entries, 1, n)[0]
     pattern = np.zeros(A.shape, dtype=bool)
     for r, row in enumerate(entries):
         pattern[r, list(row)] = True

@@ -17,11 +17,11 @@ import numpy as np
 
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Prismatic, SlideDriver
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.refinement import chord, pseudo_inverse
+from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Value, dot, vanishes
 from gauss_bench.reference.taylor.forces import Wrench
 from gauss_bench.reference.taylor.moving_vectors import Instant
-from gauss_bench.reference.taylor.solve import Long, dense
+from gauss_bench.reference.taylor.solve import Long, to_dense
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from gauss_bench.terms import Array
 
@@ -74,7 +74,7 @@ def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps:
     """
     k, n = force.shape
     multipliers = np.zeros((k, len(rows)), dtype=force.dtype)
-    J = dense(rows, k, n)
+    J = to_dense(rows, k, n)
     kept = choose_independent(J[0], len(rows) - redundant)
 
     def residual(x: Long) -> Long:
@@ -84,7 +84,7 @@ def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps:
                 parts[:, j] = parts[:, j] + value * x[:, i]
         return parts
 
-    multipliers[:, kept] = chord(residual, pseudo_inverse(np.swapaxes(J[:, kept], 1, 2)), multipliers[:, kept], eps)
+    multipliers[:, kept] = solve_by_chord(residual, pseudo_inverse(np.swapaxes(J[:, kept], 1, 2)), multipliers[:, kept], eps)
     off, scale = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (residual(multipliers[:, kept]), force))
     return multipliers, off / max(scale, 1e-300)
 

@@ -21,7 +21,7 @@ from gauss_bench.reference.taylor.law_pieces import Piece
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.samples import LoopStates, join
-from gauss_bench.reference.taylor.solve import Long, columns, epsilon, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, epsilon, split_columns, stack_arrays
 
 WORN = 0.1  # size of a pivot, in units of its coordinate, below which another order is chosen
 WEAKER = 0.5  # if the best order is no better, another is chosen when its smallest pivot has halved
@@ -152,7 +152,7 @@ class March:
         """Return coordinates and rates of samples (time, state) within one chart; at its breaks a law itself chooses the side."""
         n = self.rows.coordinates.n
         t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
-        motion = rates(self.rows, chart, at_states(y[:, :n]), columns(y[:, n:]), self.rows.laws(t))
+        motion = rates(self.rows, chart, at_states(y[:, :n]), split_columns(y[:, n:]), self.rows.laws(t))
         v, a = (stack_arrays([x.get(j, 0) for j in range(n)], t - t) for x in (motion.velocity, motion.acceleration))
         return LoopStates(t, y[:, :n], v, a)
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, Arithmetic, Value, Vector, plus, product, quarter, scale_by, total
-from gauss_bench.reference.taylor.solve import Long, columns
+from gauss_bench.reference.taylor.solve import Long, split_columns
 from gauss_bench.reference.taylor.vector_sums import NONE, Key, Sum
 
 Vectors = Callable[[Key], Vector]
@@ -72,4 +72,4 @@ class Instant:
 
 def at_states(x: Long) -> Instant:
     """Return the instant of states (k, n) in numbers."""
-    return Instant(columns(x), NUMBERS)
+    return Instant(split_columns(x), NUMBERS)

@@ -17,10 +17,10 @@ import numpy as np
 
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.refinement import chord, pseudo_inverse
+from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Value, cross, dot, vanishes
 from gauss_bench.reference.taylor.moving_vectors import Instant, at_states
-from gauss_bench.reference.taylor.solve import Long, dense, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, stack_arrays, to_dense
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
 
 Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
@@ -69,7 +69,7 @@ class LoopRows:
         def residual(x: Long) -> Long:
             return stack_arrays([*self.residuals(at_states(x), laws), *(0 for _ in self.edges)], none)
 
-        return chord(residual, pseudo_inverse(dense(self.entries(at_states(x)), *x.shape)), x, eps)
+        return solve_by_chord(residual, pseudo_inverse(to_dense(self.entries(at_states(x)), *x.shape)), x, eps)
 
     def entries(self, at: Instant) -> list[dict[int, Value]]:
         """Return the rows of A, coordinate -> derivative, without entries that always vanish."""

@@ -12,7 +12,7 @@ from gauss_bench.reference.taylor.forces import Loads
 from gauss_bench.reference.taylor.joint_forces import joint_forces, reactions
 from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors, at_states
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.solve import Long, apply, columns, epsilon, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, epsilon, multiply, split_columns, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates
 
 BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; shorter numbers have it in proportion
@@ -56,7 +56,7 @@ def sample(
     coordinates, eps = rows.coordinates, epsilon(number)
     mechanism = coordinates.mechanism
     at = at_states(states.x)
-    v, a = (dict(enumerate(columns(x))) for x in (states.v, states.a))
+    v, a = (dict(enumerate(split_columns(x))) for x in (states.v, states.a))
     like = states.t - states.t
     q = _absolute(coordinates, at, at, dict(enumerate(at.x)), like)
     for i, turn in enumerate(coordinates.turn):
@@ -81,6 +81,6 @@ def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, f
     laws = rows.laws(states.t)
     like = states.t - states.t
     position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], like)
-    rate = apply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)
+    rate = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)
     off, rate_off = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))
     return off, rate_off

@@ -30,12 +30,12 @@ def stack_arrays(values: Sequence[Value], like: Long) -> Long:
     return np.stack([none + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
 
 
-def columns(x: Long) -> list[Long]:
+def split_columns(x: Long) -> list[Long]:
     """Return the n coordinates (k,) of states (k, n)."""
     return [x[:, j] for j in range(x.shape[1])]
 
 
-def dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
+def to_dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
     """Return sparse rows as matrices (k, m, n) in double precision."""
     A = np.zeros((k, len(entries), n))
     for r, row in enumerate(entries):
@@ -44,7 +44,7 @@ def dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
     return A
 
 
-def apply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
+def multiply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
     """Return A x (k, m) in the type of x (k, n), for the sparse rows of A."""
     none = x[:, 0] - x[:, 0]
     return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)

@@ -11,10 +11,10 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
-from gauss_bench.reference.refinement import chord, pseudo_inverse
+from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import Law, LoopRows, Prescribed
-from gauss_bench.reference.taylor.solve import Long, apply, dense, epsilon, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, epsilon, multiply, stack_arrays, to_dense
 from gauss_bench.reference.taylor.vector_sums import NONE, VectorTerm, merge
 from gauss_bench.terms import Array
 
@@ -73,4 +73,8 @@ def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: 
     for group in (held, rows):
         x = group.close(x, laws[: len(group.prescribed)], eps)
     A = held.entries(at_states(x))
-    return x, chord(lambda v: apply(A, v) - stack_arrays(rates, x[:, 0]), pseudo_inverse(dense(A, 1, n)), np.zeros_like(x), eps)
+
+    def residual(v: Long) -> Long:
+        return multiply(A, v) - stack_arrays(rates, x[:, 0])
+
+    return x, solve_by_chord(residual, pseudo_inverse(to_dense(A, 1, n)), np.zeros_like(x), eps)
