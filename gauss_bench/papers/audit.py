@@ -86,7 +86,7 @@ def lines_of(paper: Table) -> Iterator[Line]:
     """Yield the lines of a paper's data file, with their forms and measures resolved to functions."""
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
-        room = f"forms.{chapter['forms']}"
+        module = f"forms.{chapter['forms']}"
         for entry in chapter["line"]:
             cause = paper["cause"][entry["cause"]] if "cause" in entry else {"kind": Verdict.OK}
             tolerance, example = paper["tolerance"][entry["tolerance"]], entry.get("example")
@@ -104,26 +104,26 @@ def lines_of(paper: Table) -> Iterator[Line]:
             yield Line(
                 texts=texts,
                 verdict=Verdict(cause["kind"]),
-                printed=form_of(room, entry.get("printed_form", entry.get("form"))),
-                intended=form_of(room, entry.get("intended_form", entry.get("form"))),
-                measure=measure_of(room, entry),
+                printed=form_of(module, entry.get("printed_form", entry.get("form"))),
+                intended=form_of(module, entry.get("intended_form", entry.get("form"))),
+                measure=measure_of(module, entry),
                 tolerance=tolerance["value"],
-                example=form_of(room, example["of"]) if example else None,
-                truth=form_of(room, number["truth"]) if example else None,
+                example=form_of(module, example["of"]) if example else None,
+                truth=form_of(module, number["truth"]) if example else None,
             )
 
 
-def form_of(room: str, form: Any) -> Any:
+def form_of(module: str, form: Any) -> Any:
     """Return a form: data unchanged, or the function that a name denotes, in the chapter's module or at a path in `papers`."""
     if not isinstance(form, str):
         return form
     path, _, name = form.rpartition(".")
-    return getattr(import_module(f"gauss_bench.papers.{path or room}"), name)
+    return getattr(import_module(f"gauss_bench.papers.{path or module}"), name)
 
 
-def measure_of(room: str, entry: Table) -> Callable[[Any], float]:
+def measure_of(module: str, entry: Table) -> Callable[[Any], float]:
     """Return the measure of a line; a line's `on` restricts it to a part of a form or to some of the problems."""
-    measure = form_of(room, entry["measure"])
+    measure = form_of(module, entry["measure"])
     return (lambda form: measure(form, entry["on"])) if "on" in entry else measure
 
 

@@ -130,8 +130,13 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
     Certificates of generated linkages are in the suite's own folder; a linkage without a folder has none.
     """
     source = Path(mechanism.source)
-    folder = source.parent if source.is_file() else built_in_folder() if generated(mechanism.source) else None
-    return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
+    if source.is_file():
+        folder = source.parent
+    elif generated(mechanism.source):
+        folder = built_in_folder()
+    else:
+        return None
+    return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz"
 
 
 def as_reference(certificate: Certificate, t_end: float) -> Reference:

@@ -131,6 +131,7 @@ class MinimalCoordinate:
         return self._acceleration(self.geometry(theta), w)
 
     def _acceleration(self, closed: Closed, w: Array) -> Array:
+        """Return the crank acceleration (k,) at closed positions and crank speeds, by the equation above."""
         q, d, e = closed
         Q = self.applied.generalised(q, d * w[:, None])
         force = Q - self.mass * e * w[:, None] ** 2

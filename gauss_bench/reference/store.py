@@ -59,6 +59,7 @@ def read_reference(path: Path) -> Reference | None:
 
 
 def _digest(reference: Reference) -> str:
+    """Return a hash of the method and of all arrays."""
     hashed = hashlib.sha256(reference.method.encode())
     for name in FIELDS:
         x = np.ascontiguousarray(getattr(reference, name))

@@ -40,6 +40,7 @@ def generalised_force(links: Links) -> dict[int, Node]:
 
 
 def _weights(links: Links) -> Iterable[dict[int, Node]]:
+    """Yield the generalised weight of every link."""
     for i, link in enumerate(links.mechanism.links):
         mass = links.number(f"links.{link.name}.mass")
         yield {k: mass * links.number(f"gravity.{axis}") for k, axis in enumerate("xy", slots(i).start)}

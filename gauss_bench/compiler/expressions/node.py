@@ -142,6 +142,7 @@ class ExpressionGraph:
         return x if isinstance(x, Node) else self.constant(float(x))
 
     def constant(self, number: float) -> Node:
+        """Return the node of a number."""
         number += 0.0  # no negative zero
         known = self.known.get(("CONST", number))
         if known is None:
@@ -297,6 +298,7 @@ class ExpressionGraph:
         return self._keep(made, key)
 
     def _keep(self, node: Node, key: tuple[Any, ...]) -> Node:
+        """Enter a node under a form (operation and operands)."""
         self.known[key] = node
         self.trail.append((self.known, key))
         return node

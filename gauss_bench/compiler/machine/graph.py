@@ -100,12 +100,14 @@ class Graph:
         return (self.const(-x), True) if x is not None and x < 0 else (a, False)
 
     def neg(self, a: int) -> int:
+        """Return -a; no value is negated twice."""
         x = self.number(a)
         if x is not None:
             return self.const(-x)
         return self.operands[a][0] if self.operation[a] == "neg" else self.make("neg", a)
 
     def add(self, a: int, b: int) -> int:
+        """Return a + b, with signs moved outwards and constants added."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x + y)
@@ -126,6 +128,7 @@ class Graph:
         return self.add(a, self.neg(b))
 
     def mul(self, a: int, b: int) -> int:
+        """Return a b, with signs moved outwards and constants multiplied."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x * y)
@@ -139,6 +142,7 @@ class Graph:
         return self.neg(product) if minus_a != minus_b else product
 
     def div(self, a: int, b: int) -> int:
+        """Return a / b; a constant divisor becomes a factor."""
         y = self.number(b)
         if y is not None:
             return self.mul(a, self.const(1 / y))
@@ -177,6 +181,7 @@ class Graph:
         return self.make("whole", payload=number)
 
     def total(self, values: Sequence[int]) -> int:
+        """Return the sum of values, in their order."""
         sum_ = self.const(0.0)
         for x in values:
             sum_ = self.add(sum_, x)
@@ -362,6 +367,7 @@ class _Rewriter:
         return self.new.neg(self.known[base]) if negative else self.known[base]
 
     def _write(self, x: int) -> int:
+        """Write an old value without its sign into the new graph."""
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
             return self._sum(self._terms(x))
@@ -606,6 +612,7 @@ class Emitter:
         raise NotImplementedError
 
     def statements(self, body: Sequence[Statement]) -> None:
+        """Write statements in their order."""
         for s in body:
             if isinstance(s, Compute):
                 self.compute(s.values)

@@ -245,6 +245,7 @@ class Writer(Emitter):
         return {"leaf": self.real, "mask": self.mask, "count": "i64"}[self.graph.operation[leaf]]
 
     def _loop(self, s: Loop) -> None:
+        """Write a loop; phi instructions at its head give the carried leaves their first or next values."""
         carried, label, first, above = self.select_carried(s), self._new_label("loop"), self.first, self.block
         self._go_to(label)
         header, inside = self._reserve_line(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
@@ -269,6 +270,7 @@ class Writer(Emitter):
         )
 
     def _if(self, s: If) -> None:
+        """Write a branch; phi instructions behind it give the merged leaves their values."""
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
         self.line(f"  br i1 {condition}, label %{then}, label %{join}")

@@ -66,6 +66,7 @@ class NativeCode:
 
 @cache
 def _binding() -> Any:
+    """Import llvmlite and prepare it for this host."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()

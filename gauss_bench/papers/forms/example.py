@@ -133,6 +133,7 @@ def with_inertias(p: Problem, bars: Sequence[float]) -> float:
 
 
 def with_gravity(p: Problem, gravity: float) -> float:
+    """Return the crank's acceleration under another gravity [m/s^2]."""
     Q = p.Q.copy()
     Q[1], Q[4] = -M1 * gravity, -M2 * gravity
     return crank_of(replace(p, Q=Q))

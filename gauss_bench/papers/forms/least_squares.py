@@ -107,7 +107,7 @@ def differentiate(rate: Rate, q: Array, v: Array) -> Array:
 
 
 def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return constraint rates with reference q, v, a: the crank-slider, and a knife edge that is led around a circle."""
+    """Return constraint rates with reference q, v, a: the crank-slider, and a knife edge that moves on a circle."""
 
     def slider(q: Number, v: Number) -> Number:
         return np.asarray(crank_slider.jacobian(q) @ v)

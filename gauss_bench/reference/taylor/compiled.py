@@ -32,6 +32,7 @@ class Constants:
 
 
 def symbols(constants: Constants) -> Arithmetic:
+    """Return the arithmetic of heyoka's symbols; constants become parameters."""
     import heyoka
 
     return Arithmetic(heyoka.cos, heyoka.sin, heyoka.sqrt, constants)

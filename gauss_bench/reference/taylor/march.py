@@ -143,6 +143,7 @@ class March:
                 return Leg(now, state, samples, False, text)
 
     def _series(self, chart: Chart, k: int) -> CompiledSeries:
+        """Return the compiled series of a chart within piece k."""
         key = (chart.order, k)
         if key not in self.compiled:
             self.compiled[key] = compile_series(self.rows, chart, self.pieces[k], self.number)

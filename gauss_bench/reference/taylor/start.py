@@ -37,7 +37,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
     held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *given))
     rates = held.rates(laws)
-    loops = 2 * len(rows.closures)
+    loops = 2 * len(rows.closures)  # points are closures behind those of the loops, and move at given speeds
     rates[loops : loops + len(speeds)] = speeds
     return held, laws, rates
 
