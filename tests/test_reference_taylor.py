@@ -2,7 +2,7 @@
 
 import copy
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.linkage.load import built_in, decimal_document, load, load_document, merge
+from gauss_bench.linkage.load import built_in, decimal_document, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.motion import Motion
+from gauss_bench.reference.motion import Motion, to_doubles
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import cut_pieces
@@ -26,6 +26,7 @@ from gauss_bench.reference.taylor.solve import split_columns, stack_arrays
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from tests.conftest import needs
+from tests.test_reference_extended import decimals as document_of
 
 DATA = Path(__file__).parent / "data"
 LAST_DIGITS = 1e-28  # 33 digits, less four for a thousand steps and for the condition of a linkage
@@ -38,19 +39,17 @@ def every_linkage() -> list[tuple[str, str]]:
     return [(str(path), name) for path in files for name in tomllib.loads(path.read_text(encoding="utf-8"))["scenarios"]]
 
 
-def document_of(linkage: str, scenario: str) -> dict[str, Any]:
-    document = decimal_document(linkage)
-    return merge(document, document["scenarios"][scenario].get("override", {}))
-
-
 def decimals(end: str, count: int) -> list[str]:
     return [str(Decimal(end) * k / count) for k in range(count + 1)]
 
 
-def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
-    taylor = needs("gauss_bench.reference.taylor.series")
+def taylor_motion(document: dict[str, Any], scenario: str, times: Sequence[str], *options: Any) -> Motion:
     needs("heyoka")
-    return taylor.taylor_motion(document_of(linkage, scenario), scenario, times, double)  # type: ignore[no-any-return]
+    return needs("gauss_bench.reference.taylor.series").taylor_motion(document, scenario, times, *options)  # type: ignore[no-any-return]
+
+
+def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
+    return taylor_motion(document_of(linkage, scenario), scenario, times, double)
 
 
 def off(one: Any, other: Any) -> float:
@@ -93,7 +92,7 @@ def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
     knots: dict[str, Any] = {"rows": [[0.05, 0.0], [0.2, 10.0], [0.37, 15.0], [0.45, 12.0]]}
     driver = {"link": "left", "law": law, "start_deg": 100.0, **(knots if law == "table" else rise)}
     document = decimal_document("five_bar") | {"scenarios": {"part": part_driven(driver)}}
-    mechanism = load_document(plain(document), "part")
+    mechanism = load_document(to_doubles(document), "part")
     found = cut_pieces(mechanism.drivers, document["scenarios"]["part"], float)
     assert len(found) == (5 if law == "table" else 2)
     for piece in found:
@@ -107,14 +106,6 @@ def part_driven(driver: dict[str, Any]) -> dict[str, Any]:
     """The five-bar with one crank driven and the other free."""
     start = {"angles_deg": {"right": 80.0}, "speeds": {"right": -1.0}}
     return {"duration": 0.5, "drivers": [driver], "forces": ["spring"], "start": start}
-
-
-def plain(item: Any) -> Any:
-    if isinstance(item, dict):
-        return {k: plain(v) for k, v in item.items()}
-    if isinstance(item, list):
-        return [plain(v) for v in item]
-    return float(item) if isinstance(item, Decimal) else item
 
 
 @pytest.mark.slow("n_four_bar_3-fall-0.6")
@@ -228,33 +219,27 @@ LAWS: list[dict[str, Any]] = [
     "law", [pytest.param(x, id=x["law"], marks=() if x["law"] == "constant" else pytest.mark.slow) for x in LAWS]
 )
 def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
-    needs("heyoka")
     document = decimal_document("five_bar")
     document["scenarios"]["part"] = part_driven({"link": "left", "start_deg": 100.0, **law})
     times = decimals("0.2", 20)
-    found = taylor.taylor_motion(document, "part", times, double=True)
-    reference = build_reference(load_document(plain(document), "part"), 0.2)
+    found = taylor_motion(document, "part", times, True)
+    reference = build_reference(load_document(to_doubles(document), "part"), 0.2)
     for level in ("q", "v", "a"):
         wanted = getattr(reference, level)
         assert off(getattr(found, level), wanted) < OTHER_COORDINATES * (1.0 + np.abs(wanted).max())
 
 
 def test_an_override_that_is_merged_is_not_merged_again() -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
     times = ["0", "0.1"]
     document = copy.deepcopy(document_of("crank_slider", "settles"))
     document["forces"]["motor"]["value"] = -0.3
-    changed = taylor.taylor_motion(document, "settles", times, double=True)
+    changed = taylor_motion(document, "settles", times, True)
     assert off(changed.q, motion("crank_slider", "settles", times, double=True).q) > 1e-3
 
 
 def test_progress_is_told_and_times_are_kept() -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
-    needs("heyoka")
     reached: list[float] = []
-    tell: Callable[[float], None] = reached.append
-    found = taylor.taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, tell)
+    found = taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, reached.append)
     assert found.times == ("0", "0.1", "0.25")
     assert reached == sorted(reached)
     assert reached[-1] == 0.25

@@ -44,16 +44,16 @@ def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
     Raises:
         AssemblyError: it cannot be assembled.
     """
-    rough = _doubles(document)
+    rough = to_doubles(document)
     return assemble(build_mechanism(rough, scenario, "", ""), rough)
 
 
-def _doubles(value: Any) -> Any:
+def to_doubles(value: Any) -> Any:
     """Return a copy of the document with every Decimal as the nearest double."""
     if isinstance(value, dict):
-        return {key: _doubles(x) for key, x in value.items()}
+        return {key: to_doubles(x) for key, x in value.items()}
     if isinstance(value, list):
-        return [_doubles(x) for x in value]
+        return [to_doubles(x) for x in value]
     return float(value) if isinstance(value, Decimal) else value
 
 

@@ -201,13 +201,13 @@ class ExpressionGraph:
     def mul(self, a: Node, b: Node) -> Node:
         """Return a b, its sign and constant factors outside."""
         if a.number is not None or b.number is not None:
-            return self.scaled(a.number, b) if a.number is not None else self.scaled(b.number or 0.0, a)
+            return self.scale_by(a.number, b) if a.number is not None else self.scale_by(b.number or 0.0, a)
         if a.op == "NEG" or b.op == "NEG":
             product = self.mul(a.args[0] if a.op == "NEG" else a, b.args[0] if b.op == "NEG" else b)
             return product if a.op == b.op else self.neg(product)
         return self._make("MUL", a, b) if a.index <= b.index else self._make("MUL", b, a)
 
-    def scaled(self, factor: float, x: Node) -> Node:
+    def scale_by(self, factor: float, x: Node) -> Node:
         """Return factor x, with the constant factors of x multiplied out and the sign outside."""
         if x.number is not None or factor == 0.0:
             return self.constant(factor * (x.number or 0.0))
@@ -230,7 +230,7 @@ class ExpressionGraph:
         if a.number is not None:
             return self.constant(1.0 / a.number)
         own, base = factor_out(a)
-        return self.scaled(1.0 / own, self._make("INV", base))
+        return self.scale_by(1.0 / own, self._make("INV", base))
 
     def sqrt(self, a: Node) -> Node:
         return self._of_one("SQRT", a)
@@ -286,7 +286,7 @@ class ExpressionGraph:
         factor = x / a
         if max(abs(y / b - factor), abs(z / c - factor)) > SAME * abs(factor):
             return None
-        return self.scaled(_round(factor), base)
+        return self.scale_by(_round(factor), base)
 
     def _new(
         self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
@@ -333,7 +333,7 @@ class ExpressionGraph:
             own, base = (term.number, self.constant(1.0)) if term.number is not None else factor_out(term)
             factors[base.index] = factors.get(base.index, 0.0) + own
             bases[base.index] = base
-        scaled = (self.scaled(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
+        scaled = (self.scale_by(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], reach: int) -> list[Node]:
