@@ -145,19 +145,6 @@ def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
     np.testing.assert_array_equal(alone, found[0])
 
 
-def order_of(name: str, stabilization: str, integrator: str, count: int) -> float:
-    """The order by which errors fall from `count` steps to twice as many over 0.4 s; the reference is exact beside them."""
-    m, exact = mechanism(name), reference(name, 0.4)
-    errors = []
-    for n in (count, 2 * count):
-        every = max(1, n // 40)
-        q, v = kernel(name, stabilization, formulation="gauss").rollout(m.q0, m.v0, 0.4 / n, n, every=every, integrator=integrator)
-        at = np.linspace(0, 40, len(q) + 1).round().astype(int)[1:]
-        errors.append(max(np.abs(q - exact.q[at]).max(), np.abs(v - exact.v[at]).max()))
-    assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
-    return float(np.log2(errors[0] / errors[1]))
-
-
 @pytest.mark.long("none-crank_slider-rk4", "none-shaper-rk4")
 @pytest.mark.slow("baumgarte-crank_slider-rk4", "none-crank_slider-gauss_legendre", "projection-crank_slider-gauss_legendre")
 @pytest.mark.parametrize(
@@ -173,7 +160,15 @@ def order_of(name: str, stabilization: str, integrator: str, count: int) -> floa
 )
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
 def test_steps_have_their_order(name: str, integrator: str, count: int, least: float, most: float, stabilization: str) -> None:
-    assert least < order_of(name, stabilization, integrator, count) < most
+    """Errors over 0.4 s of `count` steps and of twice as many; the reference is exact beside them."""
+    m, exact, errors = mechanism(name), reference(name, 0.4), []
+    for n in (count, 2 * count):
+        every = max(1, n // 40)
+        q, v = kernel(name, stabilization, formulation="gauss").rollout(m.q0, m.v0, 0.4 / n, n, every=every, integrator=integrator)
+        at = np.linspace(0, 40, len(q) + 1).round().astype(int)[1:]
+        errors.append(max(np.abs(q - exact.q[at]).max(), np.abs(v - exact.v[at]).max()))
+    assert errors[1] > 10 * (exact.error_q.max() + exact.error_v.max())
+    assert least < np.log2(errors[0] / errors[1]) < most
 
 
 # Implicit steps: a torque against a dashpot that takes speeds away within 1e-4 s
@@ -182,23 +177,20 @@ CLOSER = str(Path(__file__).parent / "data" / "door_closer.toml")
 
 
 @cache
-def closing(stabilization: str = "none", backend: str | None = None, formulation: str = "gauss") -> tuple[Kernel, Array, Array]:
-    """The kernel, and a state at which the dashpot holds the torque."""
-    m = load(CLOSER, "closing")
-    code = compile_kernel(m, formulation, stabilization, backend=backend)
-    return code, *kernel_of_closer().rollout(m.q0, m.v0, 2e-5, 2500)
+def closing(stabilization: str = "none", backend: str | None = None, formulation: str = "gauss") -> Kernel:
+    return compile_kernel(load(CLOSER, "closing"), formulation, stabilization, backend=backend)
 
 
 @cache
-def kernel_of_closer() -> Kernel:
-    return compile_kernel(load(CLOSER, "closing"), "gauss")
+def held() -> tuple[Array, Array]:
+    """A state at which the dashpot holds the torque."""
+    return closing().rollout(closing().mechanism.q0, closing().mechanism.v0, 2e-5, 2500)
 
 
 @cache
 def closed() -> Array:
     """The state 0.32 s later."""
-    _, q, v = closing()
-    return np.concatenate(kernel_of_closer().rollout(q, v, 1e-5, 32_000))
+    return np.concatenate(closing().rollout(*held(), 1e-5, 32_000))
 
 
 @pytest.mark.long("gauss-none")
@@ -208,11 +200,11 @@ def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_a
     formulation: str, stabilization: str
 ) -> None:
     """0.32 s in 8 steps, to 1e-9; RK4 leaves the motion in 800 steps, though it is smooth."""
-    code, q, v = closing(stabilization, formulation=formulation)
-    found = np.concatenate(code.rollout(q, v, 0.04, 8, integrator="gauss_legendre"))
+    code = closing(stabilization, formulation=formulation)
+    found = np.concatenate(code.rollout(*held(), 0.04, 8, integrator="gauss_legendre"))
     assert np.abs(found - closed()).max() < 1e-9
     assert code.switches == code.fallbacks == code.lost == 0
-    explicit = np.concatenate(code.rollout(q, v, 4e-4, 800))
+    explicit = np.concatenate(code.rollout(*held(), 4e-4, 800))
     assert not np.abs(explicit - closed()).max() < 1e-3
 
 
@@ -230,11 +222,11 @@ def test_implicit_steps_keep_energy() -> None:
 
 @pytest.mark.slow
 def test_implicit_steps_agree_in_lanes_by_arrays_and_interpreted() -> None:
-    code, q, v = closing("projection")
+    code, (q, v) = closing("projection"), held()
     alone = np.concatenate(code.rollout(q, v, 0.02, 8, integrator="gauss_legendre"))
     many = code.rollout(np.tile(q, (9, 1)), np.tile(v, (9, 1)), 0.02, 8, integrator="gauss_legendre")
     np.testing.assert_allclose(np.concatenate(many, axis=1), np.tile(alone, (9, 1)), rtol=0, atol=1e-12)
-    arrays = closing("projection", "numpy")[0].rollout(q, v, 0.02, 8, integrator="gauss_legendre")
+    arrays = closing("projection", "numpy").rollout(q, v, 0.02, 8, integrator="gauss_legendre")
     np.testing.assert_allclose(np.concatenate(arrays), alone, rtol=0, atol=1e-12)
     rank = RankDecision(code.mechanism)
     for k in range(8):
