@@ -200,5 +200,5 @@ def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterato
 
 
 def held_back(acceleration: Acceleration, last: float) -> Acceleration:
-    """Return the acceleration evaluated no later than `last`, so that a jump at the end of the steps is not seen."""
+    """Return the acceleration evaluated no later than `last`: a force that jumps at the end of the steps keeps its old value."""
     return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

@@ -29,7 +29,7 @@ class Leg:
 
     @property
     def middle(self) -> float:
-        """A time in the interior: there open parameters have the values that they have in all steps of the leg."""
+        """A time within the leg, at which open parameters have the values that hold for all of its steps."""
         return self.t + self.h * self.n / 2
 
 

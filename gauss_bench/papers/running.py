@@ -115,4 +115,4 @@ def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float
             return t
         end = turn(motion, direction * u, rtol)[:, -1]
         t, u = t + float(end[1]), float(end[0])
-    raise ArithmeticError(f"the turns of the crank are not alike after {TURNS}")
+    raise ArithmeticError(f"the speed of the crank is not steady after {TURNS} turns")

@@ -48,7 +48,7 @@ def _is_built_in(mechanism: Mechanism) -> bool:
 def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
     """Return q, v, a (k, n) at the times t (k,) of coordinates (n,) that are a function of time, by numerical derivatives.
 
-    mpmath takes differences with as many more digits as they lose; a rest of them where a derivative is zero is made zero.
+    mpmath computes the differences with as many additional digits as they lose. Values of rounding size are replaced by zero.
     """
     import mpmath
 

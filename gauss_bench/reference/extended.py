@@ -11,8 +11,8 @@ fixed-point iteration of the nodes; the slower of both, with a factor of about h
 fast they converge. After every step the state is projected onto the constraints, so that nothing drifts.
 
 Steps between two samples are equal, and halved until the nodes resolve the accelerations: their Legendre coefficients fall
-geometrically, and what Gauss quadrature leaves out begins at twice the degree of the last one. Steps end where a motion law has
-less than smooth derivatives.
+geometrically, and the error of Gauss quadrature begins at twice the degree of the last one. A step ends wherever a derivative of a
+motion law jumps.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
 Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and

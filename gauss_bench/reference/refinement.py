@@ -34,7 +34,7 @@ class SaddleInverse:
     Attributes:
         inverse: (..., n + m, n + m) the matrix P of the equations above.
         lift: (..., n, m) the matrix G above, which turns a constraint error into the shortest correction, weighted with masses.
-        smallest: least singular value that the rank counts, relative to the largest: the distance from a singular position.
+        smallest: smallest singular value within the rank, relative to the largest: the distance from a singular position.
     """
 
     inverse: Array

@@ -242,7 +242,7 @@ class ExpressionGraph:
         return self._of_one("COS", a)
 
     def _of_one(self, op: str, a: Node) -> Node:
-        """Apply a numpy function to all values at once: its last digit may depend on the length of the array."""
+        """Return a function of a; numpy computes it for all points at once, since its last digit may depend on the array's length."""
         old = self.known.get((op, a.index))
         if old is not None:
             return old
@@ -337,7 +337,7 @@ class ExpressionGraph:
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], reach: int) -> list[Node]:
-        """Replace every pair of near neighbours whose sum is known, zero or constant by that sum."""
+        """Replace pairs of terms by their sums where these are known, zero or constant; pairs are at most `reach` terms apart."""
         left, done = list(terms), []
         while left:
             a = left.pop(0)

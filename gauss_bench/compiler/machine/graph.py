@@ -328,7 +328,7 @@ class _Rewriter:
     does. Parts are regrouped together with what they belong to; a change of sign in between does not separate them.
 
     Attributes:
-        known: old value -> new value. parts: old values that have no new value of their own.
+        known: old value -> new value. parts: old values that are written only as parts of others.
         shared: old values by which several others are divided.
     """
 

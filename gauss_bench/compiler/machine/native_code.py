@@ -177,7 +177,7 @@ def align(size: int) -> Array:
 
 
 class Single:
-    """The arguments of calls for one state, converted once: to convert them at every call would take as long as several steps.
+    """The arguments of calls for one state, converted once, because a conversion takes as long as several steps.
 
     It keeps the code that it calls in memory.
 

@@ -44,7 +44,7 @@ class DrivenLinkage:
 
     Attributes:
         equations: its loop equations. x: the values of their variables, unknowns before inputs.
-        rate, second: the true rates and second rates of the variables; second rates of slides are not known here, and NaN.
+        rate, second: the true rates and second rates of the variables; those of slides are not computed here, and NaN.
     """
 
     equations: LoopEquations

@@ -1,4 +1,4 @@
-"""Motion laws as formulas of time, for a linkage that drivers move in part.
+"""Motion laws as formulas of time, for a linkage that is driven in part.
 
 Time is divided into pieces at the breaks of all laws; within a piece every law is smooth. Values at the ends of a piece come from
 the law itself; the formulas in between are derived anew:

@@ -150,7 +150,7 @@ class March:
         return self.compiled[key]
 
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
-        """Return coordinates and rates of samples (time, state) within one chart; at its breaks a law itself chooses the side."""
+        """Return coordinates and rates of samples (time, state) within one chart, by the laws instead of their pieces."""
         n = self.rows.coordinates.n
         t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
         motion = rates(self.rows, chart, at_states(y[:, :n]), split_columns(y[:, n:]), self.rows.laws(t))

@@ -2,7 +2,7 @@
 
 heyoka expands the solution to order 40 by automatic differentiation of compiled code; its steps are so short that the last terms
 are below rounding. The equations are symbols of the state (x, u), with every constant a parameter, so that linkages with other
-numbers share the compiled code. A linkage that is driven completely has the state x alone.
+numbers share the compiled code. The state of a linkage that is driven completely is x alone.
 Source: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504 (2021), on heyoka; Jorba and Zou, Experimental
 Mathematics 14 (2005), on orders and steps.
 """
