@@ -242,7 +242,7 @@ class ExpressionGraph:
         return self._of_one("COS", a)
 
     def _of_one(self, op: str, a: Node) -> Node:
-        """Return a function of a; numpy computes it for all points at once, since its last digit may depend on the array's length."""
+        """Return a function of a; numpy computes it for all points at once, as its last digit may depend on the array's length."""
         old = self.known.get((op, a.index))
         if old is not None:
             return old
