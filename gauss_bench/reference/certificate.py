@@ -130,13 +130,12 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
     Certificates of generated linkages are in the suite's own folder; a linkage without a folder has none.
     """
     source = Path(mechanism.source)
+    folder = None
     if source.is_file():
         folder = source.parent
     elif generated(mechanism.source):
         folder = built_in_folder()
-    else:
-        return None
-    return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz"
+    return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
 
 
 def as_reference(certificate: Certificate, t_end: float) -> Reference:
