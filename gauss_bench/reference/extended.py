@@ -162,11 +162,11 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
         ratio = size / before if k else 1.0
         if size * ratio <= EPS or (k > 1 and size < SETTLED and ratio > 0.5):  # the next correction would be rounding
             return x[:, :n]
-        if k >= PATIENCE and not size < HOPELESS:
+        if k >= PATIENCE and not size < HOPELESS:  # also if the size is NaN
             break
-    near = (
-        f", near a singular position (relative singular value {solved.smallest:.1e})" if solved and solved.smallest < NEAR else ""
-    )
+    near = ""
+    if solved and solved.smallest < NEAR:
+        near = f", near a singular position (relative singular value {solved.smallest:.1e})"
     raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s stall at a relative change of {size:.1e}{near}")
 
 

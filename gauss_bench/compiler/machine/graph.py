@@ -295,7 +295,7 @@ def order(g: Graph, values: list[int], carried: Mapping[str, int]) -> list[int]:
     """Order the values by urgency: the length of the longest path from each to the end, through further turns of the loop."""
     leaves = {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
     turn = period(g, values, carried)
-    late = dict.fromkeys(carried.values(), 0.0)
+    late = dict.fromkeys(carried.values(), 0.0)  # heights of the carried values
     for _ in range(ROUNDS):
         height = dict.fromkeys(values, -turn) | late
         for x in reversed(values):

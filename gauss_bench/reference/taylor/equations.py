@@ -79,7 +79,7 @@ def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: S
     steady = particular(factors, prescribed) if any(not vanishes(x) for x in prescribed) else {}
     velocity = _combine(steady, N, dict(zip(chart.free, u, strict=True)))
     a0 = particular(factors, rows.biases(at, velocity, laws))
-    if not chart.free:
+    if not chart.free:  # the linkage is driven completely
         return Rates(velocity, a0, [])
     T, r = _reduce(rows, at, velocity, N, a0)
     order = tuple((k, k) for k in range(len(r)))  # T is positive definite, so that any order serves
