@@ -11,7 +11,7 @@ import pytest
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.minimal import adapter
-from gauss_bench.engines.minimal.adapter import Minimal
+from gauss_bench.engines.minimal.adapter import Key, Minimal
 from gauss_bench.engines.minimal.structure import Links, ways
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -80,7 +80,7 @@ def test_every_way_and_every_kind_of_dyad_gives_the_same_accelerations() -> None
             openings = np.array(model.ways[k].openings(Links.of(q, v)))
             if np.abs(openings).min() < 0.2:
                 continue
-            found = model._derived((k, tuple(np.sign(openings).tolist())), q, v)
+            found = model._derive(Key(k, tuple(np.sign(openings).tolist())), q, v)
             assert relative_error(found[0], q) < 1e-10
             assert relative_error(found[1], v) < 1e-10
             assert relative_error(found[2], a) < 1e-9

@@ -24,6 +24,20 @@ SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_gua
 KNOWN = Known(SETTINGS, ("baumgarte_alpha_beta_per_s", *TOLERANCES))
 
 
+def compiler_version() -> str:
+    """Return the versions of the suite and of the compiler library.
+
+    Raises:
+        MissingExtra: llvmlite is not installed.
+    """
+    from importlib.metadata import version
+
+    from gauss_bench import __version__
+
+    require("llvmlite")
+    return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
+
+
 class Compiled:
     """One formulation, compiled, as an engine."""
 
@@ -39,12 +53,7 @@ class Compiled:
         self.name = name
 
     def version(self) -> str:
-        from importlib.metadata import version
-
-        from gauss_bench import __version__
-
-        require("llvmlite")
-        return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
+        return compiler_version()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return ""
@@ -55,7 +64,7 @@ class Compiled:
         return None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
-        self.version()
+        compiler_version()  # raises if llvmlite is missing
         return CompiledModel(FORMULATIONS[self.name], mechanism, choice)
 
 

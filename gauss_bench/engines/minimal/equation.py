@@ -50,8 +50,8 @@ class Equation:
         signs: for each dyad, which of its two solutions is taken.
         followed: links whose angles are integrated beside the coordinate.
         program: the acceleration as the compiler steps it; its q are the coordinate and the angles of `followed`.
-        angles: link whose angle a force needs -> index of the program's q from which it differs by a constant, and that [rad].
-        told: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
+        angles: link whose angle a spring needs -> index of the program's q from which it differs by a constant, and that [rad].
+        motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
     """
 
     way: Way
@@ -59,22 +59,22 @@ class Equation:
     followed: tuple[int, ...]
     angles: Mapping[int, tuple[int, float]]
     program: Program
-    told: Function
+    motion: Function
 
     def state(self, at: Links, angles: Mapping[int, float]) -> Array:
-        """Return the program's state (2n,), q then v, at a state of the links, given the angles that forces need."""
+        """Return the program's state (2n,), q then v, at a state of the links, given the angles that springs need."""
         value, rate = self.way.state(at)
         q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
         for link, (k, turn) in self.angles.items():
             q[k], v[k] = angles[link] - turn, at.w[link]
         return np.concatenate([q, v])
 
-    def known(self, q: Array) -> dict[int, float]:
-        """Return the angles [rad] that forces need, by link, at the program's q (n,)."""
+    def spring_angles(self, q: Array) -> dict[int, float]:
+        """Return the angles [rad] that springs need, by link, at the program's q (n,)."""
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 
-def needed_angles(mechanism: Mechanism) -> list[int]:
+def links_of_springs(mechanism: Mechanism) -> list[int]:
     """List the links whose angles torsion springs need, in the file's order."""
     links: set[int] = set()
     for load in loads(mechanism.forces):
@@ -108,7 +108,7 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
         q: (k, n) positions on this branch, away from its dead centres, in absolute coordinates.
         least: (dyads,) opening of each dyad below which the equation must not be used.
     """
-    needed, roots = needed_angles(mechanism), _roots(way)
+    needed, roots = links_of_springs(mechanism), _roots(way)
     followed = tuple(sorted({roots[link][0] for link in needed} - {GROUND, way.link}))
     place = {way.link: 0, **{link: 1 + k for k, link in enumerate(followed)}}
     angles = {link: (place[roots[link][0]], roots[link][1]) for link in needed if roots[link][0] != GROUND}
@@ -138,7 +138,7 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
         residual=NOTHING,
         stabilized=None,
     )
-    return Equation(way, tuple(signs), followed, angles, program, function(at, [*motion.told(), a[:1]], None))
+    return Equation(way, tuple(signs), followed, angles, program, function(at, [*motion.links(), a[:1]], None))
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,8 +331,8 @@ class _Motion:
         k = 1 + self.followed.index(root) if root in self.followed else 0
         return self.q[k] + turn
 
-    def told(self) -> list[list[Node]]:
-        """Return the links' part of `Equation.told`: places and directions, first derivatives, second derivatives."""
+    def links(self) -> list[list[Node]]:
+        """Return the links' part of `Equation.motion`: places and directions, first derivatives, second derivatives."""
         rows: list[list[Node]] = [[], [], []]
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
