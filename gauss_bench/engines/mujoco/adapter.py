@@ -14,8 +14,8 @@ A driven length is a tendon between two sites with such an armature (in kg), and
 
 import contextlib
 import copy
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import LengthDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import places
 from gauss_bench.terms import Array
@@ -113,6 +113,38 @@ class Mujoco:
         return MujocoModel(mechanism, choice)
 
 
+@dataclass(frozen=True)
+class Drive:
+    """A driven joint coordinate, or a driven length, with its armature.
+
+    Attributes:
+        armature: of a hinge [kg m^2], of a slide or length [kg].
+        at: index of the joint coordinate, or of the tendon.
+        motor: index of the tendon's motor; None for a joint coordinate.
+    """
+
+    law: MotionLaw
+    armature: float
+    at: int
+    motor: int | None = None
+
+    def push(self, data: Any, t: float) -> None:
+        """Add the force armature * law''(t) to the joint coordinate, or set it at the motor."""
+        force = self.armature * float(self.law(t)[2])
+        if self.motor is None:
+            data.qfrc_applied[self.at] += force
+        else:
+            data.ctrl[self.motor] = force
+
+
+def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
+    """Set the armatures of drives in a compiled model, and compute anew the constants that depend on them."""
+    for drive in drives:
+        armatures = model.dof_armature if drive.motor is None else model.tendon_armature
+        armatures[drive.at] = drive.armature
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
 class MujocoModel:
     """A mechanism in MuJoCo under one integrator and setting.
 
@@ -147,55 +179,48 @@ class MujocoModel:
         self.data: Any = mujoco.MjData(self.model)
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
-        self.drives: list[tuple[int, float, MotionLaw]] = []
-        self.cylinders: list[tuple[int, float, MotionLaw]] = []
-        self.drawn = [(tendon.id, motor.id) for tendon, motor in draft.cylinders]
         self.varying = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
+        self.drives: list[Drive] = []
         verify(self)
-        self._drive()
+        self.drives = self._find_drives(draft)
+        if self.drives:
+            for model in (self.model, self.still):
+                set_armatures(mujoco, model, self.drives)
+                configure(mujoco, model, self.options, choice.step)  # scales the inverse weights just computed anew
 
-    def _drive(self) -> None:
-        """Set the armatures of driven hinges, slides and lengths in the compiled models."""
-        laws = [d.law for d in jointed(self.mechanism)]
-        at = [k for k in driven_coordinates(self.mechanism, self.tree) if k is not None]
-        lengths = [d.law for d in self.mechanism.drivers if isinstance(d, LengthDriver)]
-        if not (laws or lengths):
-            return
+    def _find_drives(self, draft: Draft) -> list[Drive]:
+        """Return the drives of all hinges, slides and lengths that follow a law."""
         share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
-        self.drives = [(k, share * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
-        masses = [share / float(self.model.tendon_invweight0[tendon]) for tendon, _ in self.drawn]
-        self.cylinders = [(motor, mass, law) for (_, motor), mass, law in zip(self.drawn, masses, lengths, strict=True)]
-        for model in (self.model, self.still):
-            for k, armature, _ in self.drives:
-                model.dof_armature[k] = armature
-            for (tendon, _), mass in zip(self.drawn, masses, strict=True):
-                model.tendon_armature[tendon] = mass
-            self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
-            configure(self.mujoco, model, self.options, self.choice.step)  # scales the inverse weights just computed anew
+        drives = []
+        for k, driver in zip(driven_coordinates(self.mechanism, self.tree), jointed(self.mechanism), strict=True):
+            if k is not None:
+                drives.append(Drive(driver.law, share * float(self.model.dof_M0[k]), k))
+        for driver, tendon, motor in draft.cylinders:
+            mass = share / float(self.model.tendon_invweight0[tendon.id])
+            drives.append(Drive(driver.law, mass, tendon.id, motor.id))
+        return drives
 
     @property
-    def pushed(self) -> bool:
+    def sets_forces(self) -> bool:
         """Whether Python sets forces at every stage of a step."""
-        return bool(self.drives or self.cylinders or self.varying.varying)
+        return bool(self.drives or self.varying.varying)
 
-    def _push(self, data: Any, t: float) -> None:
+    def _set_forces(self, data: Any, t: float) -> None:
         """Set the driving torques and the forces that vary at time t [s]."""
+        data.qfrc_applied[:] = self.torque
         if self.varying.varying:
             y, dy = np.array(data.qpos), np.array(data.qvel)
             q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
-            data.qfrc_applied[:] = self.torque + self.tree.forces(q, self.varying.generalised(q, v, t))
-        for k, armature, law in self.drives:
-            at_rest = data.qfrc_applied[k] if self.varying.varying else self.torque[k]
-            data.qfrc_applied[k] = at_rest + armature * float(law(t)[2])
-        for motor, mass, law in self.cylinders:
-            data.ctrl[motor] = mass * float(law(t)[2])
+            data.qfrc_applied[:] += self.tree.forces(q, self.varying.generalised(q, v, t))
+        for drive in self.drives:
+            drive.push(data, t)
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
         """Evaluate the model at a tree state y, dy (n,) and time t [s], and return MuJoCo's data."""
         data = self.still_data
         data.qpos[:], data.qvel[:] = y, dy
-        self._push(data, t)
+        self._set_forces(data, t)
         self.mujoco.mj_forward(self.still, data)
         return data
 
@@ -219,10 +244,10 @@ class MujocoModel:
 
     def run(self) -> None:
         control = self.mujoco.get_mjcb_control()
-        if self.pushed:  # called at every stage of a step, with the time of that stage
-            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, min(data.time, self.last)))
+        if self.sets_forces:  # called at every stage of a step, with the time of that stage
+            self.mujoco.set_mjcb_control(lambda model, data: self._set_forces(data, min(data.time, self.last)))
         try:
-            with heard(self.mujoco, self.complaints):
+            with collect_warnings(self.mujoco, self.complaints):
                 self._run()
         finally:
             self.mujoco.set_mjcb_control(control)
@@ -251,7 +276,7 @@ class MujocoModel:
         """
         from mujoco import rollout
 
-        if self.pushed:
+        if self.sets_forces:
             raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set forces that vary with time at every stage")
         kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
         initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
@@ -269,15 +294,15 @@ class MujocoModel:
 
     def read(self) -> Trajectory:
         complaint = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        subject = "the motion law is" if self.drives or self.cylinders else "forces that vary are"
-        note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.pushed else ""
+        subject = "the motion law is" if self.drives else "forces that vary are"
+        note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.sets_forces else ""
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
         steps = sum(stretch.steps for stretch in self.plan)
 
         def at(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
 
-        with heard(self.mujoco, []):  # warnings about samples of a run that has diverged are dropped: the judge finds such a run
+        with collect_warnings(self.mujoco, []):  # those about samples of a diverged run are dropped: the judge finds such a run
             trajectory = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, complaint))))
         if finite(q, v) == len(q) and (complaint or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
@@ -287,7 +312,7 @@ class MujocoModel:
 
 
 @contextlib.contextmanager
-def heard(mujoco: Any, complaints: list[str]) -> Iterator[None]:
+def collect_warnings(mujoco: Any, complaints: list[str]) -> Iterator[None]:
     """Collect MuJoCo's warnings in a list; otherwise MuJoCo writes them to a file in the current folder."""
     usual = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(complaints.append)

@@ -24,7 +24,7 @@ class Draft:
     Attributes:
         spec: the MjSpec that MuJoCo compiles.
         torque: (n,) constant generalised force; MuJoCo keeps it in the data (qfrc_applied), not in the model.
-        cylinders: tendon and motor of every driven length.
+        cylinders: for every driven length the driver, its tendon, and the motor whose control is the force.
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
@@ -113,14 +113,14 @@ class Draft:
         if f.law.bias:
             self._actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
 
-    def _cylinder(self, driver: LengthDriver) -> tuple[Any, Any]:
-        """Add a tendon whose length is driven, and return it with the motor whose control is the force."""
+    def _cylinder(self, driver: LengthDriver) -> tuple[LengthDriver, Any, Any]:
+        """Add a tendon whose length is driven, and its motor."""
         tendon = self.spec.add_tendon(name=self._name("tendon", driver.name))
         tendon.wrap_site(self._site(driver.a))
         tendon.wrap_site(self._site(driver.b))
         motor = self._actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
         motor.gainprm = [1.0, *np.zeros(len(motor.gainprm) - 1)]
-        return tendon, motor
+        return driver, tendon, motor
 
     def hold_torque(self) -> None:
         """Move the constant generalised forces into the model as actuators, for a document that is used without this suite."""

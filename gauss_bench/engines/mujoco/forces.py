@@ -17,7 +17,8 @@ from typing import assert_never
 import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL
-from gauss_bench.engines.tree import Tree
+from gauss_bench.engines.tree import Tree, Turning
+from gauss_bench.engines.tree import turning as turning  # where plug-ins look for it
 from gauss_bench.mechanism.coordinates import rate, rotate, value
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, Weighted, factor_of
@@ -67,41 +68,6 @@ class AtSite:
 
 
 Native = Steady | OnJoints | Tendon | AtSite
-
-
-@dataclass(frozen=True, eq=False)
-class Turning:
-    """The angles of all links as theta = rows . y + constants.
-
-    Attributes:
-        rows: (links + 1, n) of zeros and ones; the last row is the ground.
-        constants: (links + 1,) [rad].
-    """
-
-    rows: Array
-    constants: Array
-
-    def together(self, a: int, b: int) -> bool:
-        """Tell whether two links never turn relative to each other."""
-        return bool((self.rows[a] == self.rows[b]).all())
-
-    def turns_with(self, a: int, b: int) -> bool:
-        """Tell whether every hinge that turns link a turns b as well."""
-        return bool((self.rows[a] <= self.rows[b]).all())
-
-    def apart(self, a: int, b: int) -> bool:
-        """Tell whether no hinge turns both links."""
-        return not (self.rows[a] * self.rows[b]).any()
-
-
-def turning(tree: Tree) -> Turning:
-    """Return the links' angles as functions of the tree coordinates, from the ground outwards."""
-    rows, constants = np.zeros((tree.links + 1, tree.n)), np.zeros(tree.links + 1)
-    for b in tree.branches:
-        rows[b.link], constants[b.link] = rows[b.parent], constants[b.parent] + b.turn
-        if b.kind != "prismatic":
-            rows[b.link, b.at + (2 if b.kind == "free" else 0)] = 1.0
-    return Turning(rows, constants)
 
 
 def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
