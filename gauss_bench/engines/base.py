@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
@@ -48,6 +50,14 @@ class Variant:
     integrator: str
     stabilization: str
     options: Mapping[str, Any]
+
+
+def sample_arrays(times: Array, *start: Array) -> list[Array]:
+    """Return an array (k, n) for each value (n,) at the start: it holds this value in its first row, and NaN until a run fills it."""
+    arrays = [np.full((len(times), len(value)), np.nan) for value in start]
+    for samples, value in zip(arrays, start, strict=True):
+        samples[0] = value
+    return arrays
 
 
 class Model(Protocol):

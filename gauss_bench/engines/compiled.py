@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gauss_bench.engines import require
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.own_options import Known
 from gauss_bench.engines.shared import finite
 from gauss_bench.integrate import BAUMGARTE_RATE
@@ -93,8 +93,7 @@ class CompiledModel:
         self.runs = equal_runs(times, self.choice.step)
         legs = [self.kernel.legs(float(times[x.row]), x.size, x.steps * x.samples) for x in self.runs]
         self.planned = sum(leg.n for some in legs for leg in some)
-        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
-        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
+        self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
         if self.choice.integrator == ADAPTIVE:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import __version__
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.own_options import Known
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate import ADAPTIVE, BAUMGARTE_RATE, STABILIZATIONS, StepFailure
@@ -79,8 +79,7 @@ class OwnSteps:
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start; steps are always taken in Python, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
-        self.x, self.dx = np.full((2, len(times), len(self.start[0])), np.nan)
-        self.x[0], self.dx[0] = self.start
+        self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
         with np.errstate(all="ignore"):  # values that are not finite are looked for after the steps

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.c_code import METHODS
 from gauss_bench.engines.casadi.equal_steps import EqualSteps
 from gauss_bench.engines.casadi.functions import unfit
@@ -125,8 +125,7 @@ class CasadiModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start and create one integrator for each length of interval; steps are CasADi's, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
-        self.x = np.full((len(times), 2 * self.mechanism.n), np.nan)
-        self.x[0] = np.concatenate([self.mechanism.q0, self.mechanism.v0])
+        (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
         # With projection every interval between samples is one call, and intervals of the same length share an integrator.
         spans = np.diff(times) if self.choice.stabilization == "projection" else np.array([])
         self.spans = [float(f"{x:.12g}") for x in spans]

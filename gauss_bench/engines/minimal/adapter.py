@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.equations.sampling import manifold_states, typical_length
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.compiled import compiler_version
 from gauss_bench.engines.following import follow, wind
 from gauss_bench.engines.minimal.equation import Equation, write_equation
@@ -57,7 +57,6 @@ class Minimal:
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     resizable = True  # a model takes another step or tolerance
-    adaptive = (ADAPTIVE,)
     native_loop = True
     python_loop = False
 
@@ -361,8 +360,7 @@ class MinimalModel:
         Raises:
             RunFailure: no coordinate was regular at some time; it carries the samples before.
         """
-        q, v, a = np.full((3, len(self.times), self.mechanism.n), np.nan)
-        q[0], v[0], a[0] = self._derive(self.first, self.mechanism.q0, self.mechanism.v0)
+        q, v, a = sample_arrays(self.times, *self._derive(self.first, self.mechanism.q0, self.mechanism.v0))
         unwrapped = self.start_angles
         for segment in self.segments:
             rows, states = slice(segment.row, segment.row + len(segment.states)), np.vstack([segment.states, segment.end])

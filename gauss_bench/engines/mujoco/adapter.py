@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import native_forces
 from gauss_bench.engines.shared import (
@@ -234,8 +234,7 @@ class MujocoModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.native = times, native
         self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
-        self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
-        self.y[0], self.dy[0] = self.y0, self.dy0
+        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
         self.data.time = times[0]

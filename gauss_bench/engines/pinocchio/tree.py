@@ -73,7 +73,7 @@ class Multibody:
         c, s = np.cos(angle), np.sin(angle)
         return self.pin.SE3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(spatial(origin)))
 
-    def placed(self, point: Point) -> tuple[int, Any]:
+    def place(self, point: Point) -> tuple[int, Any]:
         """Return the joint that carries a point, and the point's placement in the frame of that joint."""
         joint, centre = self.carriers[point.link]
         return joint, centre * self.planar(point.local)
@@ -87,7 +87,7 @@ class Multibody:
         rows = pin.StdVec_RigidConstraintModel()
         for a, b in ((b, a) if a.link == GROUND else (a, b) for a, b in self.pins):
             frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.placed(a), *self.placed(b), frame)
+            row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.place(a), *self.place(b), frame)
             row.m_baumgarte_parameters.Kp, row.m_baumgarte_parameters.Kd = gains
             rows.append(row)
         return rows
@@ -102,7 +102,7 @@ class Multibody:
         self.pin.forwardKinematics(self.model, data, y)
 
         def world(point: Point) -> Array:
-            joint, placement = self.placed(point)
+            joint, placement = self.place(point)
             return np.array((data.oMi[joint] * placement).translation)[:2]
 
         return np.concatenate([np.zeros(0), *(world(b) - world(a) for a, b in self.pins)])
