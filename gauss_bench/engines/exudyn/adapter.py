@@ -26,7 +26,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, inexpressible
-from gauss_bench.engines.shared import finite, finite_acceleration, refused
+from gauss_bench.engines.shared import common_refusal, finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator
@@ -74,7 +74,7 @@ class Exudyn:
         return f"Exudyn {exu.config.Version()} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if reason := refused(mechanism, "Exudyn"):
+        if reason := common_refusal(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"
