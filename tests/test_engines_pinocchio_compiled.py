@@ -2,9 +2,7 @@
 
 import os
 import stat
-import subprocess
 import sys
-import time
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -177,31 +175,3 @@ def test_a_loop_that_was_not_built_is_said_and_not_built_by_a_run(own_cache: Pat
         ENGINE.build(load("four_bar"), Choice("compiled/rk4/least depth", "rk4"))
     assert caught.value.status is Status.SKIP
     assert not calls.exists()
-
-
-@pytest.mark.slow
-def test_a_build_ends_with_the_process_that_asked_for_it(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = compiler_in(own_cache, monkeypatch, f'open({str(own_cache / "alive")!r}, "w")\ntime.sleep(4)\n' + WRITES)
-    asks = f"""
-from pathlib import Path
-from gauss_bench.runs.worker import Worker
-from tests.test_engines_pinocchio_compiled import stand_in_build
-Worker().call(stand_in_build, ({str(own_cache)!r},), 60.0)
-"""
-    process = subprocess.Popen([sys.executable, "-c", asks], env=os.environ | {"PYTHONPATH": os.getcwd()})
-    for _ in range(300):
-        if (own_cache / "alive").exists():
-            break
-        time.sleep(0.1)
-    process.kill()
-    process.wait()
-    time.sleep(6.0)
-    assert calls.exists()
-    assert not list(user_cache.folder().glob("*.so"))
-
-
-def stand_in_build(folder: str) -> None:
-    """In a worker, which has none of a test's patches."""
-    building.prefix = lambda: Path(folder)  # type: ignore[assignment]
-    building.missing = lambda: None  # type: ignore[assignment]
-    building.build_loop()
