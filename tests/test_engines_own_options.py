@@ -1,5 +1,7 @@
 """An engine's own options, one by one: typed, known, and refused by name otherwise."""
 
+import json
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -76,9 +78,7 @@ def test_every_engine_with_options_takes_its_own_usual_values_by_name() -> None:
         offered = offer(name)
         usual = next(iter(offered.settings.values()))
         for key in offered.options:
-            value = usual[key]
-            told = "[" + ",".join(map(str, value)) + "]" if isinstance(value, list) else str(value).lower()
-            offered.require_settings(f'{key}="{value}"' if isinstance(value, str) else f"{key}={told}")
+            offered.require_settings(f"{key}={json.dumps(usual[key])}")
         with pytest.raises(ChoiceError, match=f"{name}: no option 'nonsense'; there are {next(iter(offered.options))}="):
             offered.require_settings("nonsense=1")
 

@@ -112,7 +112,8 @@ def _read(file: Mapping[str, Any]) -> Variants:
         _require(label in settings, place, f"there are no settings {label!r}")
         _require_known(line, (*knobs, "settings"), place)
         _require("integrator" in line, place, "integrator is missing")
-        for variant in _combinations(name, {"stabilization": "none"} | line, settings[label]):
+        # a stabilization that the line lists keeps its place in the line, which orders the names of variants
+        for variant in _combinations(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label]):
             _require(variant.name not in space and variant.name not in settings, place, f"{variant.name} is there already")
             space[variant.name] = variant
             if label in soft:
