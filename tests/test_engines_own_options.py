@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 import gauss_bench
 from gauss_bench.cli import main
 from gauss_bench.engines import COMPILED, OWN
-from gauss_bench.engines.own_options import Known, OptionError
+from gauss_bench.engines.own_options import OptionTable, OptionError
 from gauss_bench.runs.offers import ChoiceError, offer
 from tests.conftest import needs
 from tests.engine_runs import table_of_faults
 
-KNOWN = Known(
+KNOWN = OptionTable(
     {
         "usual": {"rounds": 20, "mu": 1e-8, "shut": True, "pair": [0.02, 1.0], "method": "Newton", "remark": "as shipped"},
         "quick": {"rounds": 1, "mu": 1e-8, "shut": True, "pair": [0.02, 1.0], "method": "CG", "remark": ""},

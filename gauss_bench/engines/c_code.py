@@ -1,12 +1,11 @@
 """Engines in C: find a compiler, generate fixed steps around an acceleration, compile both and call them.
 
-The caller's source defines N and
+The engine's C source defines
 
     static void acceleration(double t, const double *q, const double *v, double *a)        q, v, a of N numbers
 
-and is compiled in one source with the steps, so that the compiler may inline it. The methods are those of
-`integrate/fixed_step.py`, with DOP853's coefficients from scipy. -ffast-math lets the compiler reorder sums, as anyone who writes C
-for speed would.
+and is compiled in one file with the steps, so that the compiler may inline it. The methods are those of `integrate/fixed_step.py`,
+with DOP853's coefficients from scipy. -ffast-math lets the compiler reorder sums, as anyone who writes C for speed would.
 """
 
 import ctypes
@@ -24,7 +23,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, finite, in_a_sentence
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
-LONGEST = 300.0  # [s] after which compilation is given up
+LONGEST = 300.0  # [s] of one run of the compiler
 NO_COMPILER = "no C compiler: none of cc, gcc and clang is installed"
 
 ACCELERATE = "void accelerate(double t, const double *q, const double *v, double *a) { acceleration(t, q, v, a); }"
@@ -111,11 +110,11 @@ def _library(source: str) -> ctypes.CDLL:
 
 
 class CompiledSteps:
-    """A model that compiled code steps in place, from one sample to the next.
+    """A model that compiled code steps from one sample to the next; a subclass supplies the steps and the motion of the links.
 
     Attributes:
         start: coordinates and rates (n,) at the beginning.
-        note: a remark that goes with every run.
+        note: the note of every trajectory.
     """
 
     choice: Choice

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.engines.base import CHOSEN, Variant
-from gauss_bench.engines.own_options import Known
+from gauss_bench.engines.own_options import OptionTable
 from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
@@ -81,7 +81,7 @@ class Variants:
         """
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
         words = {k: x.values for k, x in self.knobs.items() if k not in CHOSEN}
-        return Known(labels, list(words), words).resolve(name)
+        return OptionTable(labels, list(words), words).resolve(name)
 
 
 def read_variants(room: Path) -> Variants:

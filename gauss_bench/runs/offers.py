@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class, not_installed
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
-from gauss_bench.engines.own_options import Known, OptionError, is_own
+from gauss_bench.engines.own_options import OptionTable, OptionError, is_own
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
@@ -119,12 +119,12 @@ class Offer:
         if text not in labels and not is_own(text):
             raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
         try:
-            return Known(labels, [*self.options], self.options).resolve(text)
+            return OptionTable(labels, [*self.options], self.options).resolve(text)
         except (OptionError, KeyError) as error:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 
     def _and_options(self) -> str:
-        return f"; or its own options: {Known(self.settings, [*self.options]).told()}" if self.options else ""
+        return f"; or its own options: {OptionTable(self.settings, [*self.options]).describe()}" if self.options else ""
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:

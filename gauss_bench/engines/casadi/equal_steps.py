@@ -1,7 +1,7 @@
-"""Fixed steps on CasADi's closed form of the accelerations: its generated C, compiled with the steps, or its virtual machine.
+"""Fixed steps with CasADi's accelerations in closed form: generated C, compiled with the steps, or CasADi's virtual machine.
 
-The equations are those of `adapter`, without an integrator of SUNDIALS, as someone who uses CasADi for speed would write them. If
-there is no C compiler, or the variant asks for it, the steps run in CasADi's virtual machine; a note of the run tells which.
+Someone who uses CasADi for speed would write it so, without an integrator of SUNDIALS. The steps run in CasADi's virtual machine if
+there is no C compiler or if the variant says so; the run's note names which of the two was used.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,14 +34,14 @@ class EqualSteps(CompiledSteps):
         self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])  # what is reported has no Baumgarte terms
         if choice.stabilization == "baumgarte":
             e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
-        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
+        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])  # what is integrated
         generated = options["code"] == GENERATED and compiler() is not None
-        self._advance = self._compile() if generated else self._map()
+        self._advance = self._compile_steps() if generated else self._interpret_steps()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
         if options["code"] == GENERATED and not generated:
             self.note += f": {NO_COMPILER}"
 
-    def _compile(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _compile_steps(self) -> Callable[[Array, Array, float, float, int], None]:
         """Return a call that takes steps in place, in C."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.used)
@@ -58,12 +58,12 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         code = Code(generator.dump() + call, n)
         return lambda q, v, t, h, count: code.step(self.choice.integrator, q, v, t, h, count)
 
-    def _map(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _interpret_steps(self) -> Callable[[Array, Array, float, float, int], None]:
         """Return a call that takes steps in place, in CasADi's virtual machine."""
         ca, n = self.ca, self.mechanism.n
         x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")
         step = ca.Function("step", [x, h], [self._step(x, h)])
-        several: dict[int, Any] = {}
+        several: dict[int, Any] = {}  # number of steps -> function that takes so many
 
         def advance(q: Array, v: Array, t: float, size: float, count: int) -> None:
             state = np.concatenate([q, v, [t]])

@@ -1,7 +1,7 @@
 """The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
 
-A dyad is two links and three joints: the inner joint connects the two links, the outer joints connect each of them to a link that is
-placed already. With pins R and slides P there are three kinds that linkages commonly have,
+A dyad is two links and three joints: the inner joint connects the two links, and the outer joints connect each of them to a link
+that is placed already. With pins R and slides P there are three kinds that linkages commonly have,
 
     RRR   two pins and a pin between:       B on two circles about A and C
     RRP   a pin, a pin between, a slide:    B on a circle about A and on a line
@@ -74,7 +74,7 @@ class Links:
 
 
 def _by_body(x: Array) -> Any:
-    """Return the bodies of a state: plain numbers (bodies, 3) for a single state (n,), arrays (bodies, 3, ...) for a batch (..., n)."""
+    """Return a state by bodies: numbers (bodies, 3) of a single state (n,), or an array (bodies, 3, ...) of a batch (..., n)."""
     return bodies(x).tolist() if x.ndim == 1 else np.moveaxis(bodies(x), (-2, -1), (0, 1))
 
 
