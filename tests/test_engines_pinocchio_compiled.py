@@ -79,7 +79,7 @@ def test_what_the_loop_does_not_run_is_refused_by_name() -> None:
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(building, "missing", lambda: None)
-    building._says.cache_clear()
+    building._describe_compiler.cache_clear()
     compiled._library.cache_clear()  # another test of this process may have loaded the user's
     return tmp_path
 
@@ -133,7 +133,7 @@ def test_another_source_flag_or_compiler_is_another_loop(part: str, own_cache: P
     others: dict[str, tuple[str, Any]] = {
         "flags": ("FLAGS", (*building.FLAGS, "-g")),
         "source": ("SOURCE", source),
-        "compiler": ("_says", lambda program: "stand-in 2"),
+        "compiler": ("_describe_compiler", lambda program: "stand-in 2"),
     }
     monkeypatch.setattr(building, *others[part])
     assert building.absent()

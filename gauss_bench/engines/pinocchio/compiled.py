@@ -1,4 +1,4 @@
-"""The adapter's dynamics and steps in C++: `loop.cpp` with the numbers of the model that Python has built and verified."""
+"""The adapter's dynamics and steps in C++: `loop.cpp`, with the numbers of the model that Python has built and verified."""
 
 import ctypes
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, 
 
 
 class CompiledDynamics(ConstrainedDynamics):
-    """A call (t, y, dy) -> tree accelerations (n,), and the steps, in C++.
+    """A call (t, y, dy) -> tree accelerations (n,), and whole steps, both computed in C++.
 
     Raises:
         RunFailure: the loop is not built, or its accelerations at the start differ from those of Python's calls.
@@ -110,7 +110,10 @@ class CompiledDynamics(ConstrainedDynamics):
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
     def _compare(self, forces: TreeForces) -> None:
-        """Check the loop's accelerations at the start against Python's calls: Eigen's headers must have the library's layout."""
+        """Compare accelerations at the start with those of calls from Python.
+
+        If Eigen's headers have another memory layout than Pinocchio's library, the loop computes nonsense.
+        """
         start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
         require_agreement({"accelerations of the compiled loop": (own, expected, size(expected))}, AGREEMENT)
@@ -156,7 +159,7 @@ class CompiledDynamics(ConstrainedDynamics):
         return steps
 
     def _fail(self, t: float, y: Array, dy: Array) -> None:
-        """Raise the failure for the state at which the loop stopped; Python's call usually finds a more precise reason.
+        """Raise the failure for the state at which the loop stopped; calling Pinocchio from Python usually gives a precise reason.
 
         Raises:
             RunFailure: always.
