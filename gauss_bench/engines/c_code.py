@@ -11,6 +11,7 @@ with DOP853's coefficients from scipy. -ffast-math lets the compiler reorder sum
 import ctypes
 import shutil
 import subprocess
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -109,21 +110,22 @@ def _library(source: str) -> ctypes.CDLL:
         return ctypes.CDLL(linked)
 
 
+Advance = Callable[[Array, Array, float, float, int], None]  # (x, dx, t, h, count): takes `count` steps of h [s] from t, in place
+
+
 class CompiledSteps:
     """A model that compiled code steps from one sample to the next; a subclass supplies the steps and the motion of the links.
 
     Attributes:
         start: coordinates and rates (n,) at the beginning.
+        advance: the steps.
         note: the note of every trajectory.
     """
 
     choice: Choice
     start: tuple[Array, Array]
+    advance: Advance
     note: str
-
-    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
-        """Take `count` steps of h [s] from t, in place."""
-        raise NotImplementedError
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a (k, n_q) of the linkage at times t (k,) and states x, dx (k, n)."""

@@ -7,6 +7,7 @@ accelerations of the other links follow from those of the crank by the linkage's
 """
 
 import ctypes
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,7 @@ class ByHandModel(CompiledSteps):
         self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
         self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", 1)
+        self.advance = partial(self.code.step, choice.integrator)
         self.crank = angle_slot(loop.links[0])
         self.start = np.array([mechanism.q0[self.crank] + loop.lines[0]]), mechanism.v0[[self.crank]]
         self._verify()
@@ -92,9 +94,6 @@ class ByHandModel(CompiledSteps):
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         _, _, a = self.motion(np.array([t]), q[None, [self.crank]] + self.loop.lines[0], v[None, [self.crank]])
         return finite_acceleration(t, a[0], "the derivation by hand")
-
-    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
-        self.code.step(self.choice.integrator, x, dx, t, h, count)
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
         q = self._place_links(x[:, 0])

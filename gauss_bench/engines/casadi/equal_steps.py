@@ -4,13 +4,14 @@ Someone who uses CasADi for speed would write it so, without an integrator of SU
 there is no C compiler or if the variant says so; the run's note names which of the two was used.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.c_code import NO_COMPILER, Code, CompiledSteps, compiler
+from gauss_bench.engines.c_code import NO_COMPILER, Advance, Code, CompiledSteps, compiler
 from gauss_bench.engines.shared import finite_acceleration
 from gauss_bench.integrate.fixed_step import tableau
 from gauss_bench.mechanism.model import Mechanism
@@ -36,12 +37,12 @@ class EqualSteps(CompiledSteps):
             e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
         self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])  # what is integrated
         generated = options["code"] == GENERATED and compiler() is not None
-        self._advance = self._compile_steps() if generated else self._interpret_steps()
+        self.advance = self._compile_steps() if generated else self._interpret_steps()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
         if options["code"] == GENERATED and not generated:
             self.note += f": {NO_COMPILER}"
 
-    def _compile_steps(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _compile_steps(self) -> Advance:
         """Return a call that takes steps in place, in C."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.used)
@@ -55,10 +56,9 @@ static void acceleration(double t, const double *q, const double *v, double *a)
     used(in, out, whole, work, 0);
 }}
 """
-        code = Code(generator.dump() + call, n)
-        return lambda q, v, t, h, count: code.step(self.choice.integrator, q, v, t, h, count)
+        return partial(Code(generator.dump() + call, n).step, self.choice.integrator)
 
-    def _interpret_steps(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _interpret_steps(self) -> Advance:
         """Return a call that takes steps in place, in CasADi's virtual machine."""
         ca, n = self.ca, self.mechanism.n
         x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")
@@ -92,9 +92,6 @@ static void acceleration(double t, const double *q, const double *v, double *a)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return finite_acceleration(t, np.array(self.plain(t, q, v))[:, 0], "CasADi")
-
-    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
-        self._advance(x, dx, t, h, count)
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
         return x, dx, np.array(self.plain.map(len(t))(t, x.T, dx.T)).T

@@ -1,11 +1,11 @@
 """MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
 
 The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
-of the open joints, at the start and at random tree states. Only the softness of the closures is not checked, because the settings
-vary it.
+of the loops, at the start and at random tree states. Only the softness of the closures is not checked, because the settings vary
+it.
 
-MuJoCo has no prescribed motion of a joint. A driven hinge on the ground, or slide, gets an armature (rotor inertia) A far larger
-than all masses and the torque or force A law''(t). It then follows the law, up to an error of the size load / A:
+Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
+A far larger than all masses, and the torque or force A law''(t). It then follows the law, with an error of the size load / A:
 
     (A + m) theta'' = A law''(t) + load
 
@@ -63,21 +63,24 @@ FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be 
 
 
 def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
-    """Set the options of a compiled model that takes steps of `step` [s]; only once, because it scales the inverse weights."""
+    """Set the options of a newly compiled model that takes steps of `step` [s].
+
+    A second call would scale the inverse weights twice, unless mj_setConst has computed them anew in between.
+    """
     unit = step if options["solref_unit"] == "step" else 1.0
     model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
     model.eq_solimp[:] = options["solimp"]
     model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
     model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{options['solver'].upper()}")
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
-    model.body_invweight0[:] *= options["body_invweight0_factor"]  # mj_setConst computes them anew and would undo this
+    model.body_invweight0[:] *= options["body_invweight0_factor"]
     if options["unused_features"] == "off":
         unused = (flag for flag, uses in FLAGS.items() if not uses(model))
         model.opt.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, flag)) for flag in unused)
 
 
 class Mujoco:
-    """MuJoCo under settings of how rigid its closures are."""
+    """MuJoCo, with settings that make its closures softer or more rigid."""
 
     name = "mujoco"
     integrators = tuple(INTEGRATORS)
@@ -94,8 +97,7 @@ class Mujoco:
         return f"mujoco {mujoco.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        reason = beyond_a_tree(mechanism, "MuJoCo")
-        if reason:
+        if reason := beyond_a_tree(mechanism, "MuJoCo"):
             return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         if None in driven_coordinates(mechanism, tree):
@@ -153,6 +155,9 @@ class MujocoModel:
         still, still_data: a copy that evaluates accelerations at given states. It has the Euler integrator, because under
             `discrete` MuJoCo's qacc is a difference of velocities, and no warm start, so that a result does not depend on the
             state evaluated before.
+        torque: (n,) constant generalised force.
+        bodies: indices of the links' bodies.
+        drives: the driven coordinates.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -171,7 +176,7 @@ class MujocoModel:
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
         self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
-        # Without this flag MuJoCo resets a diverging run to the start, and the reset would pass for a motion.
+        # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.still: Any = copy.copy(self.model)
         self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -256,7 +261,7 @@ class MujocoModel:
         for begin, count, size, last, row in self.plan:
             model.opt.timestep, self.last = size, last
             if self.mechanism.kinks:
-                data.time = begin  # MuJoCo sums up steps: with rounding it would still be before the kink where this stretch begins
+                data.time = begin  # MuJoCo adds up steps: with rounding its time could still be before the kink at `begin`
             if self.native:
                 step(model, data, nstep=count)
             else:
@@ -279,17 +284,17 @@ class MujocoModel:
             raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set forces that vary with time at every stage")
         kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
         initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
-        here = slice(1, 1 + 2 * self.tree.n)  # of a full state of MuJoCo: time, qpos, qvel, then what else the model has
-        initial[:, here] = np.hstack(self.tree.relative(q, v))
+        tree_state = slice(1, 1 + 2 * self.tree.n)  # MuJoCo's full state is time, qpos, qvel, then activations and the like
+        initial[:, tree_state] = np.hstack(self.tree.relative(q, v))
         states = np.empty((len(q), count, initial.shape[1]))
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
 
-        def go() -> Array:
+        def step_all() -> Array:
             with rollout.Rollout(nthread=0) as pool:
                 pool.rollout(self.model, [data], initial, self.torque[None, None], **options)
-            return states[:, -1, here].reshape(len(q), 2, -1)
+            return states[:, -1, tree_state].reshape(len(q), 2, -1)
 
-        return go
+        return step_all
 
     def read(self) -> Trajectory:
         complaint = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
@@ -298,11 +303,12 @@ class MujocoModel:
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
         steps = sum(stretch.steps for stretch in self.plan)
 
-        def at(k: int) -> Array:
+        def acceleration_of_sample(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
 
         with collect_warnings(self.mujoco, []):  # those about samples of a diverged run are dropped: the judge finds such a run
-            trajectory = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, complaint))))
+            note = "; ".join(filter(None, (note, complaint)))
+            trajectory = with_accelerations(self.times, q, v, acceleration_of_sample, steps, note=note)
         if finite(q, v) == len(q) and (complaint or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
             message = f"MuJoCo warned before t = {self.times[-1]:.6g} s{complaint and '; '}{complaint}; {advice}"
@@ -322,7 +328,7 @@ def collect_warnings(mujoco: Any, complaints: list[str]) -> Iterator[None]:
 
 
 def verify(built: MujocoModel) -> None:
-    """Compare a built model with the suite's own terms at tree states whose open joints need not be closed.
+    """Compare a built model with the suite's own terms at tree states at which loops are open.
 
     Raises:
         RunFailure: a quantity of `comparison` differs.
@@ -333,9 +339,9 @@ def verify(built: MujocoModel) -> None:
 
 
 def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) -> dict[str, tuple[Array, Array, float]]:
-    """Return the quantities to compare at a tree state y, dy (n,): MuJoCo's value, the suite's, and the scale of a difference.
+    """Return quantity -> MuJoCo's value, the suite's, and the scale of a difference, at a tree state y, dy (n,).
 
-    They determine the model, except for the softness of its closures.
+    Together they determine the model, except for the softness of its closures.
     """
     data, own = built.forward(y, dy), open_tree(evaluator, built.tree, y, dy)
     forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias

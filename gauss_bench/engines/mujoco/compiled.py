@@ -1,4 +1,4 @@
-"""An MJCF document as MuJoCo's compiler resolves it (defaults, classes, frames, masses of shapes), as plain data."""
+"""An MJCF document with its defaults, classes, frames and masses resolved by MuJoCo's compiler, as plain data."""
 
 import tomllib
 from pathlib import Path

@@ -1,7 +1,7 @@
 """The adapter's model as an MJCF document that runs in MuJoCo without this suite.
 
-MuJoCo's own writer keeps six digits, too few for closed loops, so every number is written here in full. MuJoCo reads the document
-back, and its accelerations are compared with those of the adapter's model.
+Trap: MuJoCo's own writer keeps six digits, too few for closed loops, so this module writes every number in full. Then MuJoCo reads
+the document, and its accelerations are compared with those of the adapter's model.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-AGREEMENT = 1e-9  # relative, of accelerations: both are MuJoCo's, of the same numbers
+AGREEMENT = 1e-9  # relative, of accelerations: MuJoCo computes both from the same numbers
 THICKNESS = 0.02  # thickness of a drawn bar, relative to the longest bar
 START = "start"  # name of the keyframe
 INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # spelling in a document, where it differs from the adapter's
