@@ -45,13 +45,13 @@ class OptionTable:
         if text in self.labels:
             return dict(self.labels[text])
         parts = [x.strip() for x in COMMA.split(text)]
-        name = next(iter(self.labels)) if is_own(parts[0]) else parts.pop(0)
+        name = next(iter(self.labels)) if is_assignment(parts[0]) else parts.pop(0)
         for part in (name, *parts):
-            if not is_own(part) and part not in self.labels:
+            if not is_assignment(part) and part not in self.labels:
                 raise KeyError(f"neither settings nor a variant: {part!r}; there are {', '.join(self.labels)}")
         changes: dict[str, Any] = {}
         for part in parts:
-            if not is_own(part):
+            if not is_assignment(part):
                 raise OptionError(f"{part!r}: only the first may be a name, what follows is KEY=VALUE")
             key, value = (x.strip() for x in part.split("=", 1))
             if key not in self.options:
@@ -99,7 +99,7 @@ class OptionTable:
         return list(dict.fromkeys([*used, *self.words.get(key, ())]))
 
 
-def is_own(text: str) -> bool:
+def is_assignment(text: str) -> bool:
     """Tell whether a text has the form KEY=VALUE; otherwise it is a name."""
     return "=" in text
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class, not_installed
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
-from gauss_bench.engines.own_options import OptionTable, OptionError, is_own
+from gauss_bench.engines.own_options import OptionTable, OptionError, is_assignment
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
@@ -116,7 +116,7 @@ class Offer:
             ChoiceError: what the engine does not know, naming what it does.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
-        if text not in labels and not is_own(text):
+        if text not in labels and not is_assignment(text):
             raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
         try:
             return OptionTable(labels, [*self.options], self.options).resolve(text)

@@ -135,7 +135,7 @@ class CasadiModel:
         # With projection every interval between samples is one call, and intervals of the same length share an integrator.
         projects = self.choice.stabilization == "projection"
         self.spans = [float(f"{x:.12g}") for x in np.diff(times)] if projects else []
-        grids = {x: [x] for x in self.spans}
+        grids = {x: [x] for x in self.spans}  # length of an interval -> times [s] at which its integrator gives states
         if len(times) > 1 and not projects:
             grids = {0.0: list(times[1:] - times[0])}
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
@@ -169,6 +169,7 @@ class CasadiModel:
             self.x[1:] = self._integrate(0.0, float(self.times[0]), self.x[0])
 
     def _run_with_projection(self) -> None:
+        """Integrate from sample to sample, and project each sample onto the constraints."""
         n = self.mechanism.n
         for k, span in enumerate(self.spans):
             x = self._integrate(span, float(self.times[k]), self.x[k])[-1]

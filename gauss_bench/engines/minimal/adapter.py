@@ -145,6 +145,9 @@ class MinimalModel:
         open: (ways, states) smallest opening of the dyads of each way.
         steady: indices of the ways that never need a change.
         least: opening below which a coordinate is not used.
+        first, now: keys of the first equation and of the present one.
+        tried: keys of the equations that have failed at the present state.
+        failure: the reason why the run ended early, or an empty text.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -264,7 +267,7 @@ class MinimalModel:
     def _reset(self) -> None:
         """Go back to the start and forget the last run."""
         self.y, self.now, self.tried = self.start, self.first, set[Key]()
-        self.steps, self.evaluations, self.changes, self.lost = 0, 0, 0, ""
+        self.steps, self.evaluations, self.changes, self.failure = 0, 0, 0, ""
         self.segments: list[Segment] = []
 
     def run(self) -> None:
@@ -272,13 +275,13 @@ class MinimalModel:
             self._run_adaptive()
             return
         for part in self.parts:
-            if not self.lost:
+            if not self.failure:
                 self._run_equal(part)
 
     def _run_equal(self, part: Equal) -> None:
         """Take the steps of one part, in which all steps have the same size and all samples the same distance."""
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
-        while done < total and not self.lost:
+        while done < total and not self.failure:
             machine, start = self.machines[self.now], self.y
             due = part.steps - done % part.steps  # steps to the next sample
             # After a change of coordinate between two samples, one call goes to the next sample only.
@@ -299,7 +302,7 @@ class MinimalModel:
         times, row, t = self.times, 0, float(self.times[0])
         options = VARIANTS.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
-        while row < len(times) - 1 and not self.lost:
+        while row < len(times) - 1 and not self.failure:
             machine = self.machines[self.now]
             course = machine.course(self.y, np.append(t, times[row + 1 :]), tolerances)
             states = course.samples[1:]
@@ -319,13 +322,13 @@ class MinimalModel:
         machine = self.machines[self.now]
         self.tried = {self.now} if moved else self.tried | {self.now}
         if not np.isfinite(self.y).all():
-            self.lost = f"t = {t:.6g} s: not finite; a smaller step may help"
+            self.failure = f"t = {t:.6g} s: not finite; a smaller step may help"
             return
         here = self._stopped_links()
         usable = {key: x for key, x in self._openings(here).items() if key not in self.tried and x > self.least}
         best = max(usable, key=lambda key: usable[key], default=None)
         if best is None:
-            self.lost = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
+            self.failure = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
             return
         q = None if best in self.machines else LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0]
         new, spring_angles = self._machine(best, q).equation, machine.equation.spring_angles(self.y[: machine.n])
@@ -371,8 +374,8 @@ class MinimalModel:
         coordinates = ", ".join(dict.fromkeys(self._name(x.equation) for x in self.segments))
         note = f"in one coordinate: {coordinates}" + (f", changed {self.changes} times" if self.changes else "")
         trajectory = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)
-        if self.lost:
-            raise RunFailure(Status.NOT_CONVERGED, self.lost, trajectory)
+        if self.failure:
+            raise RunFailure(Status.NOT_CONVERGED, self.failure, trajectory)
         return trajectory
 
 

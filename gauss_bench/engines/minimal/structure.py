@@ -52,10 +52,13 @@ class Links:
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
         """Return the links at states q, v (..., n)."""
-        exp, moving = exponential(q), []
+        exp, z, e, u, w = exponential(q), [], [], [], []
         for (x, y, angle), (dx, dy, spin) in zip(_by_body(q), _by_body(v), strict=True):
-            moving.append((x + 1j * y, exp(1j * angle), dx + 1j * dy, spin))
-        return Links.with_ground(*zip(*moving, strict=True))
+            z.append(x + 1j * y)
+            e.append(exp(1j * angle))
+            u.append(dx + 1j * dy)
+            w.append(spin)
+        return Links.with_ground(z, e, u, w)
 
     @staticmethod
     def with_ground(z: Iterable[Complex], e: Iterable[Complex], u: Iterable[Complex], w: Iterable[Complex]) -> "Links":

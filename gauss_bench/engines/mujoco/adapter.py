@@ -257,6 +257,7 @@ class MujocoModel:
             self.mujoco.set_mjcb_control(control)
 
     def _run(self) -> None:
+        """Take the steps of every stretch in one call of MuJoCo's loop, or in one call from Python for each step."""
         step, model, data = self.mujoco.mj_step, self.model, self.data
         for begin, count, size, last, row in self.plan:
             model.opt.timestep, self.last = size, last
