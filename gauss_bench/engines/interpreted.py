@@ -88,15 +88,15 @@ class OwnSteps:
                 self._run_fixed()
             elif self.times[-1] != self.times[0]:
                 try:
-                    self.steps = self._adapt(*self.choice.tolerances(*self.tolerances))
+                    self.steps = self._run_adaptive(*self.choice.tolerances(*self.tolerances))
                 except StepFailure as error:
                     raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
-    def _adapt(self, rtol: float, atol: float) -> int:
+    def _run_adaptive(self, rtol: float, atol: float) -> int:
         """Fill the samples with an adaptive integrator and return the number of its steps."""
-        return resolve_name(ADAPTIVE[self.choice.integrator])(  # type: ignore[no-any-return]
-            self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks
-        )[0]
+        integrate = resolve_name(ADAPTIVE[self.choice.integrator])  # imported only now: scipy's import takes longer than most runs
+        steps, *_ = integrate(self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks)
+        return int(steps)
 
     def _run_fixed(self) -> None:
         x, dx = self.start

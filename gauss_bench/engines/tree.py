@@ -212,6 +212,7 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     n = 0
 
     def descend(parent: int) -> None:
+        """Add branches to all links that are reached from `parent`, depth first."""
         nonlocal n
         for joint, child in neighbours[parent]:
             if child not in reached:

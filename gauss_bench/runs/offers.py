@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class, not_installed
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
-from gauss_bench.engines.own_options import OptionTable, OptionError, is_assignment
+from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence

@@ -184,7 +184,7 @@ class MujocoModel:
         self.data: Any = mujoco.MjData(self.model)
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
-        self.varying = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
+        self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
         self.drives: list[Drive] = []
         verify(self)
@@ -209,15 +209,15 @@ class MujocoModel:
     @property
     def sets_forces(self) -> bool:
         """Whether Python sets forces at every stage of a step."""
-        return bool(self.drives or self.varying.varying)
+        return bool(self.drives or self.varying_forces.varying)
 
     def _set_forces(self, data: Any, t: float) -> None:
         """Set the driving torques and the forces that vary at time t [s]."""
         data.qfrc_applied[:] = self.torque
-        if self.varying.varying:
+        if self.varying_forces.varying:
             y, dy = np.array(data.qpos), np.array(data.qvel)
             q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
-            data.qfrc_applied[:] += self.tree.forces(q, self.varying.generalised(q, v, t))
+            data.qfrc_applied[:] += self.tree.forces(q, self.varying_forces.generalised(q, v, t))
         for drive in self.drives:
             drive.push(data, t)
 

@@ -124,10 +124,10 @@ class PinocchioModel(OwnSteps):
         self.stabilized.evaluations = 0
         super().run()
 
-    def _adapt(self, rtol: float, atol: float) -> int:
+    def _run_adaptive(self, rtol: float, atol: float) -> int:
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance_adaptive(self.times, self.x, self.dx, rtol, atol)
-        return super()._adapt(rtol, atol)
+        return super()._run_adaptive(rtol, atol)
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
         if isinstance(self.stabilized, CompiledDynamics):

@@ -65,7 +65,7 @@ class CompiledDynamics(ConstrainedDynamics):
         self.n, self.library = forces.tree.n, _library()
         self.tableau = _tableau()  # imports scipy, which must not happen inside a run
         self.linkage = self.library.create(_numbers(body.model.gravity.linear))
-        self._add_joints(body)
+        self._add_joints(body.model)
         for row in self.rows:
             first, second = _placement(row.joint1_placement), _placement(row.joint2_placement)
             self.library.add_closure(self.linkage, row.joint1_id, first, row.joint2_id, second, _numbers(gains))
@@ -81,13 +81,12 @@ class CompiledDynamics(ConstrainedDynamics):
         if linkage := getattr(self, "linkage", None):
             self.library.destroy(linkage)
 
-    def _add_joints(self, body: Multibody) -> None:
-        model = body.model
+    def _add_joints(self, model: Any) -> None:
+        """Add the joints of Pinocchio's model, each with the mass, centre and moments of inertia of the body that it carries."""
         for j in range(1, model.njoints):
-            own = model.inertias[j]
-            kind, placement = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j])
-            mass, lever, inertia = own.mass, _numbers(own.lever), _numbers(own.inertia)
-            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, mass, lever, inertia)
+            kind, placement, body = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j]), model.inertias[j]
+            lever, inertia = _numbers(body.lever), _numbers(body.inertia)
+            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, body.mass, lever, inertia)
 
     def _add_load(self, body: Multibody, load: Law | PointForce) -> None:
         def place(point: Point) -> tuple[int, Array]:
