@@ -201,9 +201,9 @@ class MujocoModel:
         for k, driver in zip(driven_coordinates(self.mechanism, self.tree), jointed(self.mechanism), strict=True):
             if k is not None:
                 drives.append(Drive(driver.law, share * float(self.model.dof_M0[k]), k))
-        for driver, tendon, motor in draft.cylinders:
+        for cylinder, tendon, motor in draft.cylinders:
             mass = share / float(self.model.tendon_invweight0[tendon.id])
-            drives.append(Drive(driver.law, mass, tendon.id, motor.id))
+            drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
         return drives
 
     @property

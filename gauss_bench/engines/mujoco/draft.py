@@ -40,8 +40,8 @@ class Draft:
         y, _ = tree.relative(mechanism.q0, mechanism.v0)
         for b in tree.branches:
             self._add_link(b, mechanism.links[b.link], y)
-        for a, b in closing_pins(tree):
-            self._add_closure(a, b)
+        for pin in closing_pins(tree):
+            self._add_closure(*pin)
         springs = [self._add_force(x) for x in native_forces(mechanism, tree)]
         self._set_joint_springs([x for x in springs if x is not None])
         self.cylinders = [self._add_cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
