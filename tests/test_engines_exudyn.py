@@ -18,14 +18,12 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
 from tests.engine_runs import (
     LINKAGES,
-    TURNS,
     acceleration_errors,
     by_gauss,
     document,
     linkage,
     ran,
     relative_error,
-    torque_error,
 )
 
 exu = needs("exudyn")
@@ -57,32 +55,6 @@ def test_default_settings_are_the_shipped_ones(linkages):
     own.timeIntegration.adaptiveStep = True
     own.solution.file.write = True  # nothing but speed
     assert str(own) == str(shipped)
-
-
-@pytest.mark.parametrize("name", LINKAGES)
-def test_default_acceleration_has_the_error_of_its_own_differencing(name, linkages):
-    mechanism = linkages[name]
-    moving, resting = (
-        acceleration_errors(ENGINE, mechanism, "default", random_states(mechanism, 50, speed=speed)) for speed in (30.0, 0.0)
-    )
-    assert moving.max() < 1e-4, "one-sided differences with relative epsilon 1e-7 leave about 1e-6 at the worst"
-    assert resting.max() < 1e-10, "at rest there is nothing to differentiate"
-
-
-@pytest.mark.slow("four_bar-cycloid", "shaper-cycloid")
-@pytest.mark.parametrize(("name", "scenario"), TURNS)
-def test_driving_torques_over_a_turn(name, scenario):
-    mechanism = load(name, scenario)
-    coarse, fine = (
-        torque_error(ENGINE, mechanism, integrator="trapezoidal_index2", settings="tuned", step=h) for h in (1e-3, 5e-4)
-    )
-    assert coarse < 1e-4, "order two at a millisecond: 6e-5 at most was measured"
-    assert coarse / fine > 3
-    alpha = {"integrator": "generalized_alpha", "settings": "tuned"}
-    assert torque_error(ENGINE, mechanism, **alpha) < 2e-2, (
-        "its algorithmic accelerations start half a step off, and this is damped"
-    )
-    assert torque_error(ENGINE, mechanism, settled=0.1, **alpha) < 1e-3
 
 
 @pytest.mark.parametrize("settings", VARIANTS.settings)
@@ -187,10 +159,6 @@ def test_what_cannot_be_modelled_is_skipped_without_the_library_and_would_indeed
     content["forces"]["anchor"] |= {"c": 0.5, "between": ["ground.O", "arm.O"]}
     content["scenarios"]["all"]["forces"] = ["anchor"]
     assert "coincide" in ENGINE.skip(load_document(content), choice)
-    heading = np.degrees(np.arctan2(0.9, 0.3) - 0.4)  # of the start's velocity, in the plate's frame
-    content["constraints"] = {"skate": {"type": "knife_edge", "point": "plate.M", "angle_deg": heading}}
-    content["scenarios"]["all"]["forces"] = []
-    assert "knife" in ENGINE.skip(load_document(content), choice)
 
 
 def test_a_step_too_large_for_the_newton_iteration_is_a_failure_with_a_sentence(linkages):

@@ -1,6 +1,5 @@
 """MuJoCo: the generated model is the mechanism, up to a softness of the closures that the settings name."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import needs
-from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, ran, torque_error
+from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, ran
 
 mujoco = needs("mujoco")
 
@@ -93,15 +92,6 @@ def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
     assert errors[0] == pytest.approx(100 * errors[1], rel=0.01)
 
 
-@pytest.mark.parametrize(("name", "scenario"), TURNS)
-def test_driving_torques_over_a_turn(name, scenario):
-    mechanism = load(name, scenario)
-    coarse, fine = (torque_error(ENGINE, mechanism, settings="rigid", step=h) for h in (1e-3, 5e-4))
-    assert coarse < 1e-6  # RK4 against the 0.02 s in which closures are drawn shut: 2e-7 at most was measured
-    assert fine < coarse / 8  # order four
-    assert 1e-5 < torque_error(ENGINE, mechanism, settings="tuned") < 1e-2  # soft closures
-
-
 @pytest.mark.parametrize("native", [True, False])
 def test_a_driven_crank_follows_its_law_at_every_stage_of_a_step(native):
     mechanism, times = load("six_bar", "cycloid"), np.array([0.0, 0.1, 0.2345, 0.6])
@@ -159,14 +149,6 @@ def test_both_loops_give_the_same_bits(integrator):
     assert a.steps == b.steps == 50 + 28 + 23
     assert (a.q == b.q).all()
     assert (a.v == b.v).all()
-
-
-def test_what_cannot_be_modelled_is_skipped_with_a_reason_and_without_the_library(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "loop of slides" in ENGINE.skip(linkage("wedge"), Choice())
-    assert "axis_on_a_carried_link" in ENGINE.skip(linkage("loaded", "axis"), Choice())
-    assert "turned_with_a_third" in ENGINE.skip(linkage("loaded", "frame"), Choice())
-    assert ENGINE.skip(linkage("loaded", "all"), Choice()) is None
 
 
 def test_diverging_runs_are_not_reset_and_leave_no_log_file(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import gauss_bench
 from gauss_bench.cli import main
 from gauss_bench.engines import COMPILED, OWN
-from gauss_bench.engines.own_options import OptionTable, OptionError
+from gauss_bench.engines.own_options import OptionError, OptionTable
 from gauss_bench.runs.offers import ChoiceError, offer
 from tests.conftest import needs
 from tests.engine_runs import table_of_faults
