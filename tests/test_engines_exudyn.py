@@ -16,15 +16,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
-from tests.engine_runs import (
-    LINKAGES,
-    acceleration_errors,
-    by_gauss,
-    document,
-    linkage,
-    ran,
-    relative_error,
-)
+from tests.engine_runs import LINKAGES, acceleration_errors, by_gauss, document, linkage, ran, relative_error
 
 exu = needs("exudyn")
 

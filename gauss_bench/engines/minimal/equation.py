@@ -360,11 +360,7 @@ def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[
     """
     if body.pin is None:
         z = body.point(np.zeros(2))
-        return (
-            [z.d.dot(z.d) * mass, body.square * inertia],
-            [z.d.dot(z.b) * mass, body.change * inertia],
-            z.d * mass,
-        )
+        return ([z.d.dot(z.d) * mass, body.square * inertia], [z.d.dot(z.b) * mass, body.change * inertia], z.d * mass)
     s = body.pin - body.at
     kappa = complex(*-body.at) / complex(*s)
     k, j = kappa.real, (0.0 if abs(kappa.imag) < AXIS else kappa.imag)
