@@ -45,7 +45,7 @@ class Compiled:
     stabilizations = ("none", "baumgarte", "projection")
     settings = SETTINGS
     options = KNOWN.options
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = True
 

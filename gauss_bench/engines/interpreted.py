@@ -33,7 +33,7 @@ class Interpreted:
     stabilizations = STABILIZATIONS
     settings = SETTINGS
     options = KNOWN.options
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = False
     python_loop = True
 

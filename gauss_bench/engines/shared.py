@@ -49,7 +49,7 @@ class LibraryCall:
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
-    """Return why an adapter that gives its library only steady forces cannot model the mechanism, or None if it can."""
+    """Return the reason why an adapter that gives its library only steady forces cannot model the mechanism, or None if it can."""
     names = ", ".join(f.name for f in mechanism.varying)
     return f"force {names} varies with time or direction, which {library} is not given here" if names else None
 
@@ -84,7 +84,7 @@ def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Return why a tree of joints whose loops are closed by pins alone cannot model the mechanism, or None if it can."""
+    """Return the reason why a tree of joints whose loops are closed by pins alone cannot model the mechanism, or None if it can."""
     if reason := common_refusal(mechanism, library):
         return reason
     if mechanism.knife_edges:

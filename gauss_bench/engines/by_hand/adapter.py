@@ -26,7 +26,7 @@ from gauss_bench.terms import Array
 
 FOLDER = Path(__file__).parent
 SETTINGS = {"default": {"compiler_flags": " ".join(FLAGS)}}
-AGREEMENT = 1e-9  # relative: rounding and the closure of the start leave 1e-13, a wrong term about 1
+AGREEMENT = 1e-9  # relative: rounding and the closure of the start cause about 1e-13, a wrong term about 1
 CHECKED = 0.3  # [rad] crank angle between the states that are compared
 
 
@@ -37,7 +37,7 @@ class ByHand:
     integrators = ("rk4", "dop853_fixed")
     stabilizations = ("none",)
     settings = SETTINGS
-    resizable = True  # a model takes another step
+    resizable = True  # a built model can run with another step
     native_loop = True
     python_loop = False
 
@@ -61,7 +61,7 @@ class ByHand:
 
 
 class ByHandModel(CompiledSteps):
-    """A linkage in the angle of its crank alone."""
+    """The model of a linkage in one coordinate, the angle of its crank."""
 
     note = "one coordinate, derived by hand, in C"
 

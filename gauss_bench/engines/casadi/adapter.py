@@ -56,7 +56,7 @@ class Casadi:
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     adaptive = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False

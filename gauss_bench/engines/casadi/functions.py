@@ -91,7 +91,7 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
 
 def reason_to_refuse(mechanism: Mechanism) -> str | None:
-    """Return why the equations have no solution in closed form, or None if they have one.
+    """Return the reason why the equations have no solution in closed form, or None if they have one.
 
     Raises:
         TypeError: a force is of a kind that cannot be lowered to loads.

@@ -1,6 +1,6 @@
 """Exudyn: every link a rigid body in absolute coordinates, joints as algebraic equations, Exudyn's own implicit integrators.
 
-Exudyn's state is the displacement u from reference coordinates. With the assembled start as reference the translation is short:
+Exudyn's state is the displacement u from reference coordinates. The reference is the assembled start of the linkage, so that
 
     q = q0 + u,    v = u',    a = u''
 
@@ -64,7 +64,7 @@ class Exudyn:
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = False
 
@@ -288,7 +288,7 @@ class ExudynModel:
 
     def read(self) -> Trajectory:
         warning = self.log.close()
-        self.system.mbs.SetPostStepUserFunction(0)  # it holds this object
+        self.system.mbs.SetPostStepUserFunction(0)  # the function keeps this object in memory
         q = self.mechanism.q0 + self.q
         calls_python = self.mechanism.drivers or self.mechanism.varying
         note = "the motion law is evaluated in Python in every Newton iteration" if calls_python else ""

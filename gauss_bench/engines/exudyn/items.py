@@ -55,7 +55,7 @@ COINCIDENT = 1e-12  # [m]
 
 
 def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
-    """Return why a force has no exact counterpart among Exudyn's items, or None if it has one."""
+    """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
     if factor := factor_of(force):
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point, whose speed Exudyn's loads are not given"

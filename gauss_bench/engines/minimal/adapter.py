@@ -35,9 +35,9 @@ ADAPTIVE = "dop853"
 # The opening of a dyad is the sine or cosine of an angle, which is zero at a dead centre.
 STATES = 64  # states of the motion at which the openings of the dyads are evaluated
 STEADY = 0.15  # a coordinate whose dyads never open by less needs no change: about 9 degrees from a dead centre
-CHANGE = 0.35  # other coordinates are changed at this opening: nearer, their motion needs smaller steps than the linkage's
+CHANGE = 0.35  # other coordinates are changed at this opening: nearer to dead centres they vary so fast that steps must be smaller
 NARROW = 0.02  # no coordinate is used below this opening: the run ends if none is open wider
-AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states leave 1e-10, a wrong term about 1
+AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states cause about 1e-10, a wrong term about 1
 CHECKED = 4  # states at which a generated equation is compared with the linkage
 
 
@@ -56,7 +56,7 @@ class Minimal:
     stabilizations = ("none",)
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = False
 
@@ -136,7 +136,7 @@ class LinkMotion:
 
 
 class MinimalModel:
-    """A linkage in one coordinate at a time.
+    """The model of a linkage in one coordinate at a time.
 
     Attributes:
         ways: the possible coordinates.
@@ -183,7 +183,7 @@ class MinimalModel:
         return np.flatnonzero((self.signs[key.way] == key.signs).all(axis=1) & (self.open[key.way] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
-        """Return the equation of a key, written once, from sampled states on its branch and from q (n,) if given."""
+        """Return the equation of a key; the first call writes it, from sampled states on its branch and from q (n,) if given."""
         if key not in self.equations:
             on = self._states_on_branch(key)
             # The half of the states that is farthest from dead centres, in the order of the walk.
@@ -200,7 +200,7 @@ class MinimalModel:
         return self.evaluators[key]
 
     def _machine(self, key: Key, q: Array | None = None) -> Machine:
-        """Return the steps by an equation as machine code, compiled once."""
+        """Return the machine code that steps an equation; it is compiled once."""
         if key not in self.machines:
             self.machines[key] = Machine(self._equation(key, q), self.choice.integrator)
         return self.machines[key]

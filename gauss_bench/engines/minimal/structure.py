@@ -5,11 +5,11 @@ that is placed already. With pins R and slides P there are three kinds that link
 
     RRR   two pins and a pin between:       B on two circles about A and C
     RRP   a pin, a pin between, a slide:    B on a circle about A and on a line
-    RPR   two pins and a slide between:     a line at a given distance of A passes C
+    RPR   two pins and a slide between:     a line through C at a given distance from A
 
-each with two solutions (branches); a sign, taken from the start, selects one. A way is a choice of the link whose motion is the
-coordinate, together with the dyads that close the other links from there.
-Source: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
+Each has two solutions (branches), of which a sign, taken from the start, selects one. A way is a choice of the link whose motion is
+the coordinate, together with the dyads that close the other links from there. Source: Assur, Issledovanie ploskikh sterzhnevykh
+mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
 import cmath

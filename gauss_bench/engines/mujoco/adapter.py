@@ -47,7 +47,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
-AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or factor about 1
+AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
 
 
 VARIANTS = read_variants(Path(__file__).parent)

@@ -45,7 +45,7 @@ class Pinocchio:
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = False
     python_loop = True
 
@@ -117,7 +117,7 @@ class PinocchioModel(OwnSteps):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.plain(t, y, dy))[2], "Pinocchio")
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """Return two calls at the start: Pinocchio's solver alone, and a trivial function, which costs as much as any call."""
+        """Return two calls at the start: Pinocchio's solver alone, and a trivial function, to time the call itself."""
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:

@@ -23,7 +23,8 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 SOURCE = Path(__file__).parent / "loop.cpp"
-# No -march: Eigen's objects cross into a library that was built for any processor. Definitions are those of Pinocchio's targets.
+# No -march, which changes the alignment of Eigen's objects: they are passed to a library that was built for any processor. The
+# definitions are those of Pinocchio's own build targets.
 DEFINED = "PINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION BOOST_MPL_LIMIT_LIST_SIZE=30 BOOST_MPL_LIMIT_VECTOR_SIZE=30"
 DEFINED += " BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS BOOST_FUSION_INVOKE_MAX_ARITY=12 NDEBUG"
 FLAGS = ("-std=c++17", "-O2", *(f"-D{x}" for x in DEFINED.split()), "-shared", "-fPIC", "-w")
@@ -53,7 +54,7 @@ def compiler() -> str | None:
 
 
 def missing() -> str | None:
-    """Return why the loop cannot be built on this machine, or None if it can."""
+    """Return the reason why the loop cannot be built on this machine, or None if it can."""
     root = prefix()
     if root is None:
         return f"{NOT_INSTALLED}: Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
@@ -66,7 +67,7 @@ def missing() -> str | None:
 
 
 def absent() -> str | None:
-    """Return the sentence that the loop has not been built yet, or None if it has."""
+    """Return a sentence that says that the loop was not built yet, or None if it was built."""
     if (user_cache.folder() / _cache_name()).is_file():
         return None
     return f"{NOT_INSTALLED}: it was not built yet, which takes about 2 minutes: {HOW}"

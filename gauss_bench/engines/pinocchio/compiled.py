@@ -24,7 +24,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 METHODS = ("rk4", "semi_implicit_euler", "dop853_fixed")  # in the order of the numbers that `advance` of loop.cpp takes
 KINDS = {"JointModelRZ": b"z", "JointModelPX": b"x", "JointModelPY": b"y"}
-AGREEMENT = 1e-9  # relative: rounding leaves about 1e-13; headers whose layout differs from the library's give any number
+AGREEMENT = 1e-9  # relative: rounding causes about 1e-13; a memory layout that differs from the library's causes errors of any size
 VANISHING, FAILED = -1, -3  # returned by `advance_adaptive` instead of the number of steps, as is -2 for too many steps
 ARRAY, INT, LONG, DOUBLE = np.ctypeslib.ndpointer(float, flags="C_CONTIGUOUS"), ctypes.c_int, ctypes.c_long, ctypes.c_double
 ARGUMENTS = {  # of the functions of loop.cpp that take a linkage: the types after it
@@ -42,7 +42,7 @@ ARGUMENTS = {  # of the functions of loop.cpp that take a linkage: the types aft
 
 
 def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
-    """Return why the compiled loop cannot run this mechanism or choice, although the adapter in Python can, or None."""
+    """Return the reason why the compiled loop cannot run this mechanism or choice, although the adapter in Python can, or None."""
     if choice.stabilization == "projection":
         return "Pinocchio's compiled loop has no projection: it is the suite's own"
     if mechanism.drivers:

@@ -15,7 +15,7 @@ SETTINGS: dict[str, dict[str, object]] = {"default": {"code": "generated C"}}
 
 
 class PinocchioCasadi:
-    """An engine that always skips, with the reason."""
+    """An engine that refuses every linkage, with the reason."""
 
     name = "pinocchio_casadi"
     integrators = ("rk4", "dop853_fixed")

@@ -23,7 +23,7 @@ from gauss_bench.mechanism.model import GROUND, Mechanism, Point
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or lever about 1
+AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or lever about 1
 
 
 class Multibody:
