@@ -108,13 +108,10 @@ def _read(file: Mapping[str, Any]) -> Variants:
     settings, soft = _read_settings(setting_lines, [name for name in knobs if name not in CHOSEN])
     space: dict[str, Variant] = {}
     for name, line in variant_lines.items():
-        place, label = f"variants.{name}", line.get("settings", next(iter(settings)))
-        _require(label in settings, place, f"there are no settings {label!r}")
-        _require_known(line, (*knobs, "settings"), place)
-        _require("integrator" in line, place, "integrator is missing")
-        # a stabilization that the line lists keeps its place in the line, which orders the names of variants
-        for variant in _combinations(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label]):
-            _require(variant.name not in space and variant.name not in settings, place, f"{variant.name} is there already")
+        label = line.get("settings", next(iter(settings)))
+        for variant in _read_line(name, line, label, settings, knobs):
+            taken = variant.name in space or variant.name in settings
+            _require(not taken, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
             if label in soft:
                 soft[variant.name] = soft[label]
@@ -168,6 +165,16 @@ def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[
         if SOFT in line:
             soft[label] = _read_cause(line[SOFT], f"{place}.{SOFT}")
     return settings, soft
+
+
+def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], knobs: Mapping[str, Knob]) -> Iterator[Variant]:
+    """Check one line of [variants] and yield its variants; `label` names its settings."""
+    place = f"variants.{name}"
+    _require(label in settings, place, f"there are no settings {label!r}")
+    _require_known(line, (*knobs, "settings"), place)
+    _require("integrator" in line, place, "integrator is missing")
+    # a stabilization that the line lists keeps its place in the line, which orders the names of variants
+    yield from _combinations(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label])
 
 
 def _require(good: bool, place: str, otherwise: str) -> None:

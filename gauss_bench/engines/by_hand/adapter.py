@@ -114,9 +114,9 @@ class ByHandModel(CompiledSteps):
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
         start = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
         unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start))
-        for link, angle, (before, pin) in zip(loop.links, unwrapped.T, loop.pins, strict=True):
+        for link, angle, pin in zip(loop.links, unwrapped.T, loop.pins, strict=True):
             q[:, angle_slot(link)] = angle
-            places(q)[:, link] = position(q, before) - rotate(pin.local, angle)
+            places(q)[:, link] = position(q, pin.before) - rotate(pin.own.local, angle)
         return q
 
     def _angles(self, th: Array) -> Array:

@@ -222,9 +222,10 @@ class MinimalModel:
         evaluator, on = Evaluator(self.mechanism), self._states_on_branch(self.first)
         for row in on[:: max(1, len(on) // CHECKED)]:
             q, v = self.walk.q[row], self.walk.v[row]
-            expected = q, v, gauss(evaluator.terms(0.0, q, v)).a
-            quantities = zip(("places", "speeds", "accelerations"), self._derive(self.first, q, v), expected, strict=True)
-            require_agreement({name: (own, other, size(other)) for name, own, other in quantities}, AGREEMENT)
+            a = gauss(evaluator.terms(0.0, q, v)).a
+            own_q, own_v, own_a = self._derive(self.first, q, v)
+            pairs = {"places": (own_q, q, size(q)), "speeds": (own_v, v, size(v)), "accelerations": (own_a, a, size(a))}
+            require_agreement(pairs, AGREEMENT)
 
     def _state(self, equation: Equation, q: Array, v: Array) -> Array:
         """Translate a state of the linkage to the equation's state (2n,)."""
@@ -234,8 +235,9 @@ class MinimalModel:
         """Return q, v, a (n,) as an equation computes them from its own coordinate at a state of the linkage."""
         equation = self._equation(key, q)
         y = self._state(equation, q, v)
-        if key == self.first:  # machine code pays only for an equation that is evaluated often
-            motion = LinkMotion.of(y[len(y) // 2 :][:1], [x[None] for x in self._evaluator(key)(y)])
+        if key == self.first:  # compiling takes time, which only an equation that is evaluated often makes up for
+            rate = y[len(y) // 2]
+            motion = LinkMotion.of(rate[None], [x[None] for x in self._evaluator(key)(y)])
         else:
             motion = LinkMotion.at(equation, y[None])
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
