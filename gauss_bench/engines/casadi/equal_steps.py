@@ -63,15 +63,15 @@ static void acceleration(double t, const double *q, const double *v, double *a)
         ca, n = self.ca, self.mechanism.n
         x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")
         step = ca.Function("step", [x, h], [self._step(x, h)])
-        several: dict[int, Any] = {}  # number of steps -> function that takes so many
+        chains: dict[int, Any] = {}  # number of steps -> function that takes so many
 
         def advance(q: Array, v: Array, t: float, size: float, count: int) -> None:
             state = np.concatenate([q, v, [t]])
             while count:
                 part = min(count, CHUNK)
-                if part not in several:
-                    several[part] = step.mapaccum(f"steps{part}", part)
-                state = np.array(several[part](state, np.full((1, part), size)))[:, -1]
+                if part not in chains:
+                    chains[part] = step.mapaccum(f"steps{part}", part)
+                state = np.array(chains[part](state, np.full((1, part), size)))[:, -1]
                 count -= part
             q[:], v[:] = state[:n], state[n : 2 * n]
 

@@ -118,30 +118,30 @@ class System:
         marker = add.AddMarker(items.MarkerBodyMass(bodyNumber=self.bodies[i]))
         add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=spatial(self.mechanism.gravity)))
 
-    def _point(self, point: Point) -> Any:
-        """Add a marker with a position at a point."""
+    def _mark_point(self, point: Point) -> Any:
+        """Add a marker with a position at a point, and return it."""
         marker = self.items.MarkerBodyPosition(bodyNumber=self.bodies[point.link], localPosition=spatial(point.local))
         return self.mbs.AddMarker(marker)
 
-    def _frame(self, link: int, local: Array) -> Any:
-        """Add a marker with a position and an orientation at the place `local` (2,) of a link."""
+    def _mark_frame(self, link: int, local: Array) -> Any:
+        """Add a marker with a position and an orientation at the place `local` (2,) of a link, and return it."""
         return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
 
-    def _angle(self, link: int) -> Any:
-        """Add a marker of a link's angle against its reference; for the ground, of a coordinate that is always zero."""
+    def _mark_angle(self, link: int) -> Any:
+        """Add a marker of a link's angle relative to its start, and return it; the ground's marks a coordinate that is always zero."""
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
 
     def _add_joint(self, joint: Joint) -> None:
         if not isinstance(joint, Prismatic):
-            markers = [self._point(joint.a), self._point(joint.b)]
+            markers = [self._mark_point(joint.a), self._mark_point(joint.b)]
             self.mbs.AddObject(self.items.ObjectJointRevolute2D(markerNumbers=markers))
             return
         # Exudyn takes the normal from the second marker: block first and guide second give the rows of the linkage, negated.
         normal = unit(joint.angle, across=True)
-        foot = self._frame(joint.guide.link, joint.guide.local + joint.offset * normal)
+        foot = self._mark_frame(joint.guide.link, joint.guide.local + joint.offset * normal)
         slide = self.items.ObjectJointPrismatic2D(
-            markerNumbers=[self._frame(joint.block.link, joint.block.local), foot],
+            markerNumbers=[self._mark_frame(joint.block.link, joint.block.local), foot],
             axisMarker0=spatial(unit(joint.angle - joint.turn)),
             normalMarker1=spatial(normal),
             constrainRotation=True,
@@ -156,7 +156,7 @@ class System:
         # Exudyn's angle is the displacement u = theta - theta0 from the start, so the law is shifted by theta0.
         start = float(value(driver.coordinate, self.mechanism.q0))
         drive = self.items.ObjectConnectorCoordinate(
-            markerNumbers=[self._angle(GROUND), self._angle(driver.link)],
+            markerNumbers=[self._mark_angle(GROUND), self._mark_angle(driver.link)],
             offsetUserFunction=self._offset(driver.law, 0, start),
             offsetUserFunction_t=self._offset(driver.law, 1, 0.0),
         )
@@ -219,7 +219,7 @@ class System:
                 def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
                     return -value * float(factor(min(t, self.last), np.sign(value) * turning))
 
-                markers = [self._angle(reaction), self._angle(link)]
+                markers = [self._mark_angle(reaction), self._mark_angle(link)]
                 self.mbs.AddObject(
                     self.items.ObjectConnectorCoordinateSpringDamper(markerNumbers=markers, springForceUserFunction=torque)
                 )
@@ -228,7 +228,7 @@ class System:
                 def scale(mbs: Any, t: float, load: Any) -> list[float]:
                     return [float(x) for x in factor.of_time(min(t, self.last)) * np.array(load)]
 
-                marker, vector, fixed = self._frame(point.link, point.local), spatial(force.value), force.frame != GROUND
+                marker, vector, fixed = self._mark_frame(point.link, point.local), spatial(force.value), force.frame != GROUND
                 load = self.items.LoadForceVector(
                     markerNumber=marker, loadVector=vector, bodyFixed=fixed, loadVectorUserFunction=scale
                 )
@@ -253,18 +253,18 @@ class System:
 
     def _add_torque(self, link: int, value: float) -> None:
         if link != GROUND and value:  # in the plane a torque is a load on the angle, which Exudyn evaluates faster than a vector
-            self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._angle(link), load=value))
+            self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._mark_angle(link), load=value))
 
     def _add_point_force(self, f: PointForce) -> None:
         """Add a constant force. If it is fixed in another link it is a connector, and a second load cancels its reaction there."""
         size, items = float(np.linalg.norm(f.value)), self.items
         if f.point.link == GROUND or size == 0:
             return
-        marker, value = self._frame(f.point.link, f.point.local), spatial(f.value)
+        marker, value = self._mark_frame(f.point.link, f.point.local), spatial(f.value)
         if f.frame in (GROUND, f.point.link):
             self.mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=value, bodyFixed=f.frame != GROUND))
             return
-        base = self._frame(f.frame, np.zeros(2))
+        base = self._mark_frame(f.frame, np.zeros(2))
         push = items.ObjectConnectorLinearSpringDamper(
             markerNumbers=[base, marker],
             axisMarker0=spatial(f.value / size),
@@ -274,7 +274,7 @@ class System:
         self.mbs.AddLoad(items.LoadForceVector(markerNumber=base, loadVector=value, bodyFixed=True))
 
     def _add_spring(self, a: Point, b: Point, law: Law) -> None:
-        markers = [self._point(a), self._point(b)]
+        markers = [self._mark_point(a), self._mark_point(b)]
         if law.rest == law.c == law.bias == 0:  # force k times the gap: no direction, which is undefined where points meet
             spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[law.k, law.k, 0.0])
         else:
@@ -286,7 +286,7 @@ class System:
     def _add_torsion_spring(self, a: int, b: int, law: Law) -> None:
         start = float(value(Angle(a, b), self.mechanism.q0))
         spring = self.items.ObjectConnectorCoordinateSpringDamper(
-            markerNumbers=[self._angle(a), self._angle(b)], stiffness=law.k, damping=law.c, offset=law.rest - start
+            markerNumbers=[self._mark_angle(a), self._mark_angle(b)], stiffness=law.k, damping=law.c, offset=law.rest - start
         )
         self.mbs.AddObject(spring)
 
@@ -296,7 +296,7 @@ class System:
         if origin.link == GROUND and np.abs(u).min() < PARALLEL and law.bias == 0:
             axis = np.abs(u).round()
             spring = items.ObjectConnectorCartesianSpringDamper(
-                markerNumbers=[self._point(origin), self._point(point)],
+                markerNumbers=[self._mark_point(origin), self._mark_point(point)],
                 stiffness=spatial(law.k * axis),
                 damping=spatial(law.c * axis),
                 offset=spatial(law.rest * u.round()),
@@ -304,7 +304,7 @@ class System:
         else:
             foot = origin.local + self._lateral_distance(along) * np.array([-u[1], u[0]])
             spring = items.ObjectConnectorLinearSpringDamper(
-                markerNumbers=[self._frame(origin.link, foot), self._frame(point.link, point.local)],
+                markerNumbers=[self._mark_frame(origin.link, foot), self._mark_frame(point.link, point.local)],
                 axisMarker0=spatial(u),
                 stiffness=law.k,
                 damping=law.c,

@@ -124,11 +124,11 @@ class DrivingTorques:
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
         R, x, bias = self._rows_at(t, y, dy)
-        wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)
-        free = solve(t, y, dy, tau)
+        wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)  # (k,) R y'' of the equation above
+        free = solve(t, y, dy, tau)  # (n,) a0
         missing = wanted - R @ free
-        probes = self.inertias * np.maximum(1.0, np.abs(missing))
-        effects = np.array([solve(t, y, dy, tau + probe) - free for probe in probes[:, None] * R])
+        probes = self.inertias * np.maximum(1.0, np.abs(missing))  # (k,) torques of the size that is needed
+        effects = np.array([solve(t, y, dy, tau + probe) - free for probe in probes[:, None] * R])  # (k, n) a_j - a0
         try:
             accelerations: Array = free + np.linalg.solve(R @ effects.T, missing) @ effects
         except np.linalg.LinAlgError as error:
