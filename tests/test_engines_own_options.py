@@ -19,8 +19,7 @@ KNOWN = OptionTable(
         "usual": {"rounds": 20, "mu": 1e-8, "shut": True, "pair": [0.02, 1.0], "method": "Newton", "remark": "as shipped"},
         "quick": {"rounds": 1, "mu": 1e-8, "shut": True, "pair": [0.02, 1.0], "method": "CG", "remark": ""},
     },
-    ("rounds", "mu", "shut", "pair", "method"),
-    {"method": ("PGS",)},
+    {"rounds": (), "mu": (), "shut": (), "pair": (), "method": ("PGS",)},
 )
 
 

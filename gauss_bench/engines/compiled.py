@@ -21,7 +21,7 @@ FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
 ADAPTIVE, IMPLICIT = "dop853", "gauss_legendre"
 TOLERANCES = {"dop853_rtol": 1e-10, "dop853_atol": 1e-12}  # those of the interpreted engines
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on", **TOLERANCES}}
-KNOWN = OptionTable(SETTINGS, ("baumgarte_alpha_beta_per_s", *TOLERANCES))
+KNOWN = OptionTable(SETTINGS, dict.fromkeys(("baumgarte_alpha_beta_per_s", *TOLERANCES), ()))
 
 
 def compiler_version() -> str:

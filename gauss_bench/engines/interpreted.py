@@ -23,7 +23,7 @@ from gauss_bench.terms import Array, SingularSystem, Solution, Terms, baumgarte,
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, with_accelerations
 
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
-KNOWN = OptionTable(SETTINGS, [*SETTINGS["default"]])
+KNOWN = OptionTable(SETTINGS, dict.fromkeys(SETTINGS["default"], ()))
 
 
 class Interpreted:

@@ -8,7 +8,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from gauss_bench.untrusted import parse_toml
@@ -27,13 +27,11 @@ class OptionTable:
 
     Attributes:
         labels: name of a setting or variant -> option -> value; the first entry holds the engine's defaults.
-        options: the options that a user may give as KEY=VALUE.
-        words: option -> further permitted words, for options whose values are words.
+        options: option that a user may give as KEY=VALUE -> further permitted words, if its values are words.
     """
 
     labels: Mapping[str, Mapping[str, Any]]
-    options: Sequence[str]
-    words: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    options: Mapping[str, Sequence[str]]
 
     def resolve(self, text: str) -> dict[str, Any]:
         """Return the value of every option under a text: the name of a setting or variant, KEY=VALUE pairs, or both.
@@ -96,7 +94,7 @@ class OptionTable:
     def _words(self, key: str) -> list[str]:
         """List the words that an option may take, without repetition."""
         used = (options[key] for options in self.labels.values() if key in options)
-        return list(dict.fromkeys([*used, *self.words.get(key, ())]))
+        return list(dict.fromkeys([*used, *self.options[key]]))
 
 
 def is_assignment(text: str) -> bool:

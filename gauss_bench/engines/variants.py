@@ -80,8 +80,7 @@ class Variants:
             OptionError: an option is unknown, or its value has the wrong type.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
-        words = {k: x.values for k, x in self.knobs.items() if k not in CHOSEN}
-        return OptionTable(labels, list(words), words).resolve(name)
+        return OptionTable(labels, {k: x.values for k, x in self.knobs.items() if k not in CHOSEN}).resolve(name)
 
 
 def read_variants(room: Path) -> Variants:

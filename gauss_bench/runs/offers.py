@@ -119,12 +119,12 @@ class Offer:
         if text not in labels and not is_assignment(text):
             raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
         try:
-            return OptionTable(labels, [*self.options], self.options).resolve(text)
+            return OptionTable(labels, self.options).resolve(text)
         except (OptionError, KeyError) as error:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 
     def _and_options(self) -> str:
-        return f"; or its own options: {OptionTable(self.settings, [*self.options]).describe()}" if self.options else ""
+        return f"; or its own options: {OptionTable(self.settings, self.options).describe()}" if self.options else ""
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:

@@ -128,7 +128,7 @@ class System:
         return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
 
     def _mark_angle(self, link: int) -> Any:
-        """Add a marker of a link's angle relative to its start, and return it; the ground's marks a coordinate that is always zero."""
+        """Add a marker of a link's angle relative to its start, or, for the ground, of a coordinate that is zero; and return it."""
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
 
