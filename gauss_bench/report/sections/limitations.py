@@ -1,4 +1,4 @@
-"""OptionTable limitations, written once in `layouts.toml`; they hold for every run."""
+"""Known limitations, written once in `layouts.toml`; they hold for every run."""
 
 from gauss_bench.report.content import Bullets, Section, layouts
 from gauss_bench.report.rows import Run
@@ -8,7 +8,7 @@ TABLES = ()
 
 
 def section(run: Run) -> Section:
-    return Section("OptionTable limitations", "limitations", (Bullets((*layouts()["limitations"]["items"], *list_left_out(run))),))
+    return Section("Known limitations", "limitations", (Bullets((*layouts()["limitations"]["items"], *list_left_out(run))),))
 
 
 def list_left_out(run: Run) -> list[str]:
