@@ -92,9 +92,12 @@ def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeyp
     assert "N^T (M a - Q)" in broken("tests.faulty_engines:Excused")["accelerations (default, rk4, none)"]
 
 
-def test_settings_cannot_be_declared_unfinished(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
+    assert {x.name for x in offers(all_names()) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
 
 
 @pytest.mark.slow
@@ -232,19 +235,11 @@ def test_changes_are_one_by_one_of_a_kind_and_of_all() -> None:
         assert link.inertia == was.inertia
 
 
-def test_own_engines_and_pinocchio_declare_nothing_inexact() -> None:
-    inexact = {x.name for x in offers(all_names()) if x.soft or x.unfinished}
-    assert inexact == {"mujoco", "exudyn"}
-
-
-def test_effects_are_told_apart() -> None:
+def test_effects_are_told_apart_and_lateness_is_counted_in_samples() -> None:
     true = np.array([1.0, -2.0, 0.5])
     assert effect(0 * true, true) == "it has no effect"
     assert effect(-true, true) == "it acts in the opposite direction"
     assert effect(9.81 * true, true).startswith("its effect is 9.81 times")
-
-
-def test_lateness_is_counted_in_samples() -> None:
     t = 0.01 * np.arange(100)[:, None]
     for shift in (0.0, 0.5, 1.0, -1.0):
         assert lateness(np.sin(t), np.sin(t - 0.01 * shift)) == pytest.approx(shift, abs=1e-2)
