@@ -23,8 +23,8 @@ def follow(lines: Callable[[Array], Array], start: float, at: Array, angles: Arr
         length: typical length [m] if the coordinate is a length; None if it is an angle.
     """
     low, high = min(start, at.min()), max(start, at.max())
-    # If the coordinate is an angle and goes beyond a turn, the motion repeats: one turn is tabulated, and for every further turn each
-    # angle advances by as much as in the first.
+    # If the coordinate is an angle and goes beyond a turn, the motion repeats: one turn is tabulated, and for every further turn
+    # each angle advances by as much as in the first.
     turning = length is None and high - low > TURN
     if turning:
         low, high = start, start + TURN

@@ -8,9 +8,9 @@
 
 with H the holonomic rows of J. The integrators of SUNDIALS choose steps and orders themselves, so `step` does not change them.
 Projection is the suite's own: the state is projected at every sample, and there the method starts again with order 1 and a small
-step, so that it takes more steps. Multipliers and accelerations are left out of the error test, as the documentation of IDAS advises
-for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with
-constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
+step, so that it takes more steps. Multipliers and accelerations are left out of the error test, as the documentation of IDAS
+advises for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange
+equations with constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
 """
 
 import re
