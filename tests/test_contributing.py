@@ -57,7 +57,7 @@ def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     text = register.read_text(encoding="utf-8")
     register.write_text(text.replace("FOREIGN = {\n", "FOREIGN = {\n" + line, 1), encoding="utf-8")
     passed = conformance(tmp_path, "heuns", [tmp_path, tmp_path / "library"])
-    assert passed >= 6  # states of two linkages, a linkage of others, what it skips, a missing library, a planted fault
+    assert passed >= 4  # accelerations of two linkages, runs or reasons to skip, a missing library
 
 
 @pytest.mark.long

@@ -15,10 +15,8 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Status
 from tests.faults import FAULTS, IMPORTS, LIES, alive, write_modules
 
-SOME = (
-    "run_segfault run_loop run_memory run_exits run_boom run_child run_noise init_boom version_boom build_boom read_leave told_nan"
-)
-SOME += " told_short told_resting told_shape told_function lie_settings lie_everything import_exit"
+SOME = """run_segfault run_loop run_memory run_exits run_boom run_child run_noise init_boom version_boom build_boom read_leave
+    told_nan told_short told_resting told_shape told_function lie_settings lie_everything import_exit"""
 FINE = {"version_boom", "told_function", "lie_version", "lie_name", "lie_settings_function"}  # they spoil no motion
 SLEEP = "36001.7"  # [s]
 CODE = """
@@ -73,8 +71,8 @@ def test_faults_are_typed_rows_and_leave_no_orphans(tmp_path: Path, chosen: list
             assert (status, valid) == ("ok", True), name
             continue
         assert status in set(Status) - {Status.OK}, (name, status, message)
-        assert message.isprintable(), name
         assert message, name
+        assert message.isprintable(), name
         assert not valid, name
     assert told["run_segfault"][:2] == ["crashed", "the process died with signal SIGSEGV"]
     assert told["run_loop"][0] == "timeout"

@@ -33,13 +33,13 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     class Transcribed(System):
         """The adapter's system, which writes a comment before each part and names user functions as the script does."""
 
-        def _link(self, i: int) -> None:
+        def _add_link(self, i: int) -> None:
             script.comment(f"link {self.mechanism.links[i].name}")
-            super()._link(i)
+            super()._add_link(i)
 
-        def _joint(self, joint: Any) -> None:
+        def _add_joint(self, joint: Any) -> None:
             script.comment(f"joint {joint.name}")
-            super()._joint(joint)
+            super()._add_joint(joint)
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))

@@ -25,7 +25,6 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     options, tree, laws = VARIANTS.options(choice.settings), built.tree, name_laws(mechanism)
     states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
     angles = tree.absolute(states, states, states)[0][:, 2::3]  # affine in the tree's coordinates
-    driven = zip(built.drawn, built.cylinders, strict=True)
     return write_program(
         "mujoco.py.jinja",
         mechanism,
@@ -37,6 +36,6 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         turns=(angles[1:] - angles[0]).T,
         inverse_weights=float(options["body_invweight0_factor"]),
         solref_in_steps=float(options["solref"][0]) if options["solref_unit"] == "step" else 0.0,
-        drives=[[k, armature, laws[id(law)]] for k, armature, law in built.drives],
-        cylinders=[[tendon, motor, mass, laws[id(law)]] for (tendon, motor), (_, mass, law) in driven],
+        drives=[[x.at, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is None],
+        cylinders=[[x.at, x.motor, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is not None],
     )

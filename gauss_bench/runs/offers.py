@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class, not_installed
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
-from gauss_bench.engines.own_options import Known, OptionError, is_own
+from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
@@ -116,21 +116,21 @@ class Offer:
             ChoiceError: what the engine does not know, naming what it does.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
-        if text not in labels and not is_own(text):
+        if text not in labels and not is_assignment(text):
             raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
         try:
-            return Known(labels, [*self.options], self.options).resolve(text)
+            return OptionTable(labels, self.options).resolve(text)
         except (OptionError, KeyError) as error:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 
     def _and_options(self) -> str:
-        return f"; or its own options: {Known(self.settings, [*self.options]).told()}" if self.options else ""
+        return f"; or its own options: {OptionTable(self.settings, self.options).describe()}" if self.options else ""
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
     """Return what of the suite's own runs in Python inside an engine's time, in words; NOT_TOLD of engines from elsewhere."""
-    engine: Any = get(name) if name in SAFE else None
-    return str(engine.in_python(mechanism, choice)) if engine is not None else NOT_TOLD
+    describe_python = getattr(get(name), "in_python", None) if name in SAFE else None  # an adapter need not have it
+    return str(describe_python(mechanism, choice)) if describe_python else NOT_TOLD
 
 
 def is_isolated(name: str) -> bool:
