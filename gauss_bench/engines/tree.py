@@ -26,7 +26,7 @@ from gauss_bench.mechanism.coordinates import state
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Joint, Mechanism, Point
-from gauss_bench.mechanism.spaces import PLANE, bodies
+from gauss_bench.mechanism.spaces import SIZE, bodies
 from gauss_bench.terms import Array
 
 
@@ -119,7 +119,7 @@ class Tree:
     @cached_property
     def _written(self) -> Callable[..., list[Array]]:
         """A generated function (t, q, v) -> tree coordinates and their rates, for `relative`."""
-        at = Symbols(PLANE.size * self.links)
+        at = Symbols(SIZE * self.links)
         states = [state(x, at) for b in self.branches for x in b.coordinates]
         return at.written([x.value for x in states], [x.rate for x in states])
 

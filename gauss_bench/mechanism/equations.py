@@ -19,7 +19,7 @@ from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push
 from gauss_bench.mechanism.frames import Placement
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import Real, Vec, slots
+from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.mechanism.written import Number, Program, Symbol, Written
 from gauss_bench.terms import Array
 
@@ -61,23 +61,23 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
         x = slip(edge.coordinate, at)
-        yield Row(edge.name, columns(at.space, x.entries), -x.bias, None, 0.0)
+        yield Row(edge.name, columns(x.entries), -x.bias, None, 0.0)
 
 
 def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
     value, rate, second = motion
     x = state(coordinate, at, value if on_constraints else None)
-    return Row(name, columns(at.space, x.entries), second - x.bias, x.value - value, -rate)
+    return Row(name, columns(x.entries), second - x.bias, x.value - value, -rate)
 
 
 def generalise(at: Placement, load: Load) -> dict[int, Real]:
     """Return the generalised force of one load, by generalised speed."""
     match load:
         case Law():
-            return columns(at.space, push(state(load.coordinate, at), load))
+            return columns(push(state(load.coordinate, at), load))
         case PointForce():
             (_, force), end = at.vector(load.frame, load.value), at.end(load.point)
-            return columns(at.space, (Entry(end.frame, force, at.space.wedge(end.arm, force)),))
+            return columns((Entry(end.frame, force, wedge(end.arm, force)),))
         case _:
             assert_never(load)
 
@@ -91,9 +91,9 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
         case PointForce():
             (_, force), end = at.vector(load.frame, load.value), at.end(load.point)
             if load.frame == GROUND:
-                return -at.space.dot(force, end.place), 0.0
-            turning = at.space.inner(end.frame.omega, at.space.wedge(end.arm, force))
-            return 0.0, at.space.dot(force, end.frame.u) + turning
+                return -dot(force, end.place), 0.0
+            turning = end.frame.omega * wedge(end.arm, force)
+            return 0.0, dot(force, end.frame.u) + turning
         case _:
             assert_never(load)
 

@@ -24,7 +24,7 @@ from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import columns, state
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.model import Force, Mechanism, factor_of, loads, steady_part
-from gauss_bench.mechanism.spaces import PLANE, Real, places
+from gauss_bench.mechanism.spaces import Real, places
 from gauss_bench.terms import Array
 
 
@@ -136,7 +136,7 @@ class JointFriction:
         self.speed = np.array([f.speed for f, _ in self.acting])
         at = Symbols(mechanism.n)
         motions = [state(pair.motion, at) for _, pair in self.acting]
-        entries = [columns(PLANE, x.entries) for x in motions]
+        entries = [columns(x.entries) for x in motions]
         self.places = [(k, p) for p, some in enumerate(entries) for k in some]
         self._written = at.written([x.rate for x in motions], [x for some in entries for x in some.values()])
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from gauss_bench.mechanism.model import GROUND, Point
-from gauss_bench.mechanism.spaces import PLANE, Real, Turning, Vec
+from gauss_bench.mechanism.spaces import Real, Vec, rotate_vec
 from gauss_bench.terms import Array
 
 
@@ -29,7 +29,7 @@ class Frame(NamedTuple):
     body: int
     z: Vec
     u: Vec
-    omega: Turning
+    omega: Real
     angle: Real
     rests: bool = False
 
@@ -77,7 +77,6 @@ class Placement:
         arithmetic: of its numbers.
     """
 
-    space = PLANE
     arithmetic: Arithmetic
 
     def body(self, body: int) -> tuple[Sequence[Real], Sequence[Real]]:
@@ -105,7 +104,7 @@ class Placement:
             return Direction(frame, s)
         if body not in self.turns:
             self.turns[body] = Vec(self.arithmetic.cos(frame.angle), self.arithmetic.sin(frame.angle))
-        return Direction(frame, self.space.turned(self.turns[body], s))
+        return Direction(frame, rotate_vec(self.turns[body], s))
 
     @cached_property
     def turns(self) -> dict[int, Vec]:

@@ -252,7 +252,7 @@ class Family:
             phi = np.stack(np.broadcast_arrays(*(x.value - value for x, (_, value) in zip(states, pairs, strict=True))), axis=-1)
             J = np.zeros((*phi.shape, mechanism.n))
             for row, x in enumerate(states):
-                for column, entry in columns_of_gradient(at.space, x.entries).items():
+                for column, entry in columns_of_gradient(x.entries).items():
                     J[:, row, column] = entry
             return phi, J
 
