@@ -121,7 +121,7 @@ class Tree:
         """A generated function (t, q, v) -> tree coordinates and their rates, for `relative`."""
         at = Symbols(SIZE * self.links)
         states = [state(x, at) for b in self.branches for x in b.coordinates]
-        return at.written([x.value for x in states], [x.rate for x in states])
+        return at.generate([x.value for x in states], [x.rate for x in states])
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Map absolute states (..., 3 links) to tree coordinates and rates (..., n); gaps at the tree's joints are ignored."""

@@ -146,8 +146,8 @@ class Program:
             self.known[text] = Symbol(self, line.name)
         return self.known[text]
 
-    def needed(self, results: Iterable[Symbol]) -> list[Line]:
-        """Return the lines that some symbols depend on, in order."""
+    def lines_for(self, results: Iterable[Symbol]) -> list[Line]:
+        """Return the lines that these symbols depend on, in order."""
         names, lines = {x.text for x in results}, []
         for line in reversed(self.lines):
             if line.name in names:
@@ -156,7 +156,7 @@ class Program:
         return lines[::-1]
 
 
-class Written:
+class GeneratedFunction:
     """A generated function of lists of numbers: `inputs` are (name, length) of each list, `groups` the symbols that it returns.
 
     Attributes:
@@ -168,7 +168,7 @@ class Written:
         # each list is unpacked into scalars q0, q1, ... : reading a local variable is faster than indexing
         heads = [f"{', '.join(f'{name}{k}' for k in range(count))}, = {name}" for name, count in inputs if count]
         tuples = [f"({''.join(f'{x.text}, ' for x in group)})" for group in groups]
-        needed = program.needed(x for group in groups for x in group)
+        needed = program.lines_for(x for group in groups for x in group)
         lines = [f"{line.name} = {line.text}" for line in needed]
         self.source = "\n    ".join([f"def function({names}):", *heads, *lines, f"return ({', '.join(tuples)},)"])
         self.sizes = [len(group) for group in groups]
