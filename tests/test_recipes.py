@@ -90,7 +90,7 @@ class Magnet:
         a, b = (names.point(x) for x in table["between"])
         return cls(name, a, b, names.number(table, "strength"))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Distance(self.a, self.b), inverse_square=self.strength),)
 ''',
     "motor": '''"""A motor that loses torque with its speed."""
@@ -115,7 +115,7 @@ class Motor:
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Motor":
         return cls(name, names.link(table["link"]), names.number(table, "stall"), names.number(table, "drag"))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Angle(GROUND, self.link), c=self.drag, bias=self.stall),)
 ''',
 }

@@ -166,7 +166,7 @@ def _motion_held(
     mechanism = load_document(moved | {"format": SECOND}, "kinematics", source, digest)
     still: list[AngleDriver | SlideDriver] = []
     for name in start["angles"]:
-        link, _ = mechanism.placed(name)
+        link, _ = mechanism.find_body(name)
         still.append(AngleDriver(name, constant(float(angle_at(mechanism.q0, link)), 0.0), link))
     for joint in mechanism.slides:
         if joint.name in start["slides"]:
@@ -209,7 +209,7 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
 
 def _angle(mechanism: Mechanism, name: str) -> float:
     """Return the angle [rad] of a link of the file at the start."""
-    body, turn = mechanism.placed(name)
+    body, turn = mechanism.find_body(name)
     return float(angle_at(mechanism.q0, body) + turn)
 
 

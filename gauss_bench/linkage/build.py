@@ -116,7 +116,7 @@ class Resolver:
     def pairs(self, joint: str) -> tuple[Joint, ...]:
         return tuple(pair for pair in self.joints if pair.joint == joint)
 
-    def damped(self, joint: str) -> tuple[Joint, ...]:
+    def pairs_to_damp(self, joint: str) -> tuple[Joint, ...]:
         return every_two(self.pairs(joint)) if self.edition == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:

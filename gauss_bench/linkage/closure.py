@@ -152,7 +152,7 @@ def check_springs(mechanism: Mechanism) -> None:
         AssemblyError: there is one.
     """
     for f in mechanism.forces:
-        for law in (x for x in f.lowered() if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)):
+        for law in (x for x in f.to_loads() if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)):
             if isinstance(law.coordinate, Distance) and value(law.coordinate, mechanism.q0) < CLOSED:
                 raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
 
@@ -163,7 +163,7 @@ def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
         return  # the motion does not follow from forces
     close, world = joint_residual(joints), Point(GROUND, np.zeros(2), "ground.")
     for f in mechanism.forces:
-        for law in (x for x in f.lowered() if isinstance(x, Law) and x.k * x.rest + x.bias != 0):
+        for law in (x for x in f.to_loads() if isinstance(x, Law) and x.k * x.rest + x.bias != 0):
             if not isinstance(ends := law.coordinate, Distance):
                 continue
             # x and y of both ends; the joints closed with equal x and equal y mean that the points coincide
@@ -283,7 +283,7 @@ def list_held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Numb
         held.append((by_name[name].motion, exact(number, target), exact(number, rate)))
     for reference, target in start.get("points", {}).items():
         rates = start.get("point_velocities", {}).get(reference, (0, 0))
-        point = mechanism.named_point(reference)
+        point = mechanism.find_point(reference)
         for axis, across in enumerate((False, True)):
             along = Along(Point(GROUND, pair(number, (0, 0)), "ground."), point, 0.0, across)
             held.append((along, exact(number, target[axis]), exact(number, rates[axis])))
@@ -299,7 +299,7 @@ def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = f
 def _list_held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
     """Link index -> held angle [rad] and speed [rad/s]."""
     start = scenario.get("start", {})
-    placed = mechanism.placed
+    placed = mechanism.find_body
     speeds = {placed(name)[0]: exact(number, x) for name, x in start.get("speeds", {}).items()}
     if "speed" in start and mechanism.crank is not None:
         speeds.setdefault(mechanism.crank, exact(number, start["speed"]))
@@ -422,7 +422,7 @@ class _Sketch:
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
         self.mechanism, assembly = mechanism, document.get("assembly", {})
         angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
-        self.given = {i: x - turn for name, x in angles.items() for i, turn in [mechanism.placed(name)]}
+        self.given = {i: x - turn for name, x in angles.items() for i, turn in [mechanism.find_body(name)]}
         drawing, drawn = assembly.get("sketch", {}), dict[str, Any]()
         for name, joint in write_out(document).get("joints", {}).items():
             references = joint.get("at") or [joint["block"]]
@@ -430,7 +430,7 @@ class _Sketch:
             where = drawing.get(name, grounded[0] if grounded else None)
             drawn |= {} if where is None else dict.fromkeys(references, where)
         drawn |= {r: x for r, x in drawing.items() if "." in r}
-        self.drawn = {mechanism.named_point(r).name: np.array(x, dtype=float) for r, x in drawn.items()}
+        self.drawn = {mechanism.find_point(r).name: np.array(x, dtype=float) for r, x in drawn.items()}
         self.theta: dict[int, float] = {GROUND: 0.0}
         self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
 

@@ -273,7 +273,7 @@ def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, 
                 if name not in assembly.get("angles_deg", {}):
                     angles[name] = 0.0
                 continue
-            body = mechanism.placed(error.links[0])[0]
+            body = mechanism.find_body(error.links[0])[0]
             point = next(iter(mechanism.links[body].points))
             owner = f"{error.links[0]}.{point}" if "." not in point else point
             drawing[owner] = [float(x) for x in mechanism.links[body].points[point]]

@@ -46,7 +46,7 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """Return the generalised force of a varying force; the speed along it is its power divided by its magnitude."""
-    (load,) = force.lowered()
+    (load,) = force.to_loads()
     graph = links.graph
     entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
     value: Any = force.value

@@ -87,7 +87,7 @@ def unfit(mechanism: Mechanism) -> str | None:
     """Return why the equations have no closed solution, or None if they have one.
 
     Raises:
-        TypeError: a force is of a kind that cannot be lowered to loads.
+        TypeError: a force is of a kind that cannot be expressed by loads.
     """
     if reason := unsteady(mechanism, "CasADi"):
         return reason

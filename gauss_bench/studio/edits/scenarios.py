@@ -78,7 +78,7 @@ def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate
     """Return the coordinate that a driver's key link, joint or between names, or None if the linkage does not have it."""
     try:
         if "link" in driver:
-            return Angle(GROUND, mechanism.placed(driver["link"])[0])
+            return Angle(GROUND, mechanism.find_body(driver["link"])[0])
         if "joint" in driver:
             return next(j.motion for j in mechanism.joints if isinstance(j, Prismatic) and j.name == driver["joint"])
         return Distance(*map(mechanism.named_point, driver["between"]))
@@ -92,7 +92,7 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
     coordinate = None if mechanism is None else coordinate_of(mechanism, driver)
     if mechanism is None or coordinate is None:
         return None
-    turn = mechanism.placed(driver["link"])[1] if "link" in driver else 0.0  # of a link in the body that it is welded into
+    turn = mechanism.find_body(driver["link"])[1] if "link" in driver else 0.0  # of a link in the body that it is welded into
     return float(value(coordinate, reading.q)) + float(turn)
 
 
