@@ -217,8 +217,7 @@ def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> 
     name, keys = KEYS[kind]
     (package / "mechanism" / f"{kind}.py").write_text(FILES[kind], encoding="utf-8")
     schema = package / "linkage" / "schema.py"
-    physics = " ".join(["type", *(line.split(":")[0].strip() for line in keys.splitlines())])
-    table = f'class {name}Table(Table, physics="{physics}"):\n    read: ClassVar = {name}.read\n'
+    table = f"class {name}Table(Table):\n    read: ClassVar = {name}.read\n"
     table += f'    type: Literal["{kind}"]\n    {keys}\n\n\n'
     insert(schema, "class TableOverTime(Table", table)
     other = '"coulomb_friction": CoulombFrictionTable' if kind in ("magnet", "motor") else '"knife_edge": KnifeEdgeTable'

@@ -187,7 +187,7 @@ class Family:
             case "joints":
                 found = {f"joints.{name}.offset": table[name]["offset"]}
             case "forces" if any(f.name == name for f in self.nominal.forces):
-                force: Any = self._resolver.force(name, table[name])
+                force: Any = self._resolver.build_force(name, table[name])
                 found = {f"forces.{name}.{key}": x for key, x in force_numbers(force).items()}
         vectors = {f"{key}.{axis}": float(x) for key, xy in found.items() if np.ndim(xy) for axis, x in zip("xy", xy, strict=True)}
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
