@@ -17,8 +17,9 @@ import numpy as np
 from gauss_bench.exchange.spatial import WORLD, Acting, Between, Joint, OnJoints, Push, Spatial, Spot, Straight
 from gauss_bench.exchange.text import unique
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import close_joints, null_space, sketch
+from gauss_bench.linkage.closure import close_joints, null_space
 from gauss_bench.linkage.schema import FORMAT
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.linkage.surest import HELD, candidates, surest
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.evaluate import Constraints

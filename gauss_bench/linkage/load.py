@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import assemble, sketch, sketch_from
+from gauss_bench.linkage.closure import assemble, close_sketch
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.references import items, reference_faults, table
 from gauss_bench.linkage.schema import check_grammar
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import in_a_sentence
@@ -117,7 +118,7 @@ def at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Place:
     return placed
 
 
-sketched = at_rest(sketch_from)  # joints closed, though some freedoms may not be determined
+sketched = at_rest(close_sketch)  # joints closed, though some freedoms may not be determined
 drawn = at_rest(sketch)  # joints left open as drawn, to show why they do not close
 
 

@@ -19,10 +19,11 @@ from gauss_bench.kinematics.assembly import put_together, rank_about
 from gauss_bench.kinematics.topology import find_graph, held_coordinates, loose_links
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import close_joints, sketch
+from gauss_bench.linkage.closure import close_joints
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
 from gauss_bench.linkage.load import document_faults, load_document
 from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.coordinates import position, spread
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
