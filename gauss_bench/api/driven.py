@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.closure import free_coordinates
 from gauss_bench.linkage.errors import Fault, LinkageError
-from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, merge, sketched
+from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, merge, place_by_sketch
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.mechanism.coordinates import value as value_of
@@ -146,7 +146,7 @@ def _motion_held(
         own = load_document(document, scenario, source, digest, stem)
     except LinkageError as error:  # a start may leave freedoms open that are held here: the sketch is enough
         try:
-            own = load_document(document, scenario, source, digest, stem, sketched)
+            own = load_document(document, scenario, source, digest, stem, place_by_sketch)
         except LinkageError:
             raise error from None
     chosen = document["scenarios"][own.scenario]

@@ -20,7 +20,7 @@ from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints, null_space
 from gauss_bench.linkage.schema import FORMAT
 from gauss_bench.linkage.sketch import sketch
-from gauss_bench.linkage.surest import HELD, candidates, surest
+from gauss_bench.linkage.start_coordinates import choose_held
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
@@ -420,15 +420,15 @@ class Flattened:
         q = close_joints(mechanism, rows, sketch(mechanism, document))
         free = null_space(rows(0.0, q, np.zeros_like(q)).J, mechanism.n)
         velocity, start, crank = self._velocities(mechanism), Table(), None
-        for kind, key, coordinates in surest(candidates(mechanism, q), q, free):
-            values = [float(value(x, q)) for x in coordinates]
-            speeds = [float(gradient(x, q) @ velocity) for x in coordinates]
-            table, rates = HELD[kind]
-            start.setdefault(table, {})[key] = values if kind == "point" else values[0]
+        for held in choose_held(mechanism, q, free):
+            values = [float(value(x, q)) for x in held.coordinates]
+            speeds = [float(gradient(x, q) @ velocity) for x in held.coordinates]
+            of_values, of_rates = held.tables
+            start.setdefault(of_values, {})[held.name] = values if held.kind == "point" else values[0]
             if any(speeds):
-                start.setdefault(rates, {})[key] = speeds if kind == "point" else speeds[0]
-            if crank is None and kind == "angle" and turns_on_ground(mechanism, key):
-                crank = key
+                start.setdefault(of_rates, {})[held.name] = speeds if held.kind == "point" else speeds[0]
+            if crank is None and held.kind == "angle" and turns_on_ground(mechanism, held.name):
+                crank = held.name
         return start, crank, free.shape[1]
 
     def _velocities(self, mechanism: Mechanism) -> Array:

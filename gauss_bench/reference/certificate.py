@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.load import built_in_folder, generated
+from gauss_bench.linkage.load import built_in_folder, generate
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
@@ -128,7 +128,7 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
     For a generated linkage it is in the suite's own folder; None for a linkage without a folder.
     """
     source = Path(mechanism.source)
-    folder = source.parent if source.is_file() else built_in_folder() if generated(mechanism.source) else None
+    folder = source.parent if source.is_file() else built_in_folder() if generate(mechanism.source) else None
     return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
 
 
