@@ -333,7 +333,7 @@ def test_comments_end_where_they_end(lines: list[str]) -> None:
 
 def test_a_transcript_is_what_was_called() -> None:
     script = Script({"Add": "item_", "System": "system", "Go": ""})
-    library = script.thing("library")
+    library = script.stand_in("library")
     system = library.System()
     first = system.Add(library.Body(mass=0.1, name='a"b'))
     second = system.Add(library.Body(place=np.array([1.0, -0.0])))

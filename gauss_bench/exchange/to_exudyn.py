@@ -46,15 +46,15 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
             angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
             law = laws[id(driver.law)]
             script.lines.append(f"equation, jacobian = driven({python(a)}, {python(b)}, {python(angle)}, {law})")
-            return script.thing("equation"), script.thing("jacobian")
+            return script.stand_in("equation"), script.stand_in("jacobian")
 
         def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
-            return script.thing(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
+            return script.stand_in(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
 
     built = ExudynModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
     script, laws = Script(STATEMENTS), name_laws(mechanism)
-    exu = script.thing("exu")
-    Transcribed(exu, script.thing("items"), mechanism)
+    exu = script.stand_in("exu")
+    Transcribed(exu, script.stand_in("items"), mechanism)
     script.comment("settings")
     simulation_settings(exu, mechanism, choice)
     return write_program(

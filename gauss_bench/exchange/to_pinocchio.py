@@ -55,7 +55,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     built = PinocchioModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
     script, o, forces, drive = Script(STATEMENTS), built.options, built.forces, built.stabilized.drive
-    body, damped = Transcribed(script.thing("pin"), mechanism, built.tree), choice.stabilization == "baumgarte"
+    body, damped = Transcribed(script.stand_in("pin"), mechanism, built.tree), choice.stabilization == "baumgarte"
     script.comment("the pins that close the loops")
     gains = [float(o[key]) if damped else 0.0 for key in ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")]
     body.constraints((gains[0], gains[1]))
