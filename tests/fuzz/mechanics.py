@@ -117,7 +117,8 @@ class Mechanics:
             Q[3 * i : 3 * i + 2] = self.mass[3 * i] * self.gravity
         for force in self.forces:
             if force["type"] == "torque":
-                Q[3 * self.number[force["link"]] + 2] += force["value"]
+                for link, value in self.torques(force):
+                    Q[3 * self.number[link] + 2] += value
                 continue
             names = force["between"]
             one, two = (self.place(name, q, v) for name in names)
@@ -132,6 +133,11 @@ class Mechanics:
                     Q[i : i + 2] += sign * pull * unit
                     Q[i + 2] += sign * pull * unit @ place.turned
         return Q
+
+    def torques(self, force: dict[str, Any]) -> list[tuple[str, float]]:
+        """The links on which a torque acts, with its value on each."""
+        ends = [(force["link"], force["value"]), (force.get("reaction", GROUND), -force["value"])]
+        return [(link, value) for link, value in ends if link != GROUND]
 
     def springs(self, q: Array, v: Array) -> list[tuple[dict[str, Any], float, float]]:
         """Springs with their lengths [m] and the rates of these [m/s]."""
@@ -152,7 +158,8 @@ class Mechanics:
 
     def torque_work(self, q: Array) -> float:
         """What steady torques have given [J], by the angles that their links have turned from zero."""
-        return float(sum(f["value"] * q[3 * self.number[f["link"]] + 2] for f in self.forces if f["type"] == "torque"))
+        torques = [x for force in self.forces if force["type"] == "torque" for x in self.torques(force)]
+        return float(sum(value * q[3 * self.number[link] + 2] for link, value in torques))
 
     def power(self, q: Array, v: Array) -> float:
         """What dampers take [W], negative."""
