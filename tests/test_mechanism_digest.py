@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import gauss_bench
-from gauss_bench.linkage.digest import content_digest, source_digest
+from gauss_bench.linkage.digest import content_digest
 from gauss_bench.linkage.load import built_in, document_of, load, load_document, merge
 from gauss_bench.linkage.schema import LinkageTable, Table, physics_digest
 from gauss_bench.reference.certificate import certificate_path, check_holds, read_certificate
@@ -140,11 +140,6 @@ def test_stored_references_and_journals_know_a_change_at_any_depth_of_their_room
     assert found["data"][1] != run
     assert "reference" in found["empty"]
     assert "no sources" in found["empty"]
-
-
-def test_a_room_that_is_not_there_has_no_digest() -> None:
-    with pytest.raises(FileNotFoundError, match="attic"):
-        source_digest("attic")
 
 
 def test_a_force_that_varies_tells_what_it_is() -> None:
