@@ -70,7 +70,11 @@ class Reader:
         return str(self.x["types"][kind][str(int(number))])
 
     def spatial(self) -> Spatial:
-        """Read the whole document."""
+        """Return the mechanism of the whole document.
+
+        Raises:
+            ExchangeError: the document holds an element that a linkage cannot have.
+        """
         x = self.x
         self._check_document()
         joints = tuple(self._joint(k) for k in range(x["njnt"]))
@@ -95,18 +99,25 @@ class Reader:
             raise self.refuse("<mujoco>", "flexible bodies and plug-ins are no parts of a linkage")
         if any(x["medium"]):
             raise self.refuse("<option>", "a medium with density or viscosity")
-        if wrong := NEEDED & {*x["disabled"]}:
-            raise self.refuse("<flag>", f"{min(wrong)} is disabled, so that the model does not act as it is written")
+        disabled = NEEDED & {*x["disabled"]}
+        if disabled:
+            raise self.refuse("<flag>", f"{min(disabled)} is disabled, so that the model does not act as it is written")
         if (x["body_mocapid"] >= 0).any():
             raise self.refuse(self.describe("body", int(x["body_mocapid"].argmax())), "a motion capture body")
-        if touching := int(np.count_nonzero(x["geom_contype"] | x["geom_conaffinity"]) + x["npair"]):
-            self.dropped.append(f"contacts of {touching} geoms and pairs: bodies pass through each other")
+        contacts = int(np.count_nonzero(x["geom_contype"] | x["geom_conaffinity"]) + x["npair"])
+        if contacts:
+            self.dropped.append(f"contacts of {contacts} geoms and pairs: bodies pass through each other")
         if x["nkey"] > 1:
             self.dropped.append(f"keyframes other than {self.name('key', self.key)!r}, which is the start")
         if x["nsensor"]:
             self.dropped.append(f"{x['nsensor']} sensors")
 
     def _joint(self, k: int) -> Joint:
+        """Return a joint; its start is that of the keyframe, if there is one.
+
+        Raises:
+            ExchangeError: the joint is neither a hinge nor a slide.
+        """
         x, kind = self.x, self.word("jnt", self.x["jnt_type"][k])
         if kind not in ("hinge", "slide"):
             raise self.refuse(self.describe("jnt", k), f"a {kind} joint does not move in a plane")
@@ -177,6 +188,7 @@ class Reader:
         return [(spot_a, x["xmat"][a] @ turn), (spot_b, x["xmat"][b])]
 
     def _springs(self) -> list[Acting]:
+        """Return the springs and dampers of joints."""
         x, springs = self.x, list[Acting]()
         for k in range(x["njnt"]):
             law = Straight(k=float(x["jnt_stiffness"][k]), c=float(x["dof_damping"][k]), rest=float(x["qpos_spring"][k]))
@@ -201,6 +213,11 @@ class Reader:
         raise self.refuse(self.describe("tendon", k), "only tendons between two sites, and sums of joints, act in a linkage")
 
     def _tendons(self) -> list[Acting]:
+        """Return the springs and dampers of tendons.
+
+        Raises:
+            ExchangeError: a tendon's spring is not linear, or its path is not that of a linkage's force.
+        """
         x, tendons = self.x, list[Acting]()
         for k in range(x["ntendon"]):
             low, high = x["tendon_lengthspring"][k]

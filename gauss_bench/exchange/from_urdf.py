@@ -54,7 +54,7 @@ class Robot:
         order = [name for name in self.links if name not in self.joint_to]
         if len(order) != 1:
             raise self.refuse("<robot>", f"has {len(order)} links without a parent, not one")
-        for name in order:
+        for name in order:  # the list grows: children follow their parents
             order += [child for parent, child in self.ends.values() if parent == name]
         if len(order) < len(self.links):
             raise self.refuse("<robot>", f"link {min({*self.links} - {*order})!r} hangs on itself")
@@ -78,6 +78,7 @@ class Robot:
         return elements
 
     def _end(self, joint: Element, which: str) -> str:
+        """Return the link that a joint names as its "parent" or its "child"."""
         node = joint.find(which)
         link = "" if node is None else node.get("link", "")
         if link not in self.links:
@@ -152,6 +153,7 @@ class Robot:
         return ([ignored] if ignored else []) + [f"the limits of joint {name}" for name in bounded]
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
+        """Return the body of a link whose frame has this place and rotation."""
         node = self.links[name].find("inertial")
         shift, rotation = self.origin(node)
         mass_of, inertia_of = (None if node is None else node.find(tag) for tag in ("mass", "inertia"))

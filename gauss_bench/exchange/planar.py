@@ -295,6 +295,7 @@ class Flattened:
     # forces
 
     def _forces(self) -> dict[str, Table]:
+        """Return name -> table of all forces; a force of the file may become several."""
         tables: dict[str, Table] = {}
         for acting in self.spatial.acting:
             for table in self._force(acting):

@@ -31,7 +31,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.exudyn.items import System, span
 
     class Transcribed(System):
-        """The adapter's system, which writes a comment before each part and names user functions as the script does."""
+        """The adapter's system, with a comment in the script before each part, and with the script's names of user functions."""
 
         def _link(self, i: int) -> None:
             script.comment(f"link {self.mechanism.links[i].name}")
@@ -42,6 +42,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
             super()._joint(joint)
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+            """Record the script's own equation and Jacobian of a driven slide or length, and return their stand-ins."""
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
             angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
             law = laws[id(driver.law)]

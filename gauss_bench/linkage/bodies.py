@@ -69,7 +69,7 @@ class Pose(NamedTuple):
 
 
 def together(parts: Sequence[Mass]) -> Mass:
-    """Return mass, centre and inertia of rigidly connected parts, by the parallel-axis theorem."""
+    """Return mass, centre and inertia of rigidly connected parts together, by the parallel-axis theorem."""
     mass = sum((x.mass for x in parts[1:]), start=parts[0].mass)
     com = sum((x.mass * x.com for x in parts[1:]), start=parts[0].mass * parts[0].com) / mass
     inertia = [x.inertia + x.mass * length(x.com - com) ** 2 for x in parts]
@@ -127,6 +127,7 @@ def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, 
 
 
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
+    """Return the link that stands for a body: `root` with the points, bars and masses of all members, in the root's frame."""
     if len(members) == 1:
         return root
     points: dict[str, Array] = {}

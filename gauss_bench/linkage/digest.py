@@ -1,4 +1,4 @@
-"""Digests of everything that a result depends on: the numbers of a mechanism, and the sources that computed it."""
+"""Digests of everything that a result depends on: the numbers of a mechanism, and the source files that compute it."""
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
@@ -16,10 +16,14 @@ WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"
 
 
 def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
-    """SHA-256 of the names and contents of all files of the package's rooms, at every depth; "" is the whole package.
+    """Return SHA-256 of the names and contents of all files in folders of the package, at every depth.
+
+    Args:
+        rooms: folders or files of the package; "" is the whole package.
+        without: names of folders and files that are left out.
 
     Raises:
-        FileNotFoundError: a room has no files, so that its versions could not be told apart.
+        FileNotFoundError: a folder has no files, so that its versions have no digest.
     """
     digest = hashlib.sha256()
     for room in rooms:
@@ -46,12 +50,13 @@ def content_digest(*values: Any) -> str:
 
 
 def _content(x: Any) -> Iterator[bytes]:
+    """Yield the content of a value as bytes, at every depth; types and lengths are included, so that no two values look alike."""
     match x:
         case None | bool() | int() | float() | complex() | str():
             yield repr(x).encode()
         case np.ndarray() | np.generic() if x.dtype != object:
             yield f"{x.dtype} {x.shape}".encode() + x.tobytes()
-        case MotionLaw():  # its function is made from these
+        case MotionLaw():  # its function follows from its name and numbers
             yield from _content((x.name, x.numbers))
         case Mapping():
             yield from _content([*x.items()])

@@ -226,6 +226,7 @@ def document_faults(document: dict[str, Any], stem: str | None = None) -> list[F
 
 
 def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
+    """Return every fault of a document, whatever the overrides of its scenarios change."""
     faults, accepted = check_grammar(document)
     if any(f.path.startswith("cylinders") for f in faults):
         return faults  # other names may refer to links of cylinders

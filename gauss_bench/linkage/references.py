@@ -64,7 +64,12 @@ def _step(path: str, x: Any, part: str) -> Iterator[Place]:
 
 
 class Names:
-    """The names that a document defines, and the faults of references to them."""
+    """The names that a document defines, and the faults that checks have found.
+
+    Attributes:
+        bodies: link -> the link that stands for the body into which it is welded.
+        points: link, or "ground" -> names of its points.
+    """
 
     def __init__(self, document: Document):
         self.document = document
@@ -184,6 +189,7 @@ def _cylinder_faults(document: Document) -> list[Fault]:
 
 
 def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
+    """Check that each point is given in one way, and not relative to itself."""
     for key, value in points.items():
         if not isinstance(value, dict):
             continue
@@ -199,6 +205,7 @@ def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
 
 
 def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
+    """Check bars and point masses, and that mass and inertia are given or follow from them."""
     points, bars, masses = table(link, "points"), sequence(link, "bars"), sequence(link, "point_masses")
     for place, bar in places(link, "bars[*]"):
         ends = [end for end in bar if end is not None]
@@ -219,6 +226,7 @@ def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
 
 
 def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
+    """Check that welds join existing links, each once and not in a circle, and that each determines a pose."""
     welded: set[str] = set()  # links of the welds so far: a link may be welded only once
     for key, weld in items(names.document, path):
         place, link, to, pairs = f"{path}.{key}", weld.get("link"), weld.get("to"), sequence(weld, "points")
@@ -254,6 +262,7 @@ def _check_crank(names: Names, path: str, crank: str) -> None:
 
 
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
+    """Check the names of a force, that it acts between different links, and the radius of dry friction."""
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]
@@ -300,6 +309,7 @@ def _check_one_of(names: Names, path: str, entry: dict[str, Any], *keys: str) ->
 
 
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
+    """Check that a driver names one coordinate, in the unit of that coordinate, and all numbers of its law."""
     _check_one_of(names, path, driver, "link", "joint", "between")
     if driver.get("link") is not None:
         names.check_turns_on_ground(f"{path}.link", driver["link"])
@@ -313,6 +323,7 @@ def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
+    """Check that no force acts twice, and that a start stands beside `drivers` only."""
     active = sequence(scenario, "forces")
     for i, force in enumerate(active):
         if force in names.forces and force in active[:i]:
@@ -332,6 +343,7 @@ def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
 
 
 def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
+    """Check that the crank is held once, and that each rate belongs to a coordinate that is held."""
     crank = names.document.get("crank") or ""
     angles = {*table(start, "angles"), *table(start, "angles_deg")}
     holds_crank = bool({"crank", "crank_deg"} & start.keys())

@@ -423,6 +423,7 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
 
 
 def _put_none(document: Any, keys: list[Any]) -> None:
+    """Replace the value at a place in a document by None."""
     *parents, last = keys
     for key in parents:
         document = document[key]

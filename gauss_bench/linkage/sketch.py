@@ -54,6 +54,7 @@ class _Placing:
         self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
 
     def _read_points(self, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
+        """Return name -> world position (2,) [m] of the points that the file gives; a joint places all points that it joins."""
         points: dict[str, Any] = {}
         for name, joint in write_out(document).get("joints", {}).items():
             references = joint.get("at") or [joint["block"]]

@@ -13,6 +13,7 @@ from gauss_bench.mechanism.model import GROUND, Along, Angle, Mechanism, Point
 from gauss_bench.terms import Array
 
 GOOD = 0.3  # the first coordinate is taken that has at least this share of the best one's sensitivity
+TABLES = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "point": ("points", "point_velocities")}
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,8 @@ class Candidate:
 
     @property
     def tables(self) -> tuple[str, str]:
-        """The tables of `start` that hold its value and its rate."""
-        return {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "point": ("points", "point_velocities")}[
-            self.kind
-        ]
+        """The tables of `start` for its value and for its rate."""
+        return TABLES[self.kind]
 
 
 def candidates(mechanism: Mechanism) -> list[Candidate]:

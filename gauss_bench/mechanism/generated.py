@@ -90,6 +90,7 @@ class Program:
         return self.known.setdefault(name, Symbol(self, name))
 
     def add(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
+        """Return a + b; a sum with -x becomes the difference with x."""
         a, b = self.symbol(a), self.symbol(b)
         if a.number is not None and b.number is not None:
             return self.symbol(a.number + b.number)
@@ -102,6 +103,7 @@ class Program:
         return self._record(f"{a.text} + {b.text}", a, b)
 
     def subtract(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
+        """Return a - b; a difference with -x becomes the sum with x."""
         a, b = self.symbol(a), self.symbol(b)
         if a.number is not None and b.number is not None:
             return self.symbol(a.number - b.number)
@@ -114,6 +116,7 @@ class Program:
         return self._record(f"{a.text} - {b.text}", a, b)
 
     def multiply(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
+        """Return a b; a constant factor stands first, and is left out if it is 1 or -1."""
         a, b = self.symbol(a), self.symbol(b)
         if a.number is not None and b.number is not None:
             return self.symbol(a.number * b.number)
@@ -126,6 +129,7 @@ class Program:
         return self._record(f"{a.text} * {b.text}", a, b)
 
     def negate(self, a: Symbol) -> Symbol:
+        """Return -a; the opposite of -x is x."""
         if a.number is not None:
             return self.symbol(-a.number)
         if (opposite := self.opposites.get(a.text)) is not None:
@@ -147,12 +151,14 @@ class Program:
         return partial(self._apply, name)
 
     def _apply(self, name: str, a: Symbol | Number) -> Symbol:
+        """Return one of FUNCTIONS of a."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(getattr(np, name)(a.number))
         return self._record(f"{name}({a.text})", a)
 
     def _record(self, text: str, *operands: Symbol) -> Symbol:
+        """Return the result of an operation, which becomes a new line unless the same operation is recorded already."""
         if text not in self.known:
             line = Line(f"x{len(self.lines)}", text, operands)
             self.lines.append(line)

@@ -215,6 +215,7 @@ def read_factor(table: Mapping[str, Any]) -> Factor | None:
 
 
 def _read_over_time(table: Mapping[str, Any]) -> Factor:
+    """Read the factor of time from the table `over_time` of a force."""
     match table["law"]:
         case "table":
             return _straight_between([(float(t), float(factor)) for t, factor in table["rows"]])
