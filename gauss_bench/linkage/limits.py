@@ -110,7 +110,9 @@ def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
         owners |= {f"links.{key}": link for key, link in links.items()}
     for path, owner in owners.items():
         points = owner.get("points") if isinstance(owner, dict) else None
-        for name in points if isinstance(points, dict) else ():
+        if not isinstance(points, dict):
+            continue
+        for name in points:
             chain, closing = follow(points, name)
             if len(chain) > CHAINED and closing is None:
                 yield Fault(f"{path}.points.{name}.from", f"follows from more than {CHAINED} points, one after the other")
