@@ -135,16 +135,9 @@ class Reader:
         )
 
     def _body(self, k: int) -> Body:
-        x = self.x
-        return Body(
-            self.name("body", k),
-            parent=int(x["body_parentid"][k]),
-            origin=x["xpos"][k],
-            turn=x["xmat"][k],
-            mass=float(x["body_mass"][k]),
-            com=x["xipos"][k],
-            inertia=x["inertia"][k],
-        )
+        x, parent = self.x, int(self.x["body_parentid"][k])
+        mass, com, inertia = float(x["body_mass"][k]), x["xipos"][k], x["inertia"][k]
+        return Body(self.name("body", k), parent, x["xpos"][k], x["xmat"][k], mass, com, inertia)
 
     def _site(self, k: int) -> Spot:
         return Spot(self.name("site", k), int(self.x["site_bodyid"][k]), self.x["site_xpos"][k])
@@ -248,7 +241,7 @@ class Reader:
         constant = float(x["actuator_gainprm"][k][0]) * control + b0
         gear, (first, second) = x["actuator_gear"][k], x["actuator_trnid"][k]
         g = float(np.linalg.norm(gear[:3])) if words["trn"] == "site" else float(gear[0])
-        if b1:  # a servo is a spring whose rest is the position that the control asks for
+        if b1:  # a servo is a spring towards the position that the control commands
             law = Straight(k=-g * g * b1, c=-g * g * b2, rest=constant / -(g * b1))
         else:
             law = Straight(c=-g * g * b2, bias=g * constant)

@@ -107,13 +107,14 @@ class Robot:
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
         """Return the shift (3,) and rotation (3, 3) of an element's <origin>: Rz(yaw) Ry(pitch) Rx(roll)."""
-        own, turn = None if node is None else node.find("origin"), np.eye(3)
-        for angle, (i, j) in zip(self.numbers(own, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
-            about = np.eye(3)
-            about[i, i] = about[j, j] = np.cos(angle)
-            about[i, j], about[j, i] = -np.sin(angle), np.sin(angle)
-            turn = about @ turn
-        return self.numbers(own, "xyz", (0, 0, 0)), turn
+        origin, turn = None if node is None else node.find("origin"), np.eye(3)
+        # roll about x, pitch about y, yaw about z: each is a rotation of the two other axes
+        for angle, (i, j) in zip(self.numbers(origin, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
+            rotation = np.eye(3)
+            rotation[i, i] = rotation[j, j] = np.cos(angle)
+            rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
+            turn = rotation @ turn
+        return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
         """Return the mechanism of the whole document, with its loops closed as `close` says."""

@@ -21,11 +21,11 @@ FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # root element -> kind of file
 
 @dataclass(frozen=True)
 class Imported:
-    """A linkage file that is not written yet.
+    """The content of a linkage file that is not yet written.
 
     Attributes:
         kind: kind of the file that was read.
-        left_out: sentences on its parts that the linkage lacks or has changed.
+        left_out: sentences on parts of that file that the linkage leaves out or changes.
         links, dof: numbers of links and of degrees of freedom.
     """
 

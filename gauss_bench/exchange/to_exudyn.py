@@ -1,4 +1,4 @@
-"""Export for Exudyn: the calls with which the adapter builds its system, one by one, and a run."""
+"""Export for Exudyn: the calls with which the adapter builds its system, and a run."""
 
 from typing import Any
 
