@@ -9,7 +9,7 @@ import re
 from cmath import phase, rect
 from collections.abc import Collection
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, permutations
 from typing import Any
 
 import numpy as np
@@ -334,13 +334,7 @@ class Flattened:
         """
         if self.locked.issuperset(joints):
             return []
-        wanted = {k: c for k, c in joints.items() if c and k not in self.locked}
-        signed = {sign: {k: sign * c for k, c in wanted.items()} for sign in (1.0, -1.0)}
-        pairs = ((a, b, sign) for a in self.names for b in self.names for sign in signed if a != b)
-        angle = next(((a, b, sign) for a, b, sign in pairs if self._turn(a, b) == signed[sign]), None)
-        if angle is None:
-            raise self.refuse(name, "a sum of joints that is no angle between two links")
-        a, b, sign = angle
+        a, b, sign = self._find_angle(name, {k: c for k, c in joints.items() if c and k not in self.locked})
         tables: list[Table] = []
         single = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None
         if law.c > 0 and not law.k and single is not None:
@@ -354,6 +348,19 @@ class Flattened:
             link, reaction, value = (b, a, sign * law.bias) if b != WORLD else (a, b, -sign * law.bias)
             tables.append({"type": "torque", "link": self.names[link], "reaction": self.names[reaction], "value": value})
         return tables
+
+    def _find_angle(self, name: str, wanted: dict[int, float]) -> tuple[int, int, float]:
+        """Return links a and b and a sign, so that the sum of hinges `wanted` is sign (theta_b - theta_a).
+
+        Raises:
+            ExchangeError: there are no such links.
+        """
+        opposite = {k: -c for k, c in wanted.items()}
+        for a, b in permutations(self.names, 2):
+            turn = self._turn(a, b)
+            if turn in (wanted, opposite):
+                return a, b, 1.0 if turn == wanted else -1.0
+        raise self.refuse(name, "a sum of joints that is no angle between two links")
 
     def _turn(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a sum of hinges: joint -> +1 or -1.
@@ -457,9 +464,9 @@ class Flattened:
         return {key: x for key, x in document.items() if x not in ({}, {"points": {}})}, tuple(self.remarks)
 
     def _start(self, document: Table) -> tuple[Table, str | None, int]:
-        """Return the table of the start, the crank and the number of degrees of freedom.
+        """Return the table of the start, the crank or None, and the number of degrees of freedom.
 
-        The start prescribes as many coordinates as there are degrees of freedom: those that determine the rest most surely.
+        The start holds as many coordinates as there are degrees of freedom: those that best determine the others.
         """
         mechanism = build_mechanism(document, SCENARIO, self.spatial.file, "")
         rows = Constraints(mechanism)

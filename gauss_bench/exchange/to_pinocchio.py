@@ -1,7 +1,7 @@
 """Export for Pinocchio: the calls with which the adapter builds its model, its forces as tables, and an integrator.
 
-Pinocchio has no springs and no integrator for constrained systems. Forces that are affine in the joints' coordinates are matrices of
-the adapter; the others are tables that a function of the script reads.
+Pinocchio has no springs and no integrator for constrained systems. Forces that are affine in the joints' coordinates are the
+adapter's matrices; the others are tables that a function of the script reads.
 """
 
 from typing import Any

@@ -50,7 +50,7 @@ def content_digest(*values: Any) -> str:
 
 
 def _content(x: Any) -> Iterator[bytes]:
-    """Yield the content of a value as bytes, at every depth; types and lengths are included, so that no two values look alike."""
+    """Yield the content of a value as bytes, with types and lengths, so that different values give different bytes."""
     match x:
         case None | bool() | int() | float() | complex() | str():
             yield repr(x).encode()
