@@ -117,7 +117,7 @@ class Robot:
         return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
-        """Return the mechanism of the whole document, with its loops closed as `close` says."""
+        """Return the mechanism of the whole document, with the closures `close` of its loops."""
         bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._list_ignored()
         for name, k in self.index.items():
             if name not in self.joint_to:
@@ -201,7 +201,7 @@ class Robot:
             link, frame = ".".join(parts[:k]), ".".join(parts[k:])
             if link in self.index and (frame == link or self._is_fixed(frame, link)):
                 return Spot(frame, self.index[link], bodies[self.index[frame]].origin)
-            if link in self.ends.get(frame, ()):  # a joint lies where its child has its origin
+            if link in self.ends.get(frame, ()):  # a joint is at the origin of its child
                 return Spot(frame, self.index[link], bodies[self.index[self.ends[frame][1]]].origin)
         raise self.refuse(f"--close {text}", f"{end!r} is no LINK.FRAME: a link, and a link fixed to it or a joint at it")
 

@@ -79,7 +79,7 @@ class Move:
             along = rect(1.0, self.angle) * axis
             return Move(self.angle, self.shift + change * along, self.omega, self.speed + joint.speed * along)
         angle, rate = self.angle + sign * change, sign * joint.speed
-        pivot = self.place(anchor)  # it stays where it is on the other body
+        pivot = self.place(anchor)  # both bodies share this point
         return Move(angle, pivot - rect(1.0, angle) * anchor, self.omega + rate, self.speed - 1j * rate * pivot)
 
 
@@ -494,7 +494,7 @@ class Flattened:
 
 
 def plane_of(spatial: Spatial) -> Plane:
-    """Return the plane to which every hinge is normal and in which every slide lies.
+    """Return the plane that is normal to every hinge and parallel to every slide.
 
     Raises:
         ExchangeError: the joints have no such plane.

@@ -127,7 +127,7 @@ def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, 
 
 
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
-    """Return the link that stands for a body: `root` with the points, bars and masses of all members, in the root's frame."""
+    """Return one link for a body: `root` with the points, bars and masses of all members, in the root's frame."""
     if len(members) == 1:
         return root
     points: dict[str, Array] = {}

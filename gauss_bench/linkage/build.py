@@ -72,7 +72,7 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
         own = _mass_of_bars(table, [(points[a], points[b]) for a, b in bars], number)
         whole = together([own, *point_masses]) if point_masses else own
     else:
-        # point masses alone; the file's inertia is that of a part without mass
+        # only point masses; an inertia in the file is added as that of a part without mass
         own_inertia = [Mass(zero, point_masses[0].com, exact(number, table["inertia"]))] if "inertia" in table else []
         whole = together([*point_masses, *own_inertia])
         if not whole.inertia > 0:

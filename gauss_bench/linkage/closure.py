@@ -91,7 +91,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
 
 
 def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
-    """Return q (n,) with the joints closed near the sketch, whatever the start holds.
+    """Return q (n,) with the joints closed near the sketch; the scenario's start is ignored.
 
     Raises:
         AssemblyError: a link is not placed by the sketch, or the joints cannot be closed.

@@ -16,7 +16,7 @@ from gauss_bench.untrusted import DEEPEST, harmless, unprintable
 
 LONGEST_KEY = 200  # characters of a key
 LONGEST_TEXT = 10_000  # characters of a text
-CHAINED = 100  # points of which each is given from the one before
+CHAINED = 100  # points in a chain in which each is given relative to the next
 SHOWN = 50  # largest number of faults in one error
 MOST = 5000  # entries of a table or list whose name has no count of its own
 ENTRIES = 60_000  # of the whole file: the largest that is generated, 400 windows, has 20,000
@@ -41,7 +41,7 @@ ANY = Range(1e15, least=1e-30)
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
     """List the values that are too deep, too many, too large, too small or not printable.
 
-    If a limit on counts or depth is exceeded, the search ends at once, and that fault alone is returned.
+    If a limit on counts or depth is exceeded, the search ends at once, and only that fault is returned.
     """
     faults: list[Fault] = []
     entries = 0

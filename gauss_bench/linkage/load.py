@@ -106,7 +106,7 @@ def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
 
 
 def place_by_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
-    """Return the mechanism at rest with its joints closed near the sketch, whatever the scenario's start is.
+    """Return the mechanism at rest with its joints closed near the sketch; the scenario's start is ignored.
 
     Some freedoms may not be determined.
     """
@@ -226,7 +226,7 @@ def document_faults(document: dict[str, Any], stem: str | None = None) -> list[F
 
 
 def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
-    """Return every fault of a document, whatever the overrides of its scenarios change."""
+    """Return every fault of a document itself; overrides of scenarios are ignored."""
     faults, accepted = check_grammar(document)
     if any(f.path.startswith("cylinders") for f in faults):
         return faults  # other names may refer to links of cylinders

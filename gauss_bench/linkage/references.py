@@ -53,7 +53,7 @@ def places(document: Document, pattern: str) -> list[Place]:
 
 
 def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of what one part of a pattern matches in x."""
+    """Yield path and value of each place in x that one part of a pattern matches."""
     if part == "[*]":
         for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
@@ -67,7 +67,7 @@ class Names:
     """The names that a document defines, and the faults that checks have found.
 
     Attributes:
-        bodies: link -> the link that stands for the body into which it is welded.
+        bodies: link -> the root of its body: the link to which it is welded, directly or through others, or itself.
         points: link, or "ground" -> names of its points.
     """
 
@@ -169,7 +169,7 @@ def _body(document: Document, name: str) -> str:
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
-    """List the faults because of which cylinders cannot be expanded into links and joints."""
+    """List the faults of cylinders; a cylinder with a fault cannot be expanded into links and joints."""
     names = Names(document)
     for path, between in places(document, "cylinders.*.between"):
         for i, reference in enumerate(between):
@@ -323,7 +323,7 @@ def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
-    """Check that no force acts twice, and that a start stands beside `drivers` only."""
+    """Check that no force acts twice, and that a `start` is not given together with `driver`."""
     active = sequence(scenario, "forces")
     for i, force in enumerate(active):
         if force in names.forces and force in active[:i]:

@@ -81,7 +81,7 @@ class _Placing:
                 known.setdefault(mine.name.partition(".")[2], self.world(other))
         if not known:
             return False
-        first = next(iter(known))  # this point is put exactly where it is drawn
+        first = next(iter(known))  # this point is placed exactly, a second one only gives the angle
         angle = self._angle(i, first, known)
         if angle is None:
             return False

@@ -1,4 +1,4 @@
-"""Scalar coordinates of a linkage, defined once for numbers of any kind. Joints and forces are built on these alone.
+"""Scalar coordinates of a linkage, defined once for numbers of any kind; joints and forces use only these.
 
     Angle       x = theta_b - theta_a
     Along       x = n . (p_b - p_a)     n a direction fixed in the body of a, or in a third one such as the ground
@@ -53,7 +53,7 @@ def _gap_entries(n: Vec, a: End, b: End) -> tuple[Entry, Entry]:
 
 
 def _gap_rate(n: Vec, a: End, b: End, entries: Sequence[Entry]) -> Real:
-    """Return the rate of n . (p_b - p_a), of which `entries` is the gradient; angular speeds of the ground are left out."""
+    """Return the rate of n . (p_b - p_a) from its gradient `entries`; angular speeds of the ground are left out."""
     turning = [e.frame.omega * e.m for e in entries if not e.frame.rests]
     return total([dot(n, b.frame.u - a.frame.u), *turning])
 
@@ -271,7 +271,7 @@ def columns(entries: Sequence[Entry]) -> dict[int, Real]:
 
 
 def is_zero(number: Real) -> bool:
-    """Tell whether a number is zero by structure: the float zero, or an expression that says so."""
+    """Tell whether a number is zero for certain: the float zero, or an expression with a true attribute `zero`."""
     return bool(number == 0.0) if isinstance(number, float) else getattr(number, "zero", False) is True
 
 
@@ -348,7 +348,7 @@ class _ArrayArithmetic:
 
 
 class Placed(Placement):
-    """The bodies of a mechanism at state(s) q, v (..., n), as arrays; at rest where v is not given."""
+    """The bodies of a mechanism at state(s) q, v (..., n), as arrays; without v they are at rest."""
 
     arithmetic = _ArrayArithmetic()
 

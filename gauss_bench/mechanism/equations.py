@@ -48,7 +48,7 @@ class Row:
         entries: entries of J by index of the state.
         gamma: right-hand side of J a = gamma.
         phi: residual; None for a knife edge, which has no position level.
-        phi_t: rate of the residual that comes from time alone.
+        phi_t: partial derivative of the residual by time.
     """
 
     name: str

@@ -30,7 +30,7 @@ class Rows:
         phi: (..., m) residuals.
         J: (..., m, n) Jacobian.
         gamma: (..., m) right-hand side of J a = gamma.
-        phi_t: (..., m) rates of the residuals that come from time alone.
+        phi_t: (..., m) partial derivatives of the residuals by time.
     """
 
     phi: Array
@@ -124,7 +124,7 @@ class Evaluator:
         return Terms(self.M, J, Q, gamma, phi, J @ v + phi_t)
 
     def check_loads(self) -> None:
-        """Refuse friction where rows are redundant at the start.
+        """Refuse friction if rows are redundant at the start.
 
         Raises:
             UndeterminedLoads: with the number of redundant rows.

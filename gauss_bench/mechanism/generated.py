@@ -116,7 +116,7 @@ class Program:
         return self._record(f"{a.text} - {b.text}", a, b)
 
     def multiply(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
-        """Return a b; a constant factor stands first, and is left out if it is 1 or -1."""
+        """Return a b, with a constant factor first; a factor 1 or -1 is left out."""
         a, b = self.symbol(a), self.symbol(b)
         if a.number is not None and b.number is not None:
             return self.symbol(a.number * b.number)
@@ -232,7 +232,7 @@ class GeneratedFunction:
 
 
 def _function(code: CodeType, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
-    exec(code, names)  # the code has names and numbers of `Program` alone, no text of a user
+    exec(code, names)  # the code contains only names and numbers of `Program`, no text of a user
     return names["function"]  # type: ignore[no-any-return]
 
 
@@ -241,7 +241,7 @@ def _inverse_of_float(x: float) -> float:
 
 
 def inverse(x: Array) -> Array:
-    """Return 1 / x, and 0 where x is 0, as `Program.inverse` does."""
+    """Return 1 / x, and 0 for entries that are 0, as `Program.inverse` does."""
     zero = np.equal(x, 0)
     if not zero.any():
         return 1 / x

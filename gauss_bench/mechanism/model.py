@@ -300,7 +300,7 @@ class PointForce:
         return (self,)
 
 
-Load = Law | PointForce  # every force is a sum of these two: terms, kernels and adapters need to know no other kind
+Load = Law | PointForce  # every force is a sum of these two: terms, kernels and adapters support no other kind
 
 
 class Names(Protocol):
@@ -439,7 +439,7 @@ class JointDamping:
 class CoulombFriction:
     """Dry friction in every pair of a joint, proportional to the pair's load.
 
-    It is no `Force`, because a force depends on q and v alone.
+    It is no `Force`, because a force depends only on q and v.
 
     Attributes:
         mu: coefficient of friction.
@@ -561,7 +561,7 @@ class Mechanism:
         parts: every link of the file with the body that carries it; empty if no links are welded.
         welds: the welds of the file.
         apart: the same linkage with no links merged, by whose links results are reported; None if no links are welded.
-        warnings: sentences on what the file allows and a motion should keep away from.
+        warnings: sentences on positions that the linkage can reach and a motion should avoid.
         couplings: constraints beside joints and drivers that have a position level.
     """
 
