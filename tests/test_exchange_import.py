@@ -161,7 +161,7 @@ def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp
 
 def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
     found = import_file(UPRIGHT, "back")
-    for word in ("contacts of 1", "range of joint A", "control range of actuator drive", "1 sensors", "C was parting"):
+    for word in ("contacts of 1", "range of joint A", "control range of actuator drive", "1 sensors", "C was opening"):
         assert any(word in x for x in found.left_out), word
         assert any(word in line for line in found.text.splitlines() if line.startswith("#")), word
     assert "This file is yours" in found.text

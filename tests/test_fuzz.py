@@ -45,9 +45,9 @@ def changed(**keys: Any) -> dict[str, Any]:
         (changed(scenarios__torque__start__crank_deg=1e12), r"scenarios\.torque\.start\.crank_deg: .* whole turns"),
         (changed(scenarios__cycloid__driver__time=1e-300), r"scenarios\.cycloid\.driver\.time: 1e-300 is smaller than 1e-09"),
         (changed(assembly__sketch={"B": [1e9, 0.0], "C": [0.3, 0.3]}), r"assembly\.sketch\.B\[0\]: 1e\+09 is larger"),
-        (changed(title="a\x00\x1b[31m"), r"title: 'a\\x00\\x1b\[31m' holds characters that cannot be printed"),
+        (changed(title="a\x00\x1b[31m"), r"title: 'a\\x00\\x1b\[31m' contains characters that cannot be printed"),
         (changed(forces={"a\x1b": 1.0}), r"forces: a key 'a\\x1b'"),
-        (changed(links={f"l{i}": {} for i in range(1001)}), "links: 1001 entries, and 1000 are the most"),
+        (changed(links={f"l{i}": {} for i in range(1001)}), "links: 1001 entries; at most 1000 are read"),
         (
             changed(ground__points={f"p{i}": {"from": f"p{i + 1}", "r": 0.1} for i in range(300)} | {"p300": [0, 0]}),
             "more than 100",

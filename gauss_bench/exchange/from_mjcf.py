@@ -96,12 +96,12 @@ class Reader:
         """Refuse or list the properties of the document as a whole: media, flags, contacts, keyframes, sensors."""
         x = self.x
         if x["nflex"] or x["nplugin"]:
-            raise self.refuse("<mujoco>", "flexible bodies and plug-ins are no parts of a linkage")
+            raise self.refuse("<mujoco>", "a linkage has no flexible bodies and plug-ins")
         if any(x["medium"]):
             raise self.refuse("<option>", "a medium with density or viscosity")
         disabled = NEEDED & {*x["disabled"]}
         if disabled:
-            raise self.refuse("<flag>", f"{min(disabled)} is disabled, so that the model does not act as it is written")
+            raise self.refuse("<flag>", f"{min(disabled)} is disabled, so that the model does not behave as its elements say")
         if (x["body_mocapid"] >= 0).any():
             raise self.refuse(self.describe("body", int(x["body_mocapid"].argmax())), "a motion capture body")
         contacts = int(np.count_nonzero(x["geom_contype"] | x["geom_conaffinity"]) + x["npair"])
@@ -162,7 +162,7 @@ class Reader:
                 closures.append((name, a, b))
                 continue
             if np.abs(a.place - b.place).max() > 1e-6 or np.abs(turn_a - turn_b).max() > 1e-6:
-                raise self.refuse(element, "its bodies are not in the pose that it holds, where joints have their reference")
+                raise self.refuse(element, "its bodies are not in the pose of the weld when the joints are at their references")
             welds.append((a.body, b.body))
         return closures, welds
 

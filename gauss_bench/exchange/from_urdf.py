@@ -48,7 +48,7 @@ class Robot:
         self.joint_to: dict[str, str] = {}
         for name, (_, child) in self.ends.items():
             if child in self.joint_to:
-                reason = f"link {child!r} hangs on two joints; a URDF is a tree, and --close closes its loops"
+                reason = f"link {child!r} is the child of two joints; a URDF is a tree, and --close closes its loops"
                 raise self.refuse(describe(self.joints[name]), reason)
             self.joint_to[child] = name
         order = [name for name in self.links if name not in self.joint_to]
@@ -174,7 +174,7 @@ class Robot:
         """
         name, kind = node.get("name", ""), node.get("type", "")
         if node.find("mimic") is not None:
-            raise self.refuse(describe(node), "<mimic> is a gear, which a linkage does not have")
+            raise self.refuse(describe(node), "<mimic> is a gear; a linkage has no gears")
         if kind not in MOVING:
             raise self.refuse(describe(node), f"type {kind!r}: only {', '.join(MOVING)} joints move in a plane")
         if not MOVING[kind]:
@@ -183,7 +183,7 @@ class Robot:
         if not np.linalg.norm(axis) > 0:
             raise self.refuse(describe(node), "an axis without direction")
         if self.number(node.find("dynamics"), "friction"):
-            raise self.refuse(describe(node), "friction that does not depend on the joint's load as that of a linkage does")
+            raise self.refuse(describe(node), "friction that does not depend on the joint's load, as friction of a linkage does")
         return Joint(name, MOVING[kind], k, place, axis / np.linalg.norm(axis))
 
     def _closure(self, text: str, bodies: list[Body]) -> tuple[str, Spot, Spot]:

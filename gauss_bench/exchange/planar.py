@@ -232,7 +232,7 @@ class Flattened:
         """
         grounded = self.link_of[self.spatial.bodies[joint.body].parent] == WORLD
         if joint.armature and not (joint.kind == "hinge" and grounded and len(self.joints_of[joint.body]) == 1):
-            raise self.refuse(f"joint {joint.name}", "an armature other than that of a hinge on the ground is no part of a link")
+            raise self.refuse(f"joint {joint.name}", "only the armature of a hinge on the ground can be added to a link")
         return joint.armature
 
     # joints
@@ -265,7 +265,7 @@ class Flattened:
         if kinds == ["slide", "slide", "hinge"] and np.linalg.norm(np.cross(joints[0].axis, joints[1].axis)) > FLAT:
             return  # two crossed slides and a hinge: the body is free in the plane and needs no joint
         if len(joints) > 1:
-            reason = f"has the joints {' and '.join(kinds)}, which a linkage has with a link between them alone"
+            reason = f"has the joints {' and '.join(kinds)}, which a linkage can have only with a link between them"
             raise self.refuse(f"body {body.name}", reason)
         for joint in joints:
             name = name_part(joint.name, tables)
@@ -290,7 +290,9 @@ class Flattened:
             self.remarks.append(f"closure {name} was open by {gap:.3g} m at the start; the linkage is assembled with it closed")
         speed = abs(move_a.velocity(at_a) - move_b.velocity(at_b))
         if speed > OPEN * self.extent:
-            self.remarks.append(f"closure {name} was parting by {speed:.3g} m/s at the start; speeds are those that keep it closed")
+            self.remarks.append(
+                f"closure {name} was opening at {speed:.3g} m/s at the start; the linkage has the speeds that keep it closed"
+            )
 
     # forces
 
@@ -314,11 +316,11 @@ class Flattened:
                 if slides and [*joints.values()] == [1.0]:
                     return self._on_slide(slides[0], law)
                 if slides:
-                    raise self.refuse(name, "a sum with a slide in it")
+                    raise self.refuse(name, "a sum of joints that contains a slide")
                 return self._on_angle(name, joints, law)
             case Between(name, a, b, law):
                 if law.bias and not law.k:
-                    raise self.refuse(name, "a constant tension, which a linkage has no force for")
+                    raise self.refuse(name, "a constant tension; a linkage has no such force")
                 if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
                     raise self.refuse(name, "its ends lie in different planes")
                 rest = law.rest + (law.bias / law.k if law.k else 0.0)
@@ -360,7 +362,7 @@ class Flattened:
             turn = self._turn(a, b)
             if turn in (wanted, opposite):
                 return a, b, 1.0 if turn == wanted else -1.0
-        raise self.refuse(name, "a sum of joints that is no angle between two links")
+        raise self.refuse(name, "a sum of joints that is not the angle between two links")
 
     def _turn(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a sum of hinges: joint -> +1 or -1.
@@ -400,7 +402,9 @@ class Flattened:
         point, origin = self.point(acting.point), None if acting.origin is None else self.point(acting.origin)
         turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[acting.point.body]).items()
         if (law.k or law.c) and (origin is None or not turns_with):
-            raise self.refuse(acting.name, "a servo along an axis of a moving body, whose torque on that body is left out")
+            raise self.refuse(
+                acting.name, "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
+            )
         return self._along(point, origin, link, self.plane.flat(acting.direction), law, law.rest)
 
     def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:

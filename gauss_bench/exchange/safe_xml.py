@@ -112,7 +112,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
             arena = _arena(node, key)
             if arena > NUMBERS:
                 asked = f"{key}={node.get(key)!r} asks for {arena:.3g} numbers of memory"
-                raise ExchangeError(f"{path}: <size>: {asked}, and {NUMBERS} are given")
+                raise ExchangeError(f"{path}: <size>: {asked}, more than {NUMBERS}")
     numbers = 0.0
     for node in root.iter():
         per_element = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]
@@ -121,9 +121,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
                 numbers += prod(_largest(node, key) for key in keys) * (elements if keys in per_element else 1.0)
             if numbers > NUMBERS:
                 asked = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
-                raise ExchangeError(
-                    f"{path}: {describe(node)}: {asked} makes more than {NUMBERS} numbers that the file does not hold"
-                )
+                raise ExchangeError(f"{path}: {describe(node)}: {asked} makes more than {NUMBERS} numbers")
 
 
 def _count_elements(root: Element, path: Path) -> float:

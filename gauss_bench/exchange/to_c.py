@@ -25,7 +25,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         raise RunFailure(Status.SKIP, str(error)) from error
     steps = int(np.ceil(min(mechanism.duration, TRIED) / choice.step))
     if not kernel.alone(mechanism.q0, mechanism.v0, choice.step, steps, integrator=choice.integrator):
-        reason = "one file holds one choice of independent coordinates, and on its way this motion needs another"
+        reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
         raise RunFailure(Status.SKIP, reason)
     places = identifiers([*coordinates(mechanism), *coordinates(mechanism, ("vx", "vy", "omega"))], C_WORDS).values()
     given = {"places": list(places), "kernel": kernel.c_source(choice.integrator)}

@@ -80,14 +80,14 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     script.lines += [f"{name} = {python(x)}" for name, x in numbers.items()]
     accuracy = ", ".join(python(float(options[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
     script.lines.append(f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(options['max_iter'])})")
-    method, closed = METHODS[choice.integrator], "with Baumgarte's terms" if stabilized else "and nothing draws them shut"
+    method, closed = METHODS[choice.integrator], "with Baumgarte's terms" if stabilized else "without stabilisation"
     others = list(loads(forces.others))
     rtol, atol = choice.tolerances(float(options["dop853_rtol"]), float(options["dop853_atol"]))
     return write_program(
         "pinocchio.py.jinja",
         mechanism,
         choice,
-        [*head, f"Settings: {choice.settings}, {method}. Joints open the loops, which constraints close again, {closed}."],
+        [*head, f"Settings: {choice.settings}, {method}. Loops are opened at joints and closed by constraints, {closed}."],
         model=script.lines,
         others=tabulate(others) if others else None,
         algorithm=options["algorithm"],

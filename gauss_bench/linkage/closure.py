@@ -184,7 +184,7 @@ def warn_of_zero_length(mechanism: Mechanism, joints: Constraints) -> Iterator[s
         if gauss_newton(mechanism.q0, residual)[1] < CLOSED:
             yield (
                 f"forces.{name}: the linkage can bring {a.name} and {b.name} together, where the spring has no "
-                "direction: its force turns round at once, and no step size follows that; keep the motion away from there"
+                "direction: its force reverses at once, which no step size resolves; keep the motion away from there"
             )
 
 

@@ -31,7 +31,7 @@ def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
         names = [x.relative_to(PACKAGE) for x in files]
         used = [x for x in names if "__pycache__" not in x.parts and not {*without} & {x.parts[0], x.name}]
         if not used:
-            raise FileNotFoundError(f"{PACKAGE / room}: no sources there to tell one version from another")
+            raise FileNotFoundError(f"{PACKAGE / room}: no sources whose digest would identify a version")
         for name in used:
             digest.update(f"{name.as_posix()}\n".encode() + (PACKAGE / name).read_bytes())
     return digest.hexdigest()
@@ -70,4 +70,4 @@ def _content(x: Any) -> Iterator[bytes]:
                 if not (isinstance(x, Mechanism) and field.name in WORDS):
                     yield from _content(getattr(x, field.name))
         case _:
-            raise TypeError(f"nothing is known of the content of {type(x).__name__}")
+            raise TypeError(f"no digest of the content of {type(x).__name__}")

@@ -20,7 +20,7 @@ CHAINED = 100  # points in a chain in which each is given relative to the next
 SHOWN = 50  # largest number of faults in one error
 MOST = 5000  # entries of a table or list whose name has no count of its own
 ENTRIES = 60_000  # of the whole file: the largest that is generated, 400 windows, has 20,000
-SQUARES = "beyond that sums and squares of it lose every digit of the rest"
+SQUARES = "beyond that, sums with it and squares of it lose all digits of other numbers"
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
                 return [Fault(_beginning(path), f"tables lie more than {DEEPEST} deep")]
             most = COUNTS.get(key, MOST)
             if len(item) > most:
-                return [Fault(path, f"{len(item)} entries, and {most} are the most that are read")]
+                return [Fault(path, f"{len(item)} entries; at most {most} are read")]
             if entries > ENTRIES:
-                return [Fault("", f"more than {ENTRIES} entries in all, which are the most that are read")]
+                return [Fault("", f"more than {ENTRIES} entries in all")]
             if isinstance(item, list):
                 waiting += [(f"{path}[{i}]", key, x, depth + 1) for i, x in enumerate(item)]
                 continue
@@ -77,9 +77,9 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
 def _text_faults(path: str, text: str) -> list[Fault]:
     """Return a fault if a text is too long or not printable."""
     if len(text) > LONGEST_TEXT:
-        return [Fault(path, f"a text of {len(text)} characters, and {LONGEST_TEXT} are the most that are read")]
+        return [Fault(path, f"a text of {len(text)} characters; at most {LONGEST_TEXT} are read")]
     if any(unprintable(x) for x in text):
-        return [Fault(path, f"{_show(text)} holds characters that cannot be printed")]
+        return [Fault(path, f"{_show(text)} contains characters that cannot be printed")]
     return []
 
 

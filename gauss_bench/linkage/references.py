@@ -232,13 +232,13 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
         place, link, to, pairs = f"{path}.{key}", weld.get("link"), weld.get("to"), sequence(weld, "points")
         for side, name in (("link", link), ("to", to)):
             if name == "ground":
-                names.fault(f"{place}.{side}", "what is welded to the ground does not move: make its points ground points")
+                names.fault(f"{place}.{side}", "a link that is welded to the ground does not move: make its points ground points")
             elif name is not None:
                 names.check(f"{place}.{side}", name, "link")
         if link is None or to is None:
             continue
         if link in welded:
-            names.fault(f"{place}.link", f"link {link!r} is welded twice; it may be what others are welded to")
+            names.fault(f"{place}.link", f"link {link!r} is welded twice; weld the other link to it instead")
         elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
             names.fault(place, "welded in a circle")
         welded.add(link)

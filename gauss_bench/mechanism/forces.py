@@ -107,7 +107,7 @@ class _VaryingForce:
         return np.asarray(Q * self.factor(t, speed)[..., None])
 
 
-JAMMED = "the friction does not settle in {} iterations: mu is too large for these joints, or they jam"
+JAMMED = "the friction does not converge in {} iterations: mu is too large for these joints, or they jam"
 
 
 class Jammed(ArithmeticError):

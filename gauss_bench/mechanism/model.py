@@ -487,9 +487,9 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
     forces = tuple(forces)
     for force in forces:
         if not hasattr(force, "to_loads"):
-            raise TypeError(f"force {force.name}: nothing is known of the kind {type(force).__name__}")
+            raise TypeError(f"force {force.name}: unknown kind {type(force).__name__}")
         if factor_of(force):
-            raise TypeError(f"force {force.name} varies with time or direction, which is not known here")
+            raise TypeError(f"force {force.name} varies with time or direction, which is not supported here")
     return tuple(load for force in forces for load in force.to_loads())
 
 
@@ -538,7 +538,7 @@ Driver = AngleDriver | SlideDriver | LengthDriver
 
 def _check_kind(kind: Any, name: str, x: object) -> None:
     if not isinstance(x, kind):
-        raise TypeError(f"{name}: nothing is known of the kind {type(x).__name__}")
+        raise TypeError(f"{name}: unknown kind {type(x).__name__}")
 
 
 @dataclass(frozen=True, eq=False)
