@@ -12,26 +12,27 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 PACKAGE = Path(__file__).parents[1]
-WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism that no result depends on
+NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism
 
 
-def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
+def source_digest(*folders: str, without: Collection[str] = ()) -> str:
     """Return SHA-256 of the names and contents of all files in folders of the package, at every depth.
 
     Args:
-        rooms: folders or files of the package; "" is the whole package.
+        folders: folders or files of the package; "" is the whole package.
         without: names of folders and files that are left out.
 
     Raises:
         FileNotFoundError: a folder has no files, so that its versions have no digest.
     """
     digest = hashlib.sha256()
-    for room in rooms:
-        files = [PACKAGE / room] if (PACKAGE / room).is_file() else sorted(x for x in (PACKAGE / room).rglob("*") if x.is_file())
+    for folder in folders:
+        place = PACKAGE / folder
+        files = [place] if place.is_file() else sorted(x for x in place.rglob("*") if x.is_file())
         names = [x.relative_to(PACKAGE) for x in files]
         used = [x for x in names if "__pycache__" not in x.parts and not {*without} & {x.parts[0], x.name}]
         if not used:
-            raise FileNotFoundError(f"{PACKAGE / room}: no sources whose digest would identify a version")
+            raise FileNotFoundError(f"{place}: no sources whose digest would identify a version")
         for name in used:
             digest.update(f"{name.as_posix()}\n".encode() + (PACKAGE / name).read_bytes())
     return digest.hexdigest()
@@ -67,7 +68,7 @@ def _content(x: Any) -> Iterator[bytes]:
         case _ if is_dataclass(x):
             yield type(x).__name__.encode()
             for field in fields(x):
-                if not (isinstance(x, Mechanism) and field.name in WORDS):
+                if not (isinstance(x, Mechanism) and field.name in NO_EFFECT):
                     yield from _content(getattr(x, field.name))
         case _:
             raise TypeError(f"no digest of the content of {type(x).__name__}")

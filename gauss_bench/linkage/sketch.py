@@ -42,8 +42,10 @@ class _Placing:
     """
 
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
-        self.mechanism, assembly = mechanism, document.get("assembly", {})
-        angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
+        self.mechanism = mechanism
+        assembly = document.get("assembly", {})
+        angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()}
+        angles |= assembly.get("angles", {})
         self.given: dict[int, float] = {}
         for name, angle in angles.items():
             body, turn = mechanism.find_body(name)

@@ -1,6 +1,6 @@
 """Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
-Each force is expressed by loads (`lowered` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
+Each force is expressed by loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
 forces at points. One function is generated for all of them, for a state, q (n,), or a batch, q (..., n). The energy balance of a
 trajectory integrates the power of forces without a potential: dampers, and forces that turn with a link.
 

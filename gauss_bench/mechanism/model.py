@@ -611,14 +611,14 @@ class Mechanism:
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
         loads(f for f in self.forces if not factor_of(f))
-        for kind, parts in (
-            (Joint, self.joints),
-            (Driver, self.drivers),
-            (KnifeEdge, self.knife_edges),
-            (CoulombFriction, self.frictions),
-        ):
-            for part in parts:
-                _check_kind(kind, part.name, part)
+        for joint in self.joints:
+            _check_kind(Joint, joint.name, joint)
+        for driver in self.drivers:
+            _check_kind(Driver, driver.name, driver)
+        for edge in self.knife_edges:
+            _check_kind(KnifeEdge, edge.name, edge)
+        for friction in self.frictions:
+            _check_kind(CoulombFriction, friction.name, friction)
         _check_kind(Coordinate, self.measured.name, self.measured.coordinate)
 
     @property

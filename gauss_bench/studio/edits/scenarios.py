@@ -81,7 +81,7 @@ def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate
             return Angle(GROUND, mechanism.find_body(driver["link"])[0])
         if "joint" in driver:
             return next(j.motion for j in mechanism.joints if isinstance(j, Prismatic) and j.name == driver["joint"])
-        return Distance(*map(mechanism.named_point, driver["between"]))
+        return Distance(*map(mechanism.find_point, driver["between"]))
     except (KeyError, StopIteration, ValueError, TypeError, AttributeError):
         return None
 
