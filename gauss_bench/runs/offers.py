@@ -129,8 +129,8 @@ class Offer:
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
     """Return what of the suite's own runs in Python inside an engine's time, in words; NOT_TOLD of engines from elsewhere."""
-    engine: Any = get(name) if name in SAFE else None
-    return str(engine.in_python(mechanism, choice)) if engine is not None else NOT_TOLD
+    in_python = getattr(get(name), "in_python", None) if name in SAFE else None
+    return str(in_python(mechanism, choice)) if in_python else NOT_TOLD
 
 
 def is_isolated(name: str) -> bool:
