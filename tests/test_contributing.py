@@ -20,20 +20,8 @@ def conformance(folder: Path, chosen: str, path: list[Path]) -> int:
     """How many conformance tests over all engines pass, in a process of its own; none may fail."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
     environment |= {"PYTHONPATH": os.pathsep.join(map(str, path)), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-p",
-        "no:cacheprovider",
-        "tests/test_engines.py",
-        "-k",
-        chosen,
-        "-m",
-        "not slow and not long",
-    ]
+    command = [sys.executable, "-m", "pytest", *["-q", "-x", "-p", "no:cacheprovider", "tests/test_engines.py"]]
+    command += ["-k", chosen, "-m", "not slow and not long"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
     assert done.returncode == 0, done.stdout[-3000:]
     assert "s" not in done.stdout.split()[0], "none is skipped"

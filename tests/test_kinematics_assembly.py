@@ -1,13 +1,22 @@
 """What a drawing is told that does not assemble: the loop, the gap that stays, and the length that would close it."""
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from gauss_bench.kinematics.assembly import put_together
-from gauss_bench.linkage.load import built_in, document_of, drawn, load, load_document
+from gauss_bench.linkage.load import built_in, document_of, load, load_document
+from gauss_bench.linkage.sketch import sketch
+from gauss_bench.mechanism.model import Mechanism
+
+
+def place_as_drawn(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
+    """Leave the joints open, as the sketch draws them."""
+    q = sketch(mechanism, document)
+    return replace(mechanism, q0=q, v0=0.0 * q)
 
 
 def four_bar(**lengths: float) -> dict[str, Any]:
@@ -20,7 +29,7 @@ def four_bar(**lengths: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("lengths", "gap", "link"), [({"rocker": 0.9}, 0.02, "rocker"), ({"coupler": 1.0}, 0.18, "coupler")])
 def test_a_bar_too_long_leaves_the_gap_of_the_polygon_inequality(lengths: dict[str, float], gap: float, link: str) -> None:
-    found = put_together(load_document(four_bar(**lengths), place=drawn)).open
+    found = put_together(load_document(four_bar(**lengths), place=place_as_drawn)).open
     assert found is not None
     assert found.alone
     assert found.apart == pytest.approx(gap, abs=1e-9)
@@ -34,20 +43,20 @@ def test_a_bar_too_long_leaves_the_gap_of_the_polygon_inequality(lengths: dict[s
 @pytest.mark.long
 def test_the_length_that_is_told_closes_the_loop() -> None:
     document = four_bar(rocker=0.9)
-    found = put_together(load_document(document, place=drawn)).open
+    found = put_together(load_document(document, place=place_as_drawn)).open
     assert found is not None
     told = found.lengths[0]
     assert told.points in (("C", "D"), ("D", "C"))
     document["links"]["rocker"]["points"]["C"] = [told.needed - 1e-6, 0.0]
-    assert put_together(load_document(document, place=drawn)).open is None
+    assert put_together(load_document(document, place=place_as_drawn)).open is None
     document["links"]["rocker"]["points"]["C"] = [told.needed + 1e-6, 0.0]
-    assert put_together(load_document(document, place=drawn)).open is not None
+    assert put_together(load_document(document, place=place_as_drawn)).open is not None
 
 
 def test_of_three_loops_the_open_one_is_named() -> None:
     document = copy.deepcopy(document_of("eight_bar")[0])
     document["links"]["rocker"]["points"]["5"] = [2.0, 0.0]
-    found = put_together(load_document(document, place=drawn)).open
+    found = put_together(load_document(document, place=place_as_drawn)).open
     assert found is not None
     assert set(found.links) == {"ground", "crank", "coupler", "rocker"}
     longest = 0.08 + 0.36 + float(np.hypot(0.36, 0.08))
@@ -63,7 +72,7 @@ def test_a_loop_that_only_others_keep_open_says_so() -> None:
     document["joints"]["P"] = {"type": "revolute", "at": ["prop.P", "coupler.P"]}
     document["assembly"]["sketch"]["P"] = [0.2, 0.2]
     document.pop("expect")
-    found = put_together(load_document(document, place=drawn)).open
+    found = put_together(load_document(document, place=place_as_drawn)).open
     assert found is not None
     assert "prop" in found.links
     assert found.apart > 0.05
@@ -92,5 +101,5 @@ def test_freedom_is_counted_away_from_flat_positions_and_for_links_that_hang_on_
         "rocker.D": [0.4, 0.0],
         "B": [0.1, 0.1],
     }
-    found = put_together(load_document(lone, place=drawn))
+    found = put_together(load_document(lone, place=place_as_drawn))
     assert (found.open, found.dof, found.redundant, found.loops) == (None, 5, 0, ())

@@ -17,7 +17,7 @@ def residual(mechanism: Mechanism, q: Array) -> float:
 
 
 def at(mechanism: Mechanism, q: Array, point: str) -> Array:
-    return position(q, mechanism.named_point(point))
+    return position(q, mechanism.find_point(point))
 
 
 def test_a_crank_pin_follows_to_the_nearest_point_of_its_circle() -> None:

@@ -63,7 +63,7 @@ class Magnet:
         a, b = (names.point(x) for x in table["between"])
         return cls(name, a, b, names.number(table, "strength"))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Distance(self.a, self.b), inverse_square=self.strength),)
 ''',
     "motor": '''"""A motor that loses torque with its speed."""
@@ -88,7 +88,7 @@ class Motor:
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Motor":
         return cls(name, names.link(table["link"]), names.number(table, "stall"), names.number(table, "drag"))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Angle(GROUND, self.link), c=self.drag, bias=self.stall),)
 ''',
 }
@@ -187,8 +187,7 @@ def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> 
     name, keys = KEYS[kind]
     (package / "mechanism" / f"{kind}.py").write_text(FILES[kind], encoding="utf-8")
     schema = package / "linkage" / "schema.py"
-    physics = " ".join(["type", *(line.split(":")[0].strip() for line in keys.splitlines())])
-    table = f'class {name}Table(Table, physics="{physics}"):\n    read: ClassVar = {name}.read\n'
+    table = f"class {name}Table(Table):\n    read: ClassVar = {name}.read\n"
     table += f'    type: Literal["{kind}"]\n    {keys}\n\n\n'
     insert(schema, "class TableOverTime(Table", table)
     other = '"coulomb_friction": CoulombFrictionTable' if kind in ("magnet", "motor") else '"knife_edge": KnifeEdgeTable'

@@ -25,7 +25,7 @@ def moved(name: str, samples: int = 73) -> tuple[Mechanism, Array]:
 
 
 def path(mechanism: Mechanism, q: Array, point: str) -> Array:
-    return position(q, mechanism.named_point(point))
+    return position(q, mechanism.find_point(point))
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda x: x.stem)

@@ -17,7 +17,7 @@ from gauss_bench import cli, metrics
 from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.linkage.load import document_of, load, load_document, of_one_scenario
+from gauss_bench.linkage.load import document_of, load, load_document, reduce_to_scenario
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.sweep import halving
 from gauss_bench.sweep.batch import Asked, columns_of
@@ -55,7 +55,7 @@ def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others()
     assert made["links"]["rod"]["points"] == {"A": [0.0, 0.0], "B": [pytest.approx(0.70), 0.0], "P": [pytest.approx(0.35), 0.05]}
     assert document["links"]["rod"]["points"]["B"] == [0.56, 0.0]
     assert made["links"]["crank"] is document["links"]["crank"]
-    link = load_document(of_one_scenario(made, "paper")).links[1]
+    link = load_document(reduce_to_scenario(made, "paper")).links[1]
     assert link.com == pytest.approx([0.35, 0.0])
     assert (link.mass, link.inertia) == (0.77, pytest.approx(0.77 * 0.70**2 / 12))  # a given mass stays, its spread follows the bar
 
@@ -123,7 +123,7 @@ def test_starts_close_at_their_own_dimensions(
     name: str, scenario: str | None, paths: list[str], low: list[float], high: list[float]
 ) -> None:
     mechanism = load(name, scenario)
-    document = of_one_scenario(document_of(name)[0], mechanism.scenario)
+    document = reduce_to_scenario(document_of(name)[0], mechanism.scenario)
     family = Family(document, mechanism.scenario, paths, name)
     values = np.linspace(low, high, 5)
     found = family.starts(values)
@@ -164,7 +164,7 @@ def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path
 def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None:
     """Each content of a table is read once in a batch; alone, each sample reads its own."""
     paths = ["links.rod.length", "links.rod.mass", "gravity.x", "gravity.y", "scenarios.paper.start.crank_deg"]
-    family = Family(of_one_scenario(document_of("crank_slider")[0], "paper"), "paper", paths, "crank_slider")
+    family = Family(reduce_to_scenario(document_of("crank_slider")[0], "paper"), "paper", paths, "crank_slider")
     values = np.array(
         [[0.5, 0.7, 0.1, -9.0, 3.0], [0.5, 0.8, 0.1, -9.0, 3.0], [0.55, 0.7, 0.0, -9.0, 0.0], [0.5, -1.0, 0.1, -9, 3.0]]
     )
@@ -337,7 +337,7 @@ def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path
         assert again["worst"] in range(12)
 
 
-DOCUMENT = of_one_scenario(document_of("crank_slider")[0], "paper")
+DOCUMENT = reduce_to_scenario(document_of("crank_slider")[0], "paper")
 ASKED = Asked(
     json.dumps(DOCUMENT),
     "paper",
@@ -511,7 +511,7 @@ def test_a_force_that_varies_is_an_open_number_where_the_scenario_has_it() -> No
 
 
 def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:
-    document = of_one_scenario(document_of("four_bar")[0], "driven")
+    document = reduce_to_scenario(document_of("four_bar")[0], "driven")
     family = Family(document, "driven", ["links.coupler.length"], "four_bar")
     usual = number_at(document, "links.coupler.length")
     found = family.starts(np.array([[usual], [5.0 * usual], [0.95 * usual]]))

@@ -58,11 +58,11 @@ def common_refusal(mechanism: Mechanism, library: str) -> str | None:
     """Return the reason why no adapter to a library can model the mechanism, or None if there is none.
 
     Raises:
-        TypeError: a force is of a kind that cannot be lowered to loads.
+        TypeError: a force is of a kind that cannot be expressed by loads.
     """
     for force in mechanism.forces:
-        lowered = [] if factor_of(force) else loads([force])  # a force that varies is no sum of constant loads
-        if any(isinstance(x, Law) and x.inverse_square for x in lowered):
+        own = [] if factor_of(force) else loads([force])  # a force that varies is no sum of constant loads
+        if any(isinstance(x, Law) and x.inverse_square for x in own):
             return f"force {force.name} falls with the square of a distance, for which {library} is given no element here"
     if mechanism.couplings:
         return f"{library} is given no {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name}) here"

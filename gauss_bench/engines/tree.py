@@ -26,7 +26,7 @@ from gauss_bench.mechanism.coordinates import state
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Joint, Mechanism, Point
-from gauss_bench.mechanism.spaces import PLANE
+from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.terms import Array
 
 
@@ -128,9 +128,9 @@ class Tree:
     @cached_property
     def _coordinates(self) -> Callable[..., list[Array]]:
         """A generated function (t, q, v) -> tree coordinates and their rates, for `relative`."""
-        symbols = Symbols(PLANE.size * self.links)
-        states = [state(x, symbols) for b in self.branches for x in b.coordinates]
-        return symbols.written([x.value for x in states], [x.rate for x in states])
+        at = Symbols(SIZE * self.links)
+        states = [state(x, at) for b in self.branches for x in b.coordinates]
+        return at.generate([x.value for x in states], [x.rate for x in states])
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Map absolute states (..., 3 links) to tree coordinates and rates (..., n); gaps at the tree's joints are ignored."""

@@ -84,7 +84,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         pins += [_second_pin(mechanism, q, x) for x in _named("pin joint", name, [x for x in mechanism.pins if x.joint == name])]
     for name in locks.links:
         _named("link", name, [x for x in mechanism.whole.links if x.name == name])
-        body, _ = mechanism.placed(name)
+        body, _ = mechanism.find_body(name)
         still.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
     for name in locks.slides:
         for slide in _named("slide", name, [x for x in mechanism.slides if x.name == name]):
@@ -117,7 +117,7 @@ def name_link(mechanism: Mechanism, reference: str | Point) -> Point:
     if isinstance(reference, Point):
         return reference
     try:
-        return mechanism.named_point(reference)
+        return mechanism.find_point(reference)
     except (KeyError, StopIteration):
         raise ValueError(f"no point {reference!r}") from None
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.load import built_in_folder, generated
+from gauss_bench.linkage.load import built_in_folder, generate
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
@@ -133,7 +133,7 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
     folder = None
     if source.is_file():
         folder = source.parent
-    elif generated(mechanism.source):
+    elif generate(mechanism.source):
         folder = built_in_folder()
     return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
 

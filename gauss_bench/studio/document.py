@@ -13,7 +13,7 @@ from tomlkit.container import OutOfOrderTableProxy
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import Table
 
-from gauss_bench.exchange.toml import GROUPS, said, toml
+from gauss_bench.exchange.toml import GROUPS, toml, write_value
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.load import MAX_BYTES
 from gauss_bench.linkage.schema import SECOND
@@ -85,7 +85,7 @@ def _change(kept: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tup
             if isinstance(value, dict) and isinstance(old[key], dict) and under_head:
                 _change(kept[key], old[key], value, (*path, key))
             else:
-                kept[key] = tomlkit.value(said(value))
+                kept[key] = tomlkit.value(write_value(value))
 
 
 def _rank(key: str) -> int:
@@ -105,7 +105,7 @@ def _rename(kept: Any, old: str, new: str) -> None:
 def _item(value: Any, path: tuple[str, ...]) -> Any:
     """Return a value as tomlkit writes it at a path: tables of the file and of its groups get [headings], others are inline."""
     if not isinstance(value, dict) or len(path) > 2 - (path[0] not in GROUPS) or path == ("expect",):
-        return tomlkit.value(said(value))
+        return tomlkit.value(write_value(value))
     nested: Any = value
     for key in reversed(path):
         nested = {key: nested}

@@ -91,7 +91,7 @@ def find_branches(reading: Reading) -> list[Array]:
     mechanism = assemble(reading, "assembled in another way")
     drivers = []
     for name in inputs(reading):
-        body, _ = mechanism.placed(name)
+        body, _ = mechanism.find_body(name)
         drivers.append(AngleDriver(name, constant(float(reading.q[3 * body + 2]), 0.0), body))
     try:
         with np.errstate(all="ignore"):

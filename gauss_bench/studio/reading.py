@@ -19,10 +19,11 @@ from gauss_bench.kinematics.assembly import put_together, rank_about
 from gauss_bench.kinematics.topology import find_graph, held_coordinates, loose_links
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import close_joints, sketch
+from gauss_bench.linkage.closure import close_joints
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
 from gauss_bench.linkage.load import document_faults, load_document
 from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.coordinates import position, spread
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
@@ -273,7 +274,7 @@ def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, 
                 if name not in assembly.get("angles_deg", {}):
                     angles[name] = 0.0
                 continue
-            body = mechanism.placed(error.links[0])[0]
+            body = mechanism.find_body(error.links[0])[0]
             point = next(iter(mechanism.links[body].points))
             owner = f"{error.links[0]}.{point}" if "." not in point else point
             drawing[owner] = [float(x) for x in mechanism.links[body].points[point]]

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.compiler.equations.links import force_numbers, parameter_values
 from gauss_bench.linkage.build import Resolver, build_link, resolve_points
-from gauss_bench.linkage.closure import CLOSED, LONGEST, STEP, list_held_items
+from gauss_bench.linkage.closure import CLOSED, LONGEST, STEP, list_held
 from gauss_bench.linkage.errors import BuildError, LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.linkage.schema import LinkageTable
@@ -187,7 +187,7 @@ class Family:
             case "joints":
                 found = {f"joints.{name}.offset": table[name]["offset"]}
             case "forces" if any(f.name == name for f in self.nominal.forces):
-                force: Any = self._resolver.force(name, table[name])
+                force: Any = self._resolver.build_force(name, table[name])
                 found = {f"forces.{name}.{key}": x for key, x in force_numbers(force).items()}
         vectors = {f"{key}.{axis}": float(x) for key, xy in found.items() if np.ndim(xy) for axis, x in zip("xy", xy, strict=True)}
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
@@ -227,8 +227,8 @@ class Family:
 
     def _goals(self, document: Document) -> Array:
         """Targets and rates (2, h) of the coordinates that a start holds."""
-        items = list_held_items(self.nominal, document["scenarios"][self.scenario])
-        return np.array([[float(x) for _, x, _ in items], [float(x) for _, _, x in items]])
+        held = list_held(self.nominal, document["scenarios"][self.scenario])
+        return np.array([held.target, held.rate], dtype=float)
 
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
         """States (k, n) on the constraints, at targets and rates (k, 2, h); NaN where Newton's method fails."""
@@ -236,7 +236,7 @@ class Family:
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:
             return q, v
-        held = [x for x, _, _ in list_held_items(mechanism, self.document["scenarios"][self.scenario])]
+        held = list_held(mechanism, self.document["scenarios"][self.scenario]).coordinates
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
@@ -252,7 +252,7 @@ class Family:
             phi = np.stack(np.broadcast_arrays(*(x.value - value for x, (_, value) in zip(states, pairs, strict=True))), axis=-1)
             J = np.zeros((*phi.shape, mechanism.n))
             for row, x in enumerate(states):
-                for column, entry in columns_of_gradient(at.space, x.entries).items():
+                for column, entry in columns_of_gradient(x.entries).items():
                     J[:, row, column] = entry
             return phi, J
 

@@ -10,7 +10,7 @@ from gauss_bench.judge import Evidence
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import state
 from gauss_bench.mechanism.model import Coordinate, Mechanism
-from gauss_bench.mechanism.spaces import Vec
+from gauss_bench.mechanism.spaces import Vec, dot
 from gauss_bench.sweep.family import Varied
 from gauss_bench.terms import Array
 
@@ -81,9 +81,9 @@ def _energy(x: Varied, t: Array, multipliers: Array) -> tuple[Array, Array, Arra
     for i, link in enumerate(mechanism.links):
         mass, inertia = (x.number(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia"))
         frame = x.frame(i)
-        turning = x.space.inner(frame.omega, frame.omega)
-        kinetic = kinetic + 0.5 * (mass * x.space.dot(frame.u, frame.u) + inertia * turning)
-        potential = potential - mass * x.space.dot(gravity, frame.z)
+        turning = frame.omega * frame.omega
+        kinetic = kinetic + 0.5 * (mass * dot(frame.u, frame.u) + inertia * turning)
+        potential = potential - mass * dot(gravity, frame.z)
     for load in x.loads():
         held, gained = equations.energies(x, load)
         potential, power = potential + held, power + gained

@@ -16,7 +16,7 @@ import numpy as np
 from gauss_bench.bench.journal import fingerprint
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.linkage.load import chosen_scenario, document_of, load, of_one_scenario
+from gauss_bench.linkage.load import choose_scenario, document_of, load, reduce_to_scenario
 from gauss_bench.runs.offers import check_budget, duration, is_isolated, offer
 from gauss_bench.sweep.batch import Asked, Rows, columns_of, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
@@ -128,8 +128,8 @@ def sweep(
 
 def _ask(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) -> Asked:
     document, _, path = document_of(linkage)
-    scenario = chosen_scenario(document, how.scenario, str(path), path.stem)
-    mechanism, document = load(linkage, scenario), of_one_scenario(document, scenario)
+    scenario = choose_scenario(document, how.scenario, str(path), path.stem)
+    mechanism, document = load(linkage, scenario), reduce_to_scenario(document, scenario)
     for name in some.paths:
         number_at(document, name)
     until = duration(mechanism.duration, None, how.until)

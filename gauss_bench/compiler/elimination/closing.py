@@ -190,6 +190,6 @@ class _Equations:
         stored = [*(links.coordinate(k) for k in range(n)), *v, *a]
         for point in self.driven.observed_points:
             ways = [state(Along(WORLD, point, 0.0, across), links) for across in (False, True)]
-            seconds = [graph.total([x.bias, *(e * a[k] for k, e in columns(links.space, x.entries).items())]) for x in ways]
+            seconds = [graph.total([x.bias, *(e * a[k] for k, e in columns(x.entries).items())]) for x in ways]
             stored += [*(x.value for x in ways), *(x.rate for x in ways), *seconds]
         return [z], [[x for x, _ in guarded(factors)], advance, stored]

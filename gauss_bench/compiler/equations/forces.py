@@ -20,7 +20,7 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.model import PointForce, Torque
 from gauss_bench.mechanism.motion_laws import STEADY, Factor
-from gauss_bench.mechanism.spaces import Vec, angle_slot, slots
+from gauss_bench.mechanism.spaces import Vec, angle_slot, dot, slots
 
 FLAT = 20.0
 DOUBLINGS, TERMS = 8, 11  # 2 FLAT / 2^8 is 0.16, of which the twelfth power over 12! is below a thousandth of rounding
@@ -48,11 +48,11 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """Return the generalised force of a varying force: that of the steady force, times its factor."""
-    (load,) = force.lowered()
+    (load,) = force.to_loads()
     graph = links.graph
     entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
     value: Any = force.value
-    square = links.space.dot(value, value) if isinstance(value, Vec) else value * value
+    square = dot(value, value) if isinstance(value, Vec) else value * value
     size = maximum(graph.sqrt(square), graph.constant(SMALLEST))
     level, slope = (links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
     # the speed along a force is its power divided by its magnitude
@@ -88,7 +88,7 @@ def energy(links: Links) -> Node:
         frame = links.frame(i)
         gravity = Vec(links.number("gravity.x"), links.number("gravity.y"))
         omega = links.rate(angle_slot(i))
-        terms += [mass * 0.5 * links.space.dot(frame.u, frame.u), inertia * 0.5 * (omega * omega)]
-        terms.append(-(mass * links.space.dot(gravity, frame.z)))
+        terms += [mass * 0.5 * dot(frame.u, frame.u), inertia * 0.5 * (omega * omega)]
+        terms.append(-(mass * dot(gravity, frame.z)))
     potentials = (links.graph.node(equations.energies(links, load)[0]) for load in links.loads())
     return links.graph.total([*terms, *potentials])

@@ -28,7 +28,7 @@ from gauss_bench.mechanism.equations import Given, Motion
 from gauss_bench.mechanism.frames import Direction, End, Frame, unit
 from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import Factor, MotionLaw
-from gauss_bench.mechanism.spaces import PLANE, Vec, angle_slot, slots
+from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
 
 
@@ -262,11 +262,11 @@ class Links(Given):
     def rotate(self, link: int, s: Vec) -> Vec:
         """Return a link-fixed vector in world axes."""
         tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
-        s = PLANE.turned(self._unit(tie.offset), s)
+        s = rotate_vec(self._unit(tie.offset), s)
         if tie.root == GROUND:
             return s
         theta = self.coordinate(angle_slot(tie.root))
-        return PLANE.turned(Vec(self.graph.cos(theta), self.graph.sin(theta)), s)
+        return rotate_vec(Vec(self.graph.cos(theta), self.graph.sin(theta)), s)
 
     def _unit(self, theta: float, across: bool = False) -> Vec:
         return self.constant_vector(*(0.0 if abs(x) < AXIS else x for x in unit(theta, across)))

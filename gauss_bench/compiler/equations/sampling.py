@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import PLANE
+from gauss_bench.mechanism.spaces import DIMENSION
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
@@ -39,7 +39,7 @@ def typical_length(mechanism: Mechanism) -> float:
 def scales(mechanism: Mechanism) -> Array:
     """Return the unit of each coordinate (n,): the typical length [m] for positions, 1 rad for angles."""
     length = typical_length(mechanism)
-    return np.tile([*[length] * PLANE.dimension, *[1.0] * PLANE.turns], len(mechanism.links))
+    return np.tile([*[length] * DIMENSION, 1.0], len(mechanism.links))
 
 
 @lru_cache(maxsize=64)  # a walk takes longer than most searches for pivots, and several stages need the same states

@@ -94,7 +94,7 @@ def reason_to_refuse(mechanism: Mechanism) -> str | None:
     """Return the reason why the equations have no solution in closed form, or None if they have one.
 
     Raises:
-        TypeError: a force is of a kind that cannot be lowered to loads.
+        TypeError: a force is of a kind that cannot be expressed by loads.
     """
     if reason := unsteady(mechanism, "CasADi"):
         return reason

@@ -78,7 +78,7 @@ def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
-    return [x for f in steady for load in f.lowered() for x in native(f.name, load, mechanism, tree, turns)]
+    return [x for f in steady for load in f.to_loads() for x in native(f.name, load, mechanism, tree, turns)]
 
 
 def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:

@@ -70,7 +70,7 @@ class CompiledDynamics(ConstrainedDynamics):
             first, second = _placement(row.joint1_placement), _placement(row.joint2_placement)
             self.library.add_closure(self.linkage, row.joint1_id, first, row.joint2_id, second, _numbers(gains))
         for force in forces.others:
-            for load in force.lowered():
+            for load in force.to_loads():
                 self._add_load(body, load)
         tables = [_numbers(x) for x in (forces.constant, forces.stiffness, forces.damping)]
         accuracies = _numbers([options["absolute_accuracy"], options["relative_accuracy"]])

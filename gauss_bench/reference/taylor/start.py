@@ -33,7 +33,7 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
         laws.append((exact(number, target), exact(number, start.get("slide_speeds", {}).get(name, 0)), zero))
     for reference, target in start.get("points", {}).items():
         x, y = pair(number, target)
-        points.append(merge(coordinates.point(mechanism.named_point(reference)), [VectorTerm(x, y, NONE, NONE)]))
+        points.append(merge(coordinates.point(mechanism.find_point(reference)), [VectorTerm(x, y, NONE, NONE)]))
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
     held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *given))
     rates = held.rates(laws)
@@ -55,7 +55,7 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
             speeds.setdefault(crank, exact(number, start["speed"]))
     held = {}
     for name, x in angles.items():
-        link, turn = mechanism.placed(name)
+        link, turn = mechanism.find_body(name)
         held[link] = x - turn, speeds.get(name, number("0"))
     return held
 

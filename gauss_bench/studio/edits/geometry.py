@@ -237,7 +237,7 @@ def set_angle(d: Drawing, message: Message) -> None:
     d.link(name)
     if reading.mechanism is None or reading.joints is None or not reading.closed:
         raise Refused("a link is turned once the drawing assembles", (f"links.{name}",))
-    body, turn = reading.mechanism.placed(name)
+    body, turn = reading.mechanism.find_body(name)
     q, close, k = reading.q, joint_residual(reading.joints), 3 * body + 2
     first, row = float(q[k]), np.eye(len(q))[k]
     way = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)

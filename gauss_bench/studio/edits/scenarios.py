@@ -12,7 +12,7 @@ import numpy as np
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.closure import null_space
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
-from gauss_bench.linkage.surest import HELD, candidates, surest
+from gauss_bench.linkage.start_coordinates import choose_held
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Angle, Coordinate, Distance, Mechanism, Prismatic
 from gauss_bench.studio.document import Document
@@ -78,10 +78,10 @@ def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate
     """Return the coordinate that a driver's key link, joint or between names, or None if the linkage does not have it."""
     try:
         if "link" in driver:
-            return Angle(GROUND, mechanism.placed(driver["link"])[0])
+            return Angle(GROUND, mechanism.find_body(driver["link"])[0])
         if "joint" in driver:
             return next(j.motion for j in mechanism.joints if isinstance(j, Prismatic) and j.name == driver["joint"])
-        return Distance(*map(mechanism.named_point, driver["between"]))
+        return Distance(*map(mechanism.find_point, driver["between"]))
     except (KeyError, StopIteration, ValueError, TypeError, AttributeError):
         return None
 
@@ -92,7 +92,7 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
     coordinate = None if mechanism is None else coordinate_of(mechanism, driver)
     if mechanism is None or coordinate is None:
         return None
-    turn = mechanism.placed(driver["link"])[1] if "link" in driver else 0.0  # of a link in the body that it is welded into
+    turn = mechanism.find_body(driver["link"])[1] if "link" in driver else 0.0  # of a link in the body that it is welded into
     return float(value(coordinate, reading.q)) + float(turn)
 
 
@@ -127,10 +127,10 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     held = [gradient(x, q) for x in (coordinate_of(mechanism, driver) for driver in drivers) if x is not None]
     free = null_space(np.vstack([joints(0.0, q, np.zeros_like(q)).J, *held]), mechanism.n)
     start: dict[str, Any] = {}
-    for kind, key, chosen in surest(candidates(mechanism, q), q, free):
-        name, unit = ("angles_deg", UNITS["_deg"]) if kind == "angle" else (HELD[kind][0], 1.0)
-        values = [round_digits(value(x, q) * unit, PLACED) for x in chosen]
-        start.setdefault(name, {})[key] = values if kind == "point" else values[0]
+    for chosen in choose_held(mechanism, q, free):
+        table_name, unit = ("angles_deg", UNITS["_deg"]) if chosen.kind == "angle" else (chosen.tables[0], 1.0)
+        values = [round_digits(value(x, q) * unit, PLACED) for x in chosen.coordinates]
+        start.setdefault(table_name, {})[chosen.name] = values if chosen.kind == "point" else values[0]
     return start
 
 
