@@ -1,7 +1,7 @@
-"""All assemblies of a linkage with its inputs fixed, found from random starts, each listed once.
+"""All assemblies of a linkage with its inputs fixed, found from random starts.
 
-From randomly moved links Levenberg-Marquardt approaches the constraints and Gauss-Newton converges onto them. It is not guaranteed
-that all assemblies are found: the search ends after a number of starts without a new one.
+From randomly placed links Levenberg-Marquardt approaches the constraints and Gauss-Newton converges onto them. The search ends
+after a number of starts without a new assembly, so that it may miss some.
 Source: as in `root_finding`.
 """
 
@@ -18,10 +18,10 @@ from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angles
 from gauss_bench.terms import Array
 
-MOST = 300  # starts
-PATIENCE = 40  # starts without anything new
-NEAR = 1e-6  # of the linkage's size, before Gauss-Newton
-SAME = 1e-5  # of the linkage's size, and [rad]: far above where searches end
+MOST = 300  # largest number of starts
+PATIENCE = 40  # number of starts without a new assembly after which the search ends
+NEAR = 1e-6  # [sizes of the linkage] residual at which Gauss-Newton takes over
+SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies are the same: far above the error of a search
 
 
 def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]:
@@ -30,10 +30,9 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
     The coordinates of the scenario's drivers, or the crank's angle, keep their values in q. Angles are within half a turn of q's.
 
     Raises:
-        ValueError: what is held leaves something free, or the joints are open at q.
+        ValueError: the fixed inputs leave a motion free, or the joints are open at q.
     """
-    held = hold_at(mechanism, q)
-    freedom = Freedom(held)
+    freedom = Freedom(hold_inputs(mechanism, q))
     here = freedom.close(q)
     if here is None:
         raise ValueError(f"{mechanism.name} has no other assembly from here: its joints are open")
@@ -57,7 +56,7 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
     return (positions[0], *sorted(positions[1:], key=lambda x: _apart(freedom, x, here.q)))
 
 
-def hold_at(mechanism: Mechanism, q: Array) -> Mechanism:
+def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
     """Return the linkage with its inputs fixed at their values in q (n,)."""
     if mechanism.drivers:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
@@ -73,10 +72,10 @@ def _apart(freedom: Freedom, a: Array, b: Array) -> float:
 
 
 def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
-    """Return the same position with angles within half a turn of given ones; links joined by a slide are shifted together."""
+    """Return q with whole turns removed, so that angles are within half a turn of those in `near`; slides shift links together."""
     q = q.copy()
     turns = 2 * np.pi * np.round(angles(q - near) / (2 * np.pi))
     for link, (root, _) in shared_angles(mechanism).items():
-        if root != GROUND:  # what slides on the ground has no whole turns
+        if root != GROUND:  # a link that slides on the ground cannot turn
             angles(q)[link] -= turns[root]
     return q

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kinematics.assembly import put_together, rank_about
-from gauss_bench.kinematics.topology import find_graph, held_coordinates, loose_links
+from gauss_bench.kinematics.assembly import find_open_loop, rank_about
+from gauss_bench.kinematics.topology import find_graph, loose_links, pin_loose_links
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints, sketch
@@ -284,7 +284,7 @@ def _open(mechanism: Mechanism, q: Array) -> Problem:
     """Return the problem of a drawing that does not assemble: the joint that stays open, and its gap [m]."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         with np.errstate(all="ignore"):
-            loop = put_together(replace(mechanism, q0=q, v0=0 * q)).open
+            loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:
             links = tuple(x for x in loop.links if x != "ground")
             where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))
@@ -318,7 +318,7 @@ def loops_of(mechanism: Mechanism) -> list[list[str]]:
     """Return the links of every independent loop, without the ground; links that hang on nothing do not matter."""
     return [
         [mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND]
-        for loop in find_graph(held_coordinates(mechanism)).loops
+        for loop in find_graph(pin_loose_links(mechanism)).loops
     ]
 
 
