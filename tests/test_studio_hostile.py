@@ -20,7 +20,7 @@ import pytest
 pytest.importorskip("uvicorn")
 from websockets.sync.client import ClientConnection
 
-from gauss_bench.studio.autosave import since
+from gauss_bench.studio.autosave import start_of
 from gauss_bench.studio.requests import VERBS, answer
 from gauss_bench.studio.server import as_json
 from tests.studio import Pen, Watched, four_bar
@@ -64,13 +64,13 @@ def test_half_a_character_is_refused_before_it_is_in_the_drawing(tmp_path: Path)
 def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
     """What it left is offered: where its parent never waits for it, as in a container, it stays among the processes for good."""
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        assert since(process.pid)
+        assert start_of(process.pid)
         process.kill()
         for _ in range(500):
-            if not since(process.pid):
+            if not start_of(process.pid):
                 break
             time.sleep(0.01)
-        assert since(process.pid) == ""
+        assert start_of(process.pid) == ""
         assert Path(f"/proc/{process.pid}").exists() or sys.platform != "linux"
 
 

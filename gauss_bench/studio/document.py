@@ -36,6 +36,11 @@ def split_path(path: str) -> list[str | int]:
     return [int(x[1:-1]) if x[0] == "[" else x for x in re.findall(r"\[\d+\]|[^.\[\]]+", path)]
 
 
+def is_driven(scenario: Mapping[str, Any]) -> bool:
+    """Tell whether the table of a scenario has drivers."""
+    return not scenario.keys().isdisjoint(("driver", "drivers"))
+
+
 def parse_text(text: str) -> Document:
     """Parse a text into tables.
 

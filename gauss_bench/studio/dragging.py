@@ -51,8 +51,7 @@ def take_hold(reading: Reading, locks: frozenset[str], message: Message) -> Drag
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
     """Drag the linkage towards the pointer; `ms` in the reply is the processor time taken."""
     target, began = place(message.get("at")), time.thread_time()
-    with np.errstate(all="ignore"):
-        moved = drag.to(np.array([target.real, target.imag]), STEPS)
+    moved = drag.to(np.array([target.real, target.imag]), STEPS)
     ms = 1e3 * (time.thread_time() - began)
     note = moved.note or None
     return {"poses": reading.poses(moved.q), "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": note}
@@ -94,7 +93,6 @@ def find_branches(reading: Reading) -> list[Array]:
         body, _ = mechanism.placed(name)
         drivers.append(AngleDriver(name, constant(float(reading.q[3 * body + 2]), 0.0), body))
     try:
-        with np.errstate(all="ignore"):
-            return [*branches(replace(mechanism, drivers=tuple(drivers)), reading.q)]
+        return [*branches(replace(mechanism, drivers=tuple(drivers)), reading.q)]
     except ValueError as error:
         raise Refused(str(error)) from error

@@ -13,6 +13,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.studio.autosave import workplace
+from gauss_bench.studio.document import is_driven
 from gauss_bench.studio.dragging import assemble
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
@@ -57,7 +58,7 @@ def curves(mechanism: Mechanism, x: Trajectory) -> History:
 def _model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
     """Return the model for an engine's library, built in a worker process."""
     scenarios = reading.document.get("scenarios", {})
-    free = next((k for k, x in scenarios.items() if not {"driver", "drivers"} & x.keys()), None)
+    free = next((k for k, x in scenarios.items() if not is_driven(x)), None)
     chosen = free or next(iter(scenarios), None)
     if chosen is None:
         raise Refused("there is no scenario that could be exported: let it go or drive it first")

@@ -19,7 +19,7 @@ from gauss_bench.mechanism.coordinates import acceleration, position, spread, ve
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.studio.autosave import workplace
-from gauss_bench.studio.document import write_document
+from gauss_bench.studio.document import is_driven, write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.scenarios import DRIVEN, drive
 from gauss_bench.studio.errors import Refused
@@ -42,7 +42,7 @@ def moving(text: str, reading: Reading, scenario: Any) -> Mechanism:
     document = reading.document
     if not isinstance(scenario, (str, type(None))):
         raise Refused("a scenario is named", field="scenario")
-    if scenario is None and not any({"driver", "drivers"} & x.keys() for _, x in items(document, "scenarios")):
+    if scenario is None and not any(is_driven(x) for _, x in items(document, "scenarios")):
         possible = drivers_possible(reading)
         if not possible:
             raise Refused("nothing can be driven here yet: a link that is pinned to the ground, or a slide")
@@ -67,13 +67,12 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
         raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
     mechanism = moving(text, reading, message.get("scenario"))
     inputs, times, stopped = inputs_of(mechanism), np.linspace(0.0, mechanism.duration, count + 1), None
-    with np.errstate(all="ignore"):
-        try:
-            states = loop_motion(mechanism, inputs, times)
-        except MotionError as error:
-            states, stopped = error.reached, str(error)
-        except ValueError as error:
-            raise Refused(str(error)) from error
+    try:
+        states = loop_motion(mechanism, inputs, times)
+    except MotionError as error:
+        states, stopped = error.reached, str(error)
+    except ValueError as error:
+        raise Refused(str(error)) from error
     n = len(states.q)
     return mechanism, Trajectory(times[:n], states.q, states.v, states.a, n - 1), stopped
 
@@ -116,9 +115,7 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
         return {"torque": None, "pins": []}
     evaluator = Evaluator(mechanism)
     try:
-        with np.errstate(all="ignore"):
-            exerted = metrics.driving_forces(evaluator, x)
-            carried = metrics.joint_forces(evaluator, x)
+        exerted, carried = metrics.driving_forces(evaluator, x), metrics.joint_forces(evaluator, x)
     except (ArithmeticError, np.linalg.LinAlgError, ValueError):
         return {"torque": None, "pins": []}
     unit = "N m" if isinstance(mechanism.drivers[0], AngleDriver) else "N"
@@ -129,18 +126,17 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
 def gain(mechanism: Mechanism, q: Array) -> dict[str, Any]:
     """Return velocity ratios and mechanical advantages; there are none if more than one coordinate is driven."""
     try:
-        with np.errstate(all="ignore"):
-            pairs = advantages(mechanism, q)
+        pairs = advantages(mechanism, q)
     except ValueError:
         pairs = ()
     return {"advantage": [{"input": x.input, "output": x.output, "values": x.mechanical, "velocity": x.velocity} for x in pairs]}
 
 
+@np.errstate(all="ignore")  # for the thread that searches beside the requests
 def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
     """Return limit positions and dead centres, and the reason if they cannot be listed."""
     try:
-        with np.errstate(all="ignore"):
-            positions = singular_positions(mechanism)
+        positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:
         return [], str(error)
     keys = ("kind", "coordinate", "value", "input")
@@ -158,11 +154,10 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
         raise Refused("nothing is drawn yet")
     q = reading.q if given is None else state_of(reading, given)
     try:
-        with np.errstate(all="ignore"):
-            of_pairs = centres(mechanism, q)
+        pairs = centres(mechanism, q)
     except ValueError as error:
         raise Refused(str(error)) from error
-    return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in of_pairs]
+    return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in pairs]
 
 
 def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:

@@ -87,7 +87,7 @@ class Reading:
         """The number of independent rows of the joints, at a position near the drawing that is not singular."""
         if self.mechanism is None:
             return 0
-        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError):
+        with suppress(np.linalg.LinAlgError, ValueError):
             return rank_about(self.mechanism, self.q)
         return 0
 
@@ -112,6 +112,7 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
     return by_link
 
 
+@np.errstate(all="ignore")
 def read(document: Document, starts: bool = True) -> Reading:
     """Read a document, however faulty; `starts` also tests whether its scenarios start, which takes most of the time."""
     problems: list[Problem] = []
@@ -134,8 +135,7 @@ def read(document: Document, starts: bool = True) -> Reading:
         tell("warning", f"{name} is not placed: the drawing says too little of where it lies", f"links.{name}")
     closed = False
     try:
-        with np.errstate(all="ignore"):
-            q, closed = close_joints(mechanism, Constraints(mechanism), q), True
+        q, closed = close_joints(mechanism, Constraints(mechanism), q), True
     except AssemblyError:
         problems.append(_open(mechanism, q))
     except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -214,8 +214,7 @@ def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
         faults = document_faults(document)
         if not faults:
             try:
-                with np.errstate(all="ignore"):
-                    return build_mechanism(document, "drawn", "", ""), more
+                return build_mechanism(document, "drawn", "", ""), more
             except BuildError as error:
                 faults = [error.fault]
                 more += faults
@@ -283,8 +282,7 @@ def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, 
 def _open(mechanism: Mechanism, q: Array) -> Problem:
     """Return the problem of a drawing that does not assemble: the joint that stays open, and its gap [m]."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
-        with np.errstate(all="ignore"):
-            loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
+        loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:
             links = tuple(x for x in loop.links if x != "ground")
             where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))

@@ -5,13 +5,15 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from gauss_bench import __version__
 from gauss_bench.engines import MissingExtra
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio import dragging, dynamics, exports, files, motion
-from gauss_bench.studio.autosave import forget, keep_text
+from gauss_bench.studio.autosave import forget, list_kept
 from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
@@ -42,12 +44,12 @@ def hello(session: Session, message: Message) -> Reply:
 def in_folder(session: Session, message: Message) -> Reply:
     """List the files of the folder, and those that have unsaved changes which were kept."""
     here = files.list_files(session.folder)
-    return {"files": here, "kept": keep_text(session.folder / name for name in here)}
+    return {"files": here, "kept": list_kept(session.folder / name for name in here)}
 
 
 def remains_of(session: Session) -> dict[str, str] | None:
     """Return the unsaved changes that an ended process left of this document, if any."""
-    left = session.autosave.left()
+    left = session.autosave.find_left()
     return None if left is None else {"text": left.text}
 
 
@@ -82,7 +84,7 @@ def bring_in(session: Session, message: Message) -> Reply:
 
 def recover(session: Session, message: Message) -> None:
     """Take over the unsaved changes that an ended process left of this document, or discard them."""
-    left = session.autosave.left()
+    left = session.autosave.find_left()
     if left is not None:
         if message.get("take", True):
             session.put(left.text, frozenset(left.locks))
@@ -212,6 +214,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
 }
 
 
+@np.errstate(all="ignore")  # numbers of a half-drawn linkage may overflow; what cannot be computed becomes a problem of the scene
 def answer(session: Session, message: Message) -> Reply:
     """Return the reply to a message: its result, or an error with a sentence. No exception leaves this function."""
     id, verb = message.get("id"), message.get("do")

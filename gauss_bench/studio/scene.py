@@ -13,7 +13,7 @@ from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
-from gauss_bench.studio.document import Document
+from gauss_bench.studio.document import Document, is_driven
 from gauss_bench.studio.reading import Reading, is_place, lone_pins, loops_of, pins_of
 
 FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encoding="utf-8"))  # labels and default numbers
@@ -37,7 +37,7 @@ def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
         "forces": forces(reading),
         "observe": [x for x in sequence(table(document, "observe"), "points") if isinstance(x, str)],
         "scenarios": [
-            {"name": name, "kind": "driven" if {"driver", "drivers"} & entry.keys() else "free", "table": entry}
+            {"name": name, "kind": "driven" if is_driven(entry) else "free", "table": entry}
             for name, entry in items(document, "scenarios")
         ],
         "drivers_possible": drivers_possible(reading),

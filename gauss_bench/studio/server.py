@@ -33,7 +33,7 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.load import find
 from gauss_bench.linkage.load import read as read_file
 from gauss_bench.studio import files
-from gauss_bench.studio.autosave import collect
+from gauss_bench.studio.autosave import remove_orphans
 from gauss_bench.studio.dynamics import engines_here
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.requests import APART, answer
@@ -241,7 +241,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     except (OSError, OverflowError) as error:
         listening.close()
         raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
-    collect()
+    remove_orphans()
     sys.setswitchinterval(SWITCH)
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)

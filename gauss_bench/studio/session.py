@@ -34,12 +34,12 @@ class Session:
         self.revision = 0
         self.path: Path | None = None
         self.motions, self.looking = 0, threading.Lock()
-        self.autosave = Autosave(self._named())
+        self.autosave = Autosave(self._document_name())
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
         self._begin(EMPTY, EMPTY)
 
-    def _named(self) -> str:
+    def _document_name(self) -> str:
         return str(self.path or self.folder / "a new drawing")
 
     def _begin(self, text: str, saved: str) -> None:
@@ -61,19 +61,18 @@ class Session:
         self.autosave.forget()
         self._begin(text, text if path or text == EMPTY else "")
         self.path = path
-        self.autosave = Autosave(self._named())
+        self.autosave = Autosave(self._document_name())
         self._change()
 
     def save_as(self, path: Path, text: str) -> None:
         """Record that a text has been saved to a file."""
         self.autosave.forget()
         self.text, self.saved, self.path = text, text, path
-        self.autosave = Autosave(self._named())
-        self.autosave.lay(self.picture)
+        self.autosave = Autosave(self._document_name())
         self._change()
 
     @property
-    def unsaved(self) -> bool:
+    def is_unsaved(self) -> bool:
         return self.text != self.saved
 
     @property
@@ -122,14 +121,13 @@ class Session:
     def lay(self, picture: Picture | None) -> None:
         """Set or remove the picture behind the grid; this is no step of the history."""
         self.picture = picture
-        self.autosave.lay(picture)
         self._change()
 
     def _change(self) -> None:
         self.revision += 1
         self.drag = None
-        if self.unsaved or self.picture:
-            self.autosave.keep(self.text, tuple(sorted(self.locks)))
+        if self.is_unsaved or self.picture:
+            self.autosave.keep(self.text, tuple(sorted(self.locks)), self.picture)
         else:
             self.autosave.forget()
 
@@ -139,15 +137,15 @@ class Session:
         state = {
             "revision": self.revision,
             "path": self.path and self.path.name,
-            "unsaved": self.unsaved,
+            "unsaved": self.is_unsaved,
             "can_undo": bool(self.done),
             "can_redo": bool(self.undone),
-            "picture": self.picture and self.picture.as_named(),
+            "picture": self.picture and self.picture.describe(),
         }
         return state | drawn
 
     def close(self) -> bool:
         """End the session; return True if there are unsaved changes, which are kept and will be offered again."""
-        if not self.unsaved:
+        if not self.is_unsaved:
             self.autosave.forget()
-        return self.unsaved
+        return self.is_unsaved

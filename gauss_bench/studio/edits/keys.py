@@ -8,7 +8,7 @@ from gauss_bench.exchange.toml import GROUPS
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
 from gauss_bench.studio import scene
-from gauss_bench.studio.document import Document, split_path
+from gauss_bench.studio.document import Document, is_driven, split_path
 from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits, tail
 from gauss_bench.studio.edits.scenarios import RELEASED
 from gauss_bench.studio.errors import Refused
@@ -216,7 +216,7 @@ def add_force(d: Drawing, message: Message) -> None:
     d.check()
     d.made.append(f"forces.{name}")
     for key, scenario in items(d.document, "scenarios"):
-        if key == RELEASED or (RELEASED not in d.group("scenarios") and not {"driver", "drivers"} & scenario.keys()):
+        if key == RELEASED or (RELEASED not in d.group("scenarios") and not is_driven(scenario)):
             scenario["forces"] = [*sequence(scenario, "forces"), name]
             break
 
