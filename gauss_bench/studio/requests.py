@@ -126,7 +126,7 @@ def drag(session: Session, message: Message) -> Reply:
 def drag_end(session: Session, message: Message) -> None:
     held, session.drag = session.drag, None
     if held is not None and message.get("keep", True):
-        steps.pose_sketch(session, held.q)
+        steps.redraw(session, held.q)
 
 
 def branches(session: Session, message: Message) -> Reply:
@@ -140,7 +140,7 @@ def branch(session: Session, message: Message) -> None:
     index, found = message.get("index"), dragging.find_branches(session.reading)
     if not isinstance(index, int) or not 0 <= index < len(found):
         raise Refused("there is no such branch", field="index")
-    steps.pose_sketch(session, found[index])
+    steps.redraw(session, found[index])
 
 
 def read_apart(session: Session) -> tuple[str, Reading]:
