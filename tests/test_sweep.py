@@ -20,14 +20,14 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import document_of, load, load_document, of_one_scenario
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.sweep import halving
-from gauss_bench.sweep.batch import Asked, columns_of
+from gauss_bench.sweep.batch import SweepCase
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family, Varied
-from gauss_bench.sweep.figures import figures
+from gauss_bench.sweep.figures import figures, units
 from gauss_bench.sweep.folder import PARTS, Folder
 from gauss_bench.sweep.paths import change, number_at
 from gauss_bench.sweep.plan import dimension, plan
-from gauss_bench.sweep.run import How, Where, _batches, _choice, _tasks, sweep
+from gauss_bench.sweep.run import Backend, Options, _batches, _choice, _tasks, sweep
 from gauss_bench.sweep.summary import _dependence, sensitivities, summary
 from tests.conftest import DATA, needs
 from tests.faults import alive
@@ -35,7 +35,7 @@ from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
 
 VARIED = ["links.rod.length=0.5:0.6:3", "forces.motor.value=normal(-0.5,0.05)"]
-SHORT = How(scenario="paper", until=0.2, stabilization="projection")
+SHORT = Options(scenario="paper", until=0.2, stabilization="projection")
 
 
 def table(folder: Path) -> dict[str, bytes]:
@@ -139,7 +139,7 @@ def test_a_batch_in_one_call_is_what_every_sample_is_alone(tmp_path: Path) -> No
     """The kernel with open numbers against the reference formulation, which builds every linkage anew."""
     varied = [*VARIED, "links.crank.mass=uniform(0.3,0.4)"]
     how = replace(SHORT, integrator="rk4", step=1e-3)
-    told = sweep("crank_slider", varied, tmp_path / "s", ["gauss-native", "gauss"], 3, how=how, where=Where(jobs=1))
+    told = sweep("crank_slider", varied, tmp_path / "s", ["gauss-native", "gauss"], 3, how=how, where=Backend(jobs=1))
     assert all(x["status"] == {"ok": 3} for x in told["engines"].values())
     found = rows(tmp_path / "s")
     for one, other in zip(found[:3], found[3:], strict=True):
@@ -155,7 +155,7 @@ def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path
     """Two seconds, some eight turns: the kernel's DOP853 against the reference formulation, whose steps keep to a tolerance."""
     varied = ["links.rod.length=0.5:0.5:1"]
     sweep("crank_slider", varied, tmp_path / "native")
-    sweep("crank_slider", varied, tmp_path / "exact", ["gauss"], how=How(integrator="dop853"))
+    sweep("crank_slider", varied, tmp_path / "exact", ["gauss"], how=Options(integrator="dop853"))
     for one, other in zip(rows(tmp_path / "native"), rows(tmp_path / "exact"), strict=True):
         assert (one["status"], other["status"]) == ("ok", "ok")
         assert one["measured"] == pytest.approx(other["measured"], rel=0, abs=1e-7)
@@ -229,8 +229,8 @@ def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) 
     """Blocks let go by a stiff spring are at rest after 0.3 ms, of which samples a millisecond apart see nothing."""
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
-    how = How(until=0.4, step=2e-5, integrator="rk4")
-    told = sweep(str(path), ["forces.f.c=4e4:5e4:2"], tmp_path / "s", how=how, where=Where(jobs=1))
+    how = Options(until=0.4, step=2e-5, integrator="rk4")
+    told = sweep(str(path), ["forces.f.c=4e4:5e4:2"], tmp_path / "s", how=how, where=Backend(jobs=1))
     assert told["engines"]["gauss-native"]["status"] == {"ok": 2}
     for row in rows(tmp_path / "s"):
         assert row["energy_error"] == pytest.approx(0.5 * 8e8 * 0.1**2, rel=1e-6)
@@ -239,7 +239,7 @@ def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None:
-    how = How(scenario="torque", until=0.1)
+    how = Options(scenario="torque", until=0.1)
     told = sweep("four_bar", ["links.coupler.length=0.3:2.3:2", "links.crank.kg_per_m=-0.8:0.8:2"], tmp_path / "s", how=how)
     found = rows(tmp_path / "s")
     assert [x["status"] for x in found] == ["not_assembled", "ok", "not_assembled", "not_assembled"]
@@ -253,7 +253,7 @@ def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None
 def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 8)
     folder = tmp_path / "s"
-    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Where(jobs=1))
+    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=1))
     whole = table(folder)
     assert len(whole) == 3
     (folder / PARTS / "part-00000.parquet").unlink()
@@ -261,7 +261,7 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monk
     damaged.write_bytes(damaged.read_bytes()[:-100])
     (folder / PARTS / ".part-00001.parquet.1.part").write_bytes(b"left by a sweep that was killed")
     told: list[str] = []
-    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Where(jobs=2), tell=told.append)
+    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=2), tell=told.append)
     assert "1 of 3 batches are there already" in told
     assert table(folder) == whole
     with pytest.raises(SweepError, match="seed was 0, is 1"):
@@ -287,7 +287,7 @@ def test_an_interrupt_between_two_answers_breaks_off_without_a_word(
     monkeypatch.setattr(Folder, "write", interrupt)
     told: list[str] = []
     with pytest.raises(KeyboardInterrupt):
-        sweep("crank_slider", VARIED, tmp_path / "s", [engine], 40, how=SHORT, where=Where(jobs=2), tell=told.append)
+        sweep("crank_slider", VARIED, tmp_path / "s", [engine], 40, how=SHORT, where=Backend(jobs=2), tell=told.append)
     assert told[-1] == "40 samples to run"
     assert [str(x.message) for x in recwarn] == []
 
@@ -325,20 +325,20 @@ def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path
     """A pendulum by semi-implicit Euler, of first order: half the step takes half of the error away, a quarter takes three."""
     found = {}
     for step in (1e-3, 5e-4):
-        how = How(until=0.2, step=step, integrator="semi_implicit_euler")
+        how = Options(until=0.2, step=step, integrator="semi_implicit_euler")
         asked = ("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{step}", ["gauss"])
-        found[step] = sweep(*asked, how=how, where=Where(jobs=1))["engines"]["gauss"]["half_the_step"]
+        found[step] = sweep(*asked, how=how, where=Backend(jobs=1))["engines"]["gauss"]["half_the_step"]
         assert (found[step]["samples"], found[step]["lost"], found[step]["ok"]) == (2, 0, True)
     assert found[1e-3]["rad"] == pytest.approx(2 * found[5e-4]["rad"], rel=0.05)
     for share, sound in ((1.9, False), (2.1, True)):  # the limit is half of what a motion may be off
         monkeypatch.setattr("gauss_bench.sweep.halving.OFF_MOTION", share * found[5e-4]["rad"])
-        again = sweep(*asked, how=how, where=Where(jobs=1))["engines"]["gauss"]["half_the_step"]
+        again = sweep(*asked, how=how, where=Backend(jobs=1))["engines"]["gauss"]["half_the_step"]
         assert again["ok"] is sound
         assert again["worst"] in range(12)
 
 
 DOCUMENT = of_one_scenario(document_of("crank_slider")[0], "paper")
-ASKED = Asked(
+CASE = SweepCase(
     json.dumps(DOCUMENT),
     "paper",
     "crank_slider",
@@ -354,18 +354,18 @@ def repeated(
 ) -> dict[str, object]:
     """What is said of `count` samples that are ok, of which some change one figure when they are repeated, and one is lost."""
     pandas = pytest.importorskip("pandas")
-    units = columns_of(load("crank_slider", "paper"), [])
-    moved = next(name for name, x in units.items() if x == unit)
-    table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(units, 1.0))
+    columns = units(load("crank_slider", "paper"))
+    moved = next(name for name, x in columns.items() if x == unit)
+    table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(columns, 1.0))
 
-    def again(asked: Asked, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
+    def again(case: SweepCase, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
         assert parts == 2
-        found: dict[str, object] = {name: np.ones(len(numbers)) for name in units}
+        found: dict[str, object] = {name: np.ones(len(numbers)) for name in columns}
         found[moved] = np.array([1.0 + changes.get(k, 0.0) for k in numbers])
         return found | {"status": ["invalid" if k == lost else "ok" for k in numbers]}
 
     monkeypatch.setattr(halving, "rows_of", again)
-    found = halving.halve(ASKED, "gauss", table, np.zeros((count, 1)))
+    found = halving.halve(CASE, "gauss", table, np.zeros((count, 1)))
     assert found is not None
     return found
 
@@ -408,14 +408,14 @@ def test_what_a_repetition_says_in_words() -> None:
 @pytest.mark.parametrize(
     ("engine", "how", "integrator", "step"),
     [
-        ("gauss-native", How(), "dop853_fixed", 2e-3),
-        ("gauss-native", How(integrator="rk4"), "rk4", 1e-3),
-        ("gauss-native", How(step=5e-4), "dop853_fixed", 5e-4),
-        ("gauss", How(integrator="dop853_fixed"), "dop853_fixed", 1e-3),
-        ("gauss", How(integrator="rk4"), "rk4", 1e-3),
+        ("gauss-native", Options(), "dop853_fixed", 2e-3),
+        ("gauss-native", Options(integrator="rk4"), "rk4", 1e-3),
+        ("gauss-native", Options(step=5e-4), "dop853_fixed", 5e-4),
+        ("gauss", Options(integrator="dop853_fixed"), "dop853_fixed", 1e-3),
+        ("gauss", Options(integrator="rk4"), "rk4", 1e-3),
     ],
 )
-def test_steps_that_nobody_asks_for(engine: str, how: How, integrator: str, step: float) -> None:
+def test_steps_that_nobody_asks_for(engine: str, how: Options, integrator: str, step: float) -> None:
     needs("llvmlite")
     choice = _choice(engine, replace(how, stabilization="none"), until=1.0)
     assert (choice.integrator, choice.step) == (integrator, step)
@@ -431,8 +431,8 @@ def test_batches_are_large_where_one_call_takes_them_and_small_elsewhere() -> No
 
 
 def test_a_cluster_says_itself_how_many_tasks_it_takes() -> None:
-    assert _tasks(Where("dask", jobs=3)) == -1
-    assert _tasks(Where("local", jobs=3)) == 3
+    assert _tasks(Backend("dask", jobs=3)) == -1
+    assert _tasks(Backend("local", jobs=3)) == 3
 
 
 def test_too_many_steps_are_refused_by_what_asks_for_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -479,9 +479,9 @@ def test_dependences_in_words_begin_with_the_strongest() -> None:
 
 
 def test_batches_are_the_same_where_all_that_rows_depend_on_is() -> None:
-    assert replace(ASKED) == ASKED
-    assert hash(replace(ASKED)) == hash(ASKED)
-    assert replace(ASKED, until=0.3) != ASKED
+    assert replace(CASE) == CASE
+    assert hash(replace(CASE)) == hash(CASE)
+    assert replace(CASE, until=0.3) != CASE
 
 
 @pytest.mark.parametrize(
@@ -500,7 +500,7 @@ def test_batches_are_the_same_where_all_that_rows_depend_on_is() -> None:
 def test_a_kernel_leaves_open_what_no_welded_body_holds(path: str, welds: bool, said: str) -> None:
     family = Family(DOCUMENT, "paper", [path], "crank_slider")
     family.document = DOCUMENT | ({"welds": {}} if welds else {})
-    assert family.closed_to_kernels == (f"{path} {said}" if said else "")
+    assert family.not_open == (f"{path} {said}" if said else "")
 
 
 def test_a_force_that_varies_is_an_open_number_where_the_scenario_has_it() -> None:
@@ -523,8 +523,8 @@ def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> Non
 @pytest.mark.slow
 def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp_path: Path) -> None:
     for tolerance, sound in ((1e-9, True), (0.5, False)):
-        how = How(until=1.0, integrator="dop853", settings=f"dop853_rtol={tolerance},dop853_atol={tolerance}")
-        found = sweep("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{tolerance}", ["gauss"], how=how, where=Where(jobs=1))
+        how = Options(until=1.0, integrator="dop853", settings=f"dop853_rtol={tolerance},dop853_atol={tolerance}")
+        found = sweep("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{tolerance}", ["gauss"], how=how, where=Backend(jobs=1))
         check = found["engines"]["gauss"]["half_the_step"]
         if sound:
             assert (check["how"], check["ok"], check["samples"]) == ("a tighter tolerance", True, 2)
@@ -536,7 +536,7 @@ def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp
 @pytest.mark.slow
 def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    how = How(scenario="paper", until=0.05, step=1e-4)
+    how = Options(scenario="paper", until=0.05, step=1e-4)
     sweep("crank_slider", ["links.rod.length=0.5:0.6:2"], tmp_path / "s", ["gauss-native", "mujoco"], how=how)
     found = rows(tmp_path / "s")
     assert [x["engine"] for x in found] == ["gauss-native"] * 2 + ["mujoco"] * 2
@@ -550,7 +550,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, mon
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 16)
     asked = ("crank_slider", VARIED)
-    sweep(*asked, tmp_path / "local", samples=320, how=SHORT, where=Where(jobs=2))
+    sweep(*asked, tmp_path / "local", samples=320, how=SHORT, where=Backend(jobs=2))
     options = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
     killed: list[int] = []
 
@@ -567,7 +567,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, mon
 
         thread = threading.Thread(target=kill_one, daemon=True)
         thread.start()
-        sweep(*asked, tmp_path / "dask", samples=320, how=SHORT, where=Where("dask", address))
+        sweep(*asked, tmp_path / "dask", samples=320, how=SHORT, where=Backend("dask", address))
         thread.join(10.0)
     assert killed
     assert table(tmp_path / "dask") == table(tmp_path / "local")
