@@ -2,6 +2,7 @@
 
 import copy
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,10 +91,6 @@ def test_the_jacobian_is_the_derivative(name: str, rng: np.random.Generator) -> 
 # Equations ------------------------------------------------------------------------------------------------------------
 
 
-def count_rows(mechanism: Mechanism, inputs: tuple[Input, ...]) -> int:
-    return len(PointModel(mechanism, inputs).a)
-
-
 def test_the_shaper_has_the_equations_of_the_paper() -> None:
     mechanism = load("shaper", "driven")
     model = PointModel(mechanism, inputs_of(mechanism))
@@ -128,24 +125,6 @@ def slotted(slot_deg: float, offset: float, flag: bool) -> Mechanism:
     return load_document(document)
 
 
-@pytest.mark.parametrize(("slot_deg", "offset"), [(0.0, 0.0), (90.0, 0.0), (30.0, 0.05)])
-def test_every_slot_moves_as_in_absolute_coordinates(slot_deg: float, offset: float) -> None:
-    mechanism = slotted(slot_deg, offset, flag=True)
-    inputs = turning(mechanism, crank=6.0, flag=-2.0)
-    assert count_rows(mechanism, inputs) == 2
-    times = np.linspace(0.0, 1.0, 13)
-    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
-
-
-def test_a_link_with_one_joint_point_gets_a_second() -> None:
-    mechanism = slotted(30.0, 0.05, flag=False)
-    inputs = turning(mechanism, crank=6.0)
-    assert PointModel(mechanism, inputs).names == ("lever.+",)
-    assert count_rows(mechanism, inputs) == 2
-    times = np.linspace(0.0, 1.0, 13)
-    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
-
-
 def cylinder(flag: bool = False) -> Mechanism:
     """A boom held by a cylinder whose piston has two points, its pin and the one that slides; a flag may hang on the barrel."""
     bar = {"mass": 1.0, "inertia": 0.01}
@@ -176,45 +155,51 @@ def cylinder(flag: bool = False) -> Mechanism:
     return load_document(document)
 
 
-@pytest.mark.parametrize("travel", [{"boom": 0.8}, {"bore": 0.1}, {"barrel": -0.2}, {"piston": -0.2}])
-def test_a_cylinder_moves_by_any_of_its_parts(travel: dict[str, float]) -> None:
-    mechanism = cylinder()
+def driven_arm() -> Mechanism:
+    """A block that slides along a link on the ground: an open chain."""
+    document = document_of("shaper")
+    document["links"] = {k: document["links"][k] for k in ("lever", "block")}
+    document["joints"] = {k: document["joints"][k] for k in ("slot", "O1")}
+    document["joints"]["slot"] |= {"angle_deg": 20.0, "offset": 0.05}
+    document |= {"crank": "lever", "expect": {"dof": 2}, "forces": {}, "observe": {}}
+    document["assembly"] = {"sketch": {"slot": [0.2, 0.3]}, "angles_deg": {"lever": 30.0}}
+    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"angles_deg": {"lever": 30.0}, "slides": {"slot": 0.3}}}}
+    return load_document(document)
+
+
+MOVES: dict[str, tuple[Callable[[], Mechanism], dict[str, float], int]] = {  # linkage, travels [rad, m], number of equations
+    "slot along x": (lambda: slotted(0.0, 0.0, flag=True), {"crank": 6.0, "flag": -2.0}, 2),
+    "slot along y": (lambda: slotted(90.0, 0.0, flag=True), {"crank": 6.0, "flag": -2.0}, 2),
+    "oblique slot": (lambda: slotted(30.0, 0.05, flag=True), {"crank": 6.0, "flag": -2.0}, 2),
+    "lever with one point": (lambda: slotted(30.0, 0.05, flag=False), {"crank": 6.0}, 2),
+    "boom": (cylinder, {"boom": 0.8}, 2),  # the barrel has one point: the piston shows its direction
+    "bore": (cylinder, {"bore": 0.1}, 4),
+    "barrel": (cylinder, {"barrel": -0.2}, 4),
+    "piston": (cylinder, {"piston": -0.2}, 4),
+    "barrel and piston with two points": (lambda: cylinder(flag=True), {"boom": 0.8, "flag": 1.0}, 4),
+    "driven slide on a driven arm": (driven_arm, {"slot": 0.2, "lever": 3.0}, 2),
+    "coupler": (lambda: load("four_bar", "driven"), {"coupler": 0.1}, 4),
+    "pins through three links": (lambda: load("jansen"), {"crank": 2 * np.pi}, 8),
+}
+
+
+@pytest.mark.parametrize("name", MOVES)
+def test_every_kind_of_link_moves_as_in_absolute_coordinates(name: str) -> None:
+    build, travel, rows = MOVES[name]
+    mechanism = build()
     inputs = turning(mechanism, **travel)
-    times = np.linspace(0.0, 1.0, 9)
+    assert len(PointModel(mechanism, inputs).a) == rows
+    times = np.linspace(0.0, 1.0, 25)
     motion = basic_motion(mechanism, inputs, times)
     assert np.abs(motion.q[-1] - motion.q[0]).max() > 0.05
-    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
+    peak = max(1.0, np.abs(motion.a).max() / 100)  # rounding grows with accelerations
+    assert (violations(mechanism, inputs, times, motion) < peak * ROUNDING).all()
 
 
-def test_links_that_slide_on_each_other_are_held_as_their_points_allow() -> None:
-    mechanism = cylinder()
-    assert count_rows(mechanism, turning(mechanism, boom=0.5)) == 2  # the barrel has one point: the piston shows its direction
-    assert count_rows(mechanism, turning(mechanism, barrel=0.1)) == 4
-    assert count_rows(mechanism, turning(mechanism, bore=0.1)) == 4
-
-
-def test_partners_with_two_points_each_are_held_by_a_fixed_angle() -> None:
-    mechanism = cylinder(flag=True)
-    inputs = turning(mechanism, boom=0.8, flag=1.0)
-    assert count_rows(mechanism, inputs) == 4
-    times = np.linspace(0.0, 1.0, 9)
-    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
-
-
-def test_a_coupler_drives_by_its_angle() -> None:
-    mechanism = load("four_bar", "driven")
-    inputs = turning(mechanism, coupler=0.1)
-    times = np.linspace(0.0, 1.0, 9)
-    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < ROUNDING).all()
-
-
-def test_pins_through_three_links_are_one_point() -> None:
-    mechanism = load("jansen")
-    inputs = turning(mechanism, crank=2 * np.pi)
-    model = PointModel(mechanism, inputs)
-    assert sorted(model.names) == ["C", "D", "E", "F"]
-    times = np.linspace(0.0, 1.0, 25)
-    assert (violations(mechanism, inputs, times, basic_motion(mechanism, inputs, times)) < 10 * ROUNDING).all()  # peaks near 400
+def test_points_are_shared_by_pins_at_one_place_and_added_where_a_link_has_one() -> None:
+    jansen, lever = load("jansen"), slotted(30.0, 0.05, flag=False)
+    assert sorted(PointModel(jansen, turning(jansen, crank=1.0)).names) == ["C", "D", "E", "F"]
+    assert PointModel(lever, turning(lever, crank=1.0)).names == ("lever.+",)
 
 
 @pytest.mark.parametrize(("scale", "away"), [(1e-3, 0.0), (1.0, 100.0)])
@@ -230,23 +215,6 @@ def test_small_linkages_and_far_ones_move_as_well(scale: float, away: float) -> 
     near = basic_motion(load("four_bar", "driven"), inputs_of(mechanism), times)
     for found, true, tolerance in zip((motion.q, motion.v, motion.a), (near.q, near.v, near.a), ROUNDING, strict=True):
         assert np.abs(found - true)[:, 2::3].max() < tolerance * max(1.0, np.abs(true).max(), away)
-
-
-def test_a_slide_driven_on_a_driven_arm() -> None:
-    document = document_of("shaper")
-    document["links"] = {k: document["links"][k] for k in ("lever", "block")}
-    document["joints"] = {k: document["joints"][k] for k in ("slot", "O1")}
-    document["joints"]["slot"] |= {"angle_deg": 20.0, "offset": 0.05}
-    document |= {"crank": "lever", "expect": {"dof": 2}, "forces": {}, "observe": {}}
-    document["assembly"] = {"sketch": {"slot": [0.2, 0.3]}, "angles_deg": {"lever": 30.0}}
-    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"angles_deg": {"lever": 30.0}, "slides": {"slot": 0.3}}}}
-    mechanism = load_document(document)
-    arm, slide = motion_laws.rise("sine", np.radians(30.0), 3.0, 1.0), motion_laws.rise("poly345", 0.3, 0.2, 1.0)
-    inputs = (Input(slide, joint="slot"), Input(arm, link=0))
-    assert count_rows(mechanism, inputs) == 2
-    times = np.linspace(0.0, 1.0, 9)
-    motion = basic_motion(mechanism, inputs, times)
-    assert (violations(mechanism, inputs, times, motion) < ROUNDING).all()
 
 
 # Assemblies -----------------------------------------------------------------------------------------------------------

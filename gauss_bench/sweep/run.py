@@ -6,7 +6,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -274,32 +274,30 @@ def _use_backend(where: Backend, engines: Sequence[str]) -> Iterator[None]:
     """Let joblib use Dask, or threads if all engines compute in native code or in workers of their own, or else processes."""
     from joblib import parallel_config
 
-    with ExitStack() as stack:
-        if where.backend == "local":
-            if all(in_batches(x) or is_isolated(x) for x in engines):
-                backend = parallel_config(backend="threading")
-            else:
-                backend = parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),))
-        else:
-            client = stack.enter_context(_client(where, stack))
-            backend = parallel_config(backend="dask", client=client, wait_for_workers_timeout=60)
-        stack.enter_context(backend)
-        yield
+    if where.backend == "dask":
+        with _client(where) as client, parallel_config(backend="dask", client=client, wait_for_workers_timeout=60):
+            yield
+    elif all(in_batches(x) or is_isolated(x) for x in engines):
+        with parallel_config(backend="threading"):
+            yield
+    else:
+        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),)):
+            yield
 
 
-def _client(where: Backend, stack: ExitStack) -> Any:
-    """Return a client of a running Dask scheduler, or of new workers on this machine, which end with `stack`.
+def _client(where: Backend) -> Any:
+    """Return a client of a running Dask scheduler, or of new workers on this machine, which end with the client.
 
     Raises:
         SweepError: no scheduler answers, or Dask is not installed.
     """
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise SweepError("--backend dask: needs the packages dask and distributed: pip install 'gauss-bench[cluster]'") from error
     os.environ.setdefault("DASK_DISTRIBUTED__DASHBOARD__LINK", "")
     options = {"n_workers": where.jobs, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
     try:
-        return Client(where.scheduler or stack.enter_context(LocalCluster(**options)), timeout=FIRST)  # type: ignore[no-untyped-call]
+        return Client(where.scheduler, timeout=FIRST, **({} if where.scheduler else options))  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, ValueError) as error:
         raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error
