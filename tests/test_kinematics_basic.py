@@ -76,18 +76,6 @@ def test_angles_stay_continuous_over_many_turns_and_from_a_late_start() -> None:
     assert np.abs(motion.q[2, others] - mechanism.q0[others]).max() < 1e-12  # rockers return: whole turns end where they began
 
 
-@pytest.mark.parametrize("name", LINKAGES)
-def test_the_jacobian_is_the_derivative(name: str, rng: np.random.Generator) -> None:
-    mechanism = load(name, "driven")
-    model = PointModel(mechanism, inputs_of(mechanism))
-    residual = model.residual(rng.normal(size=1))
-    p = rng.normal(size=2 * len(model.unknown))
-    J = residual(p)[1]
-    h = 0.1  # central differences of quadratics are exact: the step is large, so that only rounding is left
-    differences = np.stack([(residual(p + h * e)[0] - residual(p - h * e)[0]) / (2 * h) for e in np.eye(len(p))], axis=1)
-    assert np.abs(J - differences).max() < 1e-13 * max(1.0, np.abs(residual(p)[0]).max()) / h
-
-
 # Equations ------------------------------------------------------------------------------------------------------------
 
 

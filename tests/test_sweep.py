@@ -35,6 +35,7 @@ from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
 
 VARIED = ["links.rod.length=0.5:0.6:3", "forces.motor.value=normal(-0.5,0.05)"]
+DOCUMENT = of_one_scenario(document_of("crank_slider")[0], "paper")
 SHORT = Options(scenario="paper", until=0.2, stabilization="projection")
 
 
@@ -93,11 +94,13 @@ def test_grids_are_crossed_and_random_values_come_from_the_seed() -> None:
         (["a=1:2:3", "a=1:2:3"], None, "twice"),
         (["a=uniform(1,2)"], 0, "from 1"),
         (["a=1:2:99999", "b=1:2:99999"], None, "most"),
+        (["a=1:2:10000001"], None, "from 1 to 10000000"),
     ],
 )
 def test_what_cannot_be_planned_is_refused(texts: list[str], samples: int | None, said: str) -> None:
     with pytest.raises(SweepError, match=said):
         plan(texts, samples)
+    assert dimension("a=1:2:10000000").count == 10_000_000
 
 
 def test_indices_of_a_sobol_plan_are_the_shares_of_a_known_variance() -> None:
@@ -163,10 +166,22 @@ def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path
 
 def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None:
     """Each content of a table is read once in a batch; alone, each sample reads its own."""
-    paths = ["links.rod.length", "links.rod.mass", "gravity.x", "gravity.y", "scenarios.paper.start.crank_deg"]
-    family = Family(of_one_scenario(document_of("crank_slider")[0], "paper"), "paper", paths, "crank_slider")
+    paths = [
+        "links.rod.length",
+        "links.rod.mass",
+        "gravity.x",
+        "gravity.y",
+        "forces.motor.value",
+        "scenarios.paper.start.crank_deg",
+    ]
+    family = Family(DOCUMENT, "paper", paths, "crank_slider")
     values = np.array(
-        [[0.5, 0.7, 0.1, -9.0, 3.0], [0.5, 0.8, 0.1, -9.0, 3.0], [0.55, 0.7, 0.0, -9.0, 0.0], [0.5, -1.0, 0.1, -9, 3.0]]
+        [
+            [0.5, 0.7, 0.1, -9.0, -0.4, 3.0],
+            [0.5, 0.8, 0.1, -9.0, -0.6, 3.0],
+            [0.55, 0.7, 0.0, -9.0, -0.4, 0.0],
+            [0.5, -1.0, 0.1, -9.0, -0.4, 3.0],
+        ]
     )
     together = family.starts(values)
     assert list(together.reasons) == [3]
@@ -174,7 +189,8 @@ def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None
     for k, row in enumerate(values[:3]):
         alone = parameter_values(family.mechanism_of(row))
         assert {name: x[k] for name, x in together.columns.items()} == {name: alone[name] for name in together.columns}
-    assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x"} <= together.columns.keys()
+    assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x", "forces.motor.value"} <= together.columns.keys()
+    assert Family(DOCUMENT, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
 
 
 @pytest.mark.parametrize(
@@ -337,7 +353,6 @@ def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path
         assert again["worst"] in range(12)
 
 
-DOCUMENT = of_one_scenario(document_of("crank_slider")[0], "paper")
 CASE = SweepCase(
     json.dumps(DOCUMENT),
     "paper",
@@ -372,7 +387,8 @@ def repeated(
 
 @pytest.mark.parametrize(("count", "checked"), [(1, 1), (10, 1), (11, 2), (150, 15), (160, 16), (1000, 16)])
 def test_one_sample_in_ten_is_repeated_and_sixteen_at_most(count: int, checked: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert repeated(monkeypatch, count, {})["samples"] == checked
+    found = repeated(monkeypatch, count, {})
+    assert (found["samples"], found["worst"]) == (checked, None)
 
 
 @pytest.mark.parametrize("unit", ["m", "rad"])
@@ -390,19 +406,27 @@ def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(
 def test_a_sample_that_is_lost_when_repeated_is_counted_and_spoils_all(monkeypatch: pytest.MonkeyPatch) -> None:
     found = repeated(monkeypatch, 20, {0: 1e-6, 19: 1.0}, lost=19)
     assert (found["ok"], found["worst"], found["lost"], found["m"]) == (False, 0, 1, pytest.approx(1e-6))
-    assert repeated(monkeypatch, 20, {})["worst"] is None
 
 
-def test_what_a_repetition_says_in_words() -> None:
+CHANGES = "half the step of 3 samples changes 0.012 m and 0.5 rad at most"
+LOST = "a tighter tolerance of 3 samples changes 0.012 m and 0.5 rad at most, and 2 of them are lost"
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (None, "nothing was repeated: no sample is ok"),
+        ({}, CHANGES),
+        ({"ok": False, "worst": 7}, f"NOT TO BE TRUSTED: {CHANGES} (sample 7): take a smaller --step"),
+        (
+            {"ok": False, "lost": 2, "how": "a tighter tolerance"},
+            f"NOT TO BE TRUSTED: {LOST}: take settings of a tighter tolerance",
+        ),
+    ],
+)
+def test_a_repetition_in_words(more: dict[str, object] | None, said: str) -> None:
     check = {"how": "half the step", "samples": 3, "m": 0.012, "rad": 0.5, "worst": None, "lost": 0, "ok": True}
-    changes = "half the step of 3 samples changes 0.012 m and 0.5 rad at most"
-    assert halving.text(None) == "nothing was repeated: no sample is ok"
-    assert halving.text(check) == changes
-    bad = check | {"ok": False, "worst": 7}
-    assert halving.text(bad) == f"NOT TO BE TRUSTED: {changes} (sample 7): take a smaller --step"
-    adaptive = check | {"ok": False, "lost": 2, "how": "a tighter tolerance"}
-    said = "NOT TO BE TRUSTED: a tighter tolerance of 3 samples changes 0.012 m and 0.5 rad at most, and 2 of them are lost"
-    assert halving.text(adaptive) == f"{said}: take settings of a tighter tolerance"
+    assert halving.text(None if more is None else check | more) == said
 
 
 @pytest.mark.parametrize(
@@ -423,28 +447,18 @@ def test_steps_that_nobody_asks_for(engine: str, how: Options, integrator: str, 
         assert _choice(engine, replace(how, stabilization="none"), until=1e-4).step == 1e-4
 
 
-def test_batches_are_large_where_one_call_takes_them_and_small_elsewhere() -> None:
+def test_batches_are_large_where_one_call_takes_them_and_tasks_as_many_as_jobs_but_on_a_cluster() -> None:
     native, other = (list(_batches(513, [engine])) for engine in ("gauss-native", "gauss"))
     assert [(x.number, x.first, x.end) for x in native] == [(0, 0, 512), (1, 512, 513)]
-    assert [x.end - x.first for x in other] == [8] * 64 + [1]
+    assert [x.size for x in other] == [8] * 64 + [1]
     assert [x.number for x in _batches(9, ["gauss", "lagrange"])] == [0, 1, 2, 3]
-
-
-def test_a_cluster_says_itself_how_many_tasks_it_takes() -> None:
-    assert _tasks(Backend("dask", jobs=3)) == -1
-    assert _tasks(Backend("local", jobs=3)) == 3
+    assert (_tasks(Backend("dask", jobs=3)), _tasks(Backend("local", jobs=3))) == (-1, 3)
 
 
 def test_too_many_steps_are_refused_by_what_asks_for_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     call = ["sweep", "crank_slider", "--vary", "gravity.y=-9:-10:2", "--engine", "gauss", "--out", str(tmp_path / "s")]
     assert cli.main([*call, "--until", "1", "--step", "0.99e-8"]) == 2
     assert "--step 9.9e-09: 1.0e+08 steps a sample; 1e+08 are the most" in capsys.readouterr().err
-
-
-def test_a_grid_has_ten_million_values_at_most() -> None:
-    assert dimension("gravity.y=1:2:10000000").count == 10_000_000
-    with pytest.raises(SweepError, match="from 1 to 10000000"):
-        dimension("gravity.y=1:2:10000001")
 
 
 def test_a_summary_of_known_rows() -> None:
@@ -462,6 +476,10 @@ def test_a_summary_of_known_rows() -> None:
     assert "rank_correlation" not in y  # of fewer than eight samples
     alone = summary(table[table["sample"] == 0], some, ["y"])["gauss"]["figures"]["y"]
     assert (alone["count"], alone["deviation"]) == (1, 0.0)
+    # dependences in words begin with the strongest
+    sobol = {"a": {"first": 0.1, "total": 0.2}, "b": {"first": 0.3, "total": 0.4}}
+    assert _dependence({"sobol": sobol}) == "b 0.30/0.40, a 0.10/0.20"
+    assert _dependence({"rank_correlation": {"a": 0.5, "b": -0.75}}) == "b -0.75, a +0.50"
 
 
 @pytest.mark.parametrize(("count", "told"), [(7, False), (8, True)])
@@ -469,19 +487,6 @@ def test_a_correlation_needs_eight_samples(count: int, told: bool) -> None:
     some = plan([f"gravity.y=1:5:{count}"], None, "random", 0)
     assert sensitivities(some, np.arange(float(count))) == ({"rank_correlation": {"gravity.y": pytest.approx(1.0)}} if told else {})
     assert sensitivities(some, np.ones(count)) == {}
-
-
-def test_dependences_in_words_begin_with_the_strongest() -> None:
-    assert _dependence({"rank_correlation": {"a": 0.5, "b": -0.75}}) == "b -0.75, a +0.50"
-    assert (
-        _dependence({"sobol": {"a": {"first": 0.1, "total": 0.2}, "b": {"first": 0.3, "total": 0.4}}}) == "b 0.30/0.40, a 0.10/0.20"
-    )
-
-
-def test_batches_are_the_same_where_all_that_rows_depend_on_is() -> None:
-    assert replace(CASE) == CASE
-    assert hash(replace(CASE)) == hash(CASE)
-    assert replace(CASE, until=0.3) != CASE
 
 
 @pytest.mark.parametrize(
@@ -503,18 +508,10 @@ def test_a_kernel_leaves_open_what_no_welded_body_holds(path: str, welds: bool, 
     assert family.not_open == (f"{path} {said}" if said else "")
 
 
-def test_a_force_that_varies_is_an_open_number_where_the_scenario_has_it() -> None:
-    path = "forces.motor.value"
-    found = Family(DOCUMENT, "paper", [path], "crank_slider").starts(np.array([[-0.4], [-0.6]]))
-    assert {name: x.tolist() for name, x in found.columns.items()} == {path: [-0.4, -0.6]}
-    assert Family(DOCUMENT, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
-
-
 def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:
     document = of_one_scenario(document_of("four_bar")[0], "driven")
     family = Family(document, "driven", ["links.coupler.length"], "four_bar")
-    usual = number_at(document, "links.coupler.length")
-    found = family.starts(np.array([[usual], [5.0 * usual], [0.95 * usual]]))
+    found = family.starts(number_at(document, "links.coupler.length") * np.array([[1.0], [5.0], [0.95]]))
     assert [*found.reasons] == [1]
     assert np.isnan(found.q[1]).all()
     assert np.isfinite(found.q[[0, 2]]).all()
