@@ -1,4 +1,4 @@
-"""Check the values in a page's message before they are used."""
+"""Checks of the values in a page's message."""
 
 import math
 import sys
@@ -12,7 +12,7 @@ Message = Mapping[str, Any]
 FARTHEST = 1e5  # [m] largest coordinate of a place
 
 
-def tell_kind(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
+def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
     """Return a value of a message, or `otherwise` if it is missing.
 
     Raises:
@@ -50,13 +50,13 @@ def place(x: Any, field: str = "at") -> complex:
     return complex(*x)
 
 
-def sound(message: Message) -> None:
-    """Check that every number of a message fits a double, every text can be written, and the nesting is limited.
+def check_message(message: Message) -> None:
+    """Check that all numbers of a message fit into a double, all texts can be written, and that it is not nested too deep.
 
     Raises:
         Refused: one of these is not true.
     """
-    level: list[Any] = [message]
+    level: list[Any] = [message]  # all values at one level of nesting
     for _ in range(DEEPEST):
         for x in level:
             if isinstance(x, (int, float)) and not abs(x) <= sys.float_info.max:

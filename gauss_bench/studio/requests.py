@@ -18,7 +18,7 @@ from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, sound, tell_kind
+from gauss_bench.studio.messages import Message, check_message, value_of
 from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import scene
 from gauss_bench.studio.session import Session
@@ -55,17 +55,17 @@ def remains_of(session: Session) -> dict[str, str] | None:
 
 def open_file(session: Session, message: Message) -> Reply:
     if "text" in message:
-        session.open(tell_kind(message, "text", str))
+        session.open(value_of(message, "text", str))
     elif "fragment" in message:
-        session.open(files.of_fragment(tell_kind(message, "fragment", str)))
+        session.open(files.unpack_fragment(value_of(message, "fragment", str)))
     else:
-        session.open(*files.open_document(session.folder, tell_kind(message, "name", str)))
+        session.open(*files.open_document(session.folder, value_of(message, "name", str)))
     return {"recovered": remains_of(session), "scene": session.scene()}
 
 
 def save(session: Session, message: Message) -> Reply:
     """Save the drawing to a file and name the linkage after it."""
-    name = tell_kind(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
+    name = value_of(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
     path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
     if not NAME.fullmatch(path.stem):
         raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
@@ -76,7 +76,7 @@ def save(session: Session, message: Message) -> Reply:
 
 
 def bring_in(session: Session, message: Message) -> Reply:
-    content, left_out = files.import_file(tell_kind(message, "text", str))
+    content, left_out = files.import_file(value_of(message, "text", str))
     with session.lock:
         session.open(content)
         return {"left_out": left_out, "scene": session.scene()}
@@ -109,7 +109,7 @@ def behind(session: Session, message: Message) -> Reply:
 
 
 def drag_begin(session: Session, message: Message) -> Reply:
-    session.drag = dragging.take_hold(session.reading, session.locks, message)
+    session.drag = dragging.begin_drag(session.reading, session.locks, message)
     return {"poses": session.reading.poses(session.drag.q)}
 
 
@@ -178,7 +178,7 @@ def centres(session: Session, message: Message) -> Reply:
 
 
 def stop(session: Session, message: Message) -> Reply:
-    session.jobs.stop(tell_kind(message, "job", int))
+    session.jobs.stop(value_of(message, "job", int))
     return {}
 
 
@@ -186,8 +186,8 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
     "hello": hello,
     "files": in_folder,
     "new": lambda session, _: session.open(EMPTY),
-    "template": lambda session, message: session.open(files.text_of(tell_kind(message, "name", str))),
-    "drawing": lambda _, message: {"svg": files.drawing(tell_kind(message, "name", str))},
+    "template": lambda session, message: session.open(files.text_of(value_of(message, "name", str))),
+    "drawing": lambda _, message: {"svg": files.drawing(value_of(message, "name", str))},
     "open": open_file,
     "undo": lambda session, _: session.undo(),
     "redo": lambda session, _: session.redo(),
@@ -220,7 +220,7 @@ def answer(session: Session, message: Message) -> Reply:
     id, verb = message.get("id"), message.get("do")
     error: dict[str, Any] = {"where": (), "field": ""}
     try:
-        sound(message)
+        check_message(message)
         if not isinstance(verb, str) or verb not in VERBS:
             raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
         with contextlib.nullcontext() if verb in APART else session.lock:
