@@ -1,4 +1,4 @@
-"""Requests of the page: one function for every verb of the protocol, which README.md describes."""
+"""Requests of the page: one function for every verb of the protocol, whose messages and replies README.md describes."""
 
 import contextlib
 import threading
@@ -25,30 +25,31 @@ from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
 
 Reply = dict[str, Any]
-# These take long or must not wait for others: they run beside other requests and take the session's lock themselves.
+# verbs that take long or must not wait for others: they run beside other requests, and take the session's lock themselves
 APART = ("drawing", "motion", "centres", "stop", "import", "export")
 
 
 def hello(session: Session, message: Message) -> Reply:
+    """Return all that a page needs when it opens."""
     return {
         "version": __version__,
         "templates": files.list_templates(),
         "linkages": [*built_in()],
         "folder": session.folder.name,
         "engines": dynamics.engines_here(),
-        "recovered": remains_of(session),
+        "recovered": find_recovered(session),
         "scene": session.scene(),
     } | in_folder(session, message)
 
 
 def in_folder(session: Session, message: Message) -> Reply:
-    """List the files of the folder, and those that have unsaved changes which were kept."""
+    """List the files of the folder, and those whose unsaved changes have been kept."""
     here = files.list_files(session.folder)
     return {"files": here, "kept": list_kept(session.folder / name for name in here)}
 
 
-def remains_of(session: Session) -> dict[str, str] | None:
-    """Return the unsaved changes that an ended process left of this document, if any."""
+def find_recovered(session: Session) -> dict[str, str] | None:
+    """Return the unsaved text that an ended process left of this document, if any."""
     left = session.autosave.find_left()
     return None if left is None else {"text": left.text}
 
@@ -60,7 +61,7 @@ def open_file(session: Session, message: Message) -> Reply:
         session.open(files.unpack_fragment(value_of(message, "fragment", str)))
     else:
         session.open(*files.open_document(session.folder, value_of(message, "name", str)))
-    return {"recovered": remains_of(session), "scene": session.scene()}
+    return {"recovered": find_recovered(session), "scene": session.scene()}
 
 
 def save(session: Session, message: Message) -> Reply:
@@ -75,7 +76,8 @@ def save(session: Session, message: Message) -> Reply:
     return {"path": path.name, "scene": session.scene()}
 
 
-def bring_in(session: Session, message: Message) -> Reply:
+def import_model(session: Session, message: Message) -> Reply:
+    """Open a model in MJCF or URDF as a drawing."""
     content, left_out = files.import_file(value_of(message, "text", str))
     with session.lock:
         session.open(content)
@@ -83,7 +85,7 @@ def bring_in(session: Session, message: Message) -> Reply:
 
 
 def recover(session: Session, message: Message) -> None:
-    """Take over the unsaved changes that an ended process left of this document, or discard them."""
+    """Restore the unsaved changes that an ended process left of this document, or discard them with `take` false."""
     left = session.autosave.find_left()
     if left is not None:
         if message.get("take", True):
@@ -93,7 +95,7 @@ def recover(session: Session, message: Message) -> None:
 
 
 def make_edit(session: Session, message: Message) -> Reply:
-    """Make an edit; a `trial` only returns the scene as it would be, and `continues` merges it with the edit before."""
+    """Make an edit; with `trial` only return the scene as it would be, with `continues` merge it with the edit before."""
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.try_edit(session, message), session.locks)}
     before = session.text
@@ -124,16 +126,16 @@ def drag(session: Session, message: Message) -> Reply:
 
 
 def drag_end(session: Session, message: Message) -> None:
-    held, session.drag = session.drag, None
-    if held is not None and message.get("keep", True):
-        steps.redraw(session, held.q)
+    ended, session.drag = session.drag, None
+    if ended is not None and message.get("keep", True):
+        steps.redraw(session, ended.q)
 
 
 def branches(session: Session, message: Message) -> Reply:
-    found = dragging.find_branches(session.reading)
-    return {
-        "branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in enumerate(found)]
-    }
+    found = []
+    for k, q in enumerate(dragging.find_branches(session.reading)):
+        found.append({"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)})
+    return {"branches": found}
 
 
 def branch(session: Session, message: Message) -> None:
@@ -143,35 +145,35 @@ def branch(session: Session, message: Message) -> None:
     steps.redraw(session, found[index])
 
 
-def read_apart(session: Session) -> tuple[str, Reading]:
-    """Return text and reading of the same moment, for verbs that take the lock themselves."""
+def read_locked(session: Session) -> tuple[str, Reading]:
+    """Return text and reading of the same moment, for verbs that run beside others."""
     with session.lock:
         return session.text, session.reading
 
 
 def move_by_law(session: Session, message: Message) -> Reply:
     """Return the motion at once, and send its singular positions later in an event, because finding them takes seconds."""
-    text, reading = read_apart(session)
+    text, reading = read_locked(session)
     mechanism, reply = motion.motion(text, reading, message)
     session.motions += 1
-    job = -session.motions  # negative: it is no process that could be stopped
+    job = -session.motions  # negative numbers are no processes, which could be stopped
 
-    def look() -> None:
-        with session.looking:  # one search at a time, and none for a drawing that has changed meanwhile
+    def search() -> None:
+        with session.searching:  # one search at a time, and none for a drawing that has changed meanwhile
             if session.text != text:
                 return
             try:
-                marks, why = motion.singular(mechanism)
+                positions, reason = motion.singular(mechanism)
             except Exception as error:
-                marks, why = [], in_a_sentence(error)
-        session.tell({"event": "singular", "job": job, "singular": marks, "note": why or None})
+                positions, reason = [], in_a_sentence(error)
+        session.tell({"event": "singular", "job": job, "singular": positions, "note": reason or None})
 
-    threading.Thread(target=look, daemon=True).start()
+    threading.Thread(target=search, daemon=True).start()
     return reply | {"singular": [], "job": job}
 
 
 def centres(session: Session, message: Message) -> Reply:
-    _, reading = read_apart(session)
+    _, reading = read_locked(session)
     if "along" in message:
         return {"centres": motion.centres_along(reading, message["along"])}
     return {"centres": motion.instant_centres(reading, message.get("at"))}
@@ -193,9 +195,9 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
     "redo": lambda session, _: session.redo(),
     "text": lambda session, _: {"text": session.text},
     "save": save,
-    "import": bring_in,
+    "import": import_model,
     "recover": recover,
-    "export": lambda session, message: exports.export_drawing(*read_apart(session), message),
+    "export": lambda session, message: exports.export_drawing(*read_locked(session), message),
     "share": lambda session, _: {"fragment": files.fragment(session.text)},
     "lock": steps.lock,
     "picture": steps.picture,
@@ -216,7 +218,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
 
 @np.errstate(all="ignore")  # numbers of a half-drawn linkage may overflow; what cannot be computed becomes a problem of the scene
 def answer(session: Session, message: Message) -> Reply:
-    """Return the reply to a message: its result, or an error with a sentence. No exception leaves this function."""
+    """Return the reply to a message: its result, or an error with a message for the user. No exception leaves this function."""
     id, verb = message.get("id"), message.get("do")
     error: dict[str, Any] = {"where": (), "field": ""}
     try:
@@ -224,8 +226,8 @@ def answer(session: Session, message: Message) -> Reply:
         if not isinstance(verb, str) or verb not in VERBS:
             raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
         with contextlib.nullcontext() if verb in APART else session.lock:
-            reply = VERBS[verb](session, message)
-            answered = {"ok": True} | ({"scene": session.scene()} if reply is None else reply)
+            result = VERBS[verb](session, message)
+            reply = {"ok": True} | ({"scene": session.scene()} if result is None else result)
     except Refused as refused:
         error |= {"text": str(refused), "where": refused.where, "field": refused.field}
     except (ChoiceError, MissingExtra) as refused:
@@ -235,5 +237,5 @@ def answer(session: Session, message: Message) -> Reply:
     except Exception as fault:
         text = f"a fault of the studio, not of the drawing: {type(fault).__name__}: {in_a_sentence(fault)}"
         error |= {"text": text, "fault": True}
-    named = isinstance(id, (int, str)) and not isinstance(id, bool)
-    return {"id": id if named else None} | ({"ok": False, "error": error} if "text" in error else answered)
+    has_id = isinstance(id, (int, str)) and not isinstance(id, bool)
+    return {"id": id if has_id else None} | ({"ok": False, "error": error} if "text" in error else reply)

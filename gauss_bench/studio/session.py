@@ -33,7 +33,7 @@ class Session:
         self.lock = threading.RLock()
         self.revision = 0
         self.path: Path | None = None
-        self.motions, self.looking = 0, threading.Lock()
+        self.motions, self.searching = 0, threading.Lock()  # number of motions so far; held by the search for singular positions
         self.autosave = Autosave(self._document_name())
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
@@ -43,6 +43,7 @@ class Session:
         return str(self.path or self.folder / "a new drawing")
 
     def _begin(self, text: str, saved: str) -> None:
+        """Set the state of a document without history."""
         self.text, self.saved = text, saved
         self.undone: list[tuple[str, frozenset[str]]] = []
         self.done: list[tuple[str, frozenset[str]]] = []
@@ -119,11 +120,12 @@ class Session:
             self._change()
 
     def lay(self, picture: Picture | None) -> None:
-        """Set or remove the picture behind the grid; this is no step of the history."""
+        """Set or remove the picture behind the grid, which is no step of the history."""
         self.picture = picture
         self._change()
 
     def _change(self) -> None:
+        """Count a change, end a drag, and keep unsaved work."""
         self.revision += 1
         self.drag = None
         if self.is_unsaved or self.picture:
