@@ -92,6 +92,7 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
 
 
 def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
+    """Return the joints of a loop in file order."""
     names = {x.leave.name for x in loop.passages}
     return [x for x in mechanism.joints if x.name in names]
 
@@ -104,6 +105,11 @@ def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
 
 
 def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
+    """Close some joints near q (n,).
+
+    Raises:
+        ValueError: they cannot be closed.
+    """
     place = Freedom(replace(mechanism, joints=tuple(joints))).close(q)
     if place is None:
         raise ValueError(f"{mechanism.name}: its joints cannot be put together from the drawing")

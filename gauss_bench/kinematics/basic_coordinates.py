@@ -117,6 +117,7 @@ class _Follower:
         self.corrections = 0
 
         def advance(share: float) -> None:
+            """Move the inputs to this share of the change."""
             self._step(goal if share == 1.0 else start + share * gap)
 
         try:

@@ -52,6 +52,7 @@ def loop_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual
     unknown, still = len(equations.unknown), np.zeros(len(start))
 
     def residual(x: Array) -> tuple[Array, Array]:
+        """Return residual and Jacobian at the unknown variables x."""
         system = equations.at(np.concatenate([x, start[unknown:]]), still)
         return system.A, system.J
 

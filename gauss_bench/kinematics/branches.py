@@ -68,6 +68,7 @@ def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
 
 
 def _apart(freedom: Freedom, a: Array, b: Array) -> float:
+    """Return the largest distance of two positions in scaled coordinates [m]."""
     return float(np.abs((a - b) * freedom.scale).max())
 
 

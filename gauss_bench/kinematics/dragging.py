@@ -99,6 +99,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
 
 
 def _check_found(found: list[Any], kind: str, name: str) -> None:
+    """Raise ValueError if no part of that name was found."""
     if not found:
         raise ValueError(f"no {kind} {name!r} that could be locked")
 
@@ -167,6 +168,7 @@ class Drag:
         return Dragged(self.q, False, apart, why if last else "still on its way")
 
     def _apart(self, place: Place, target: Array) -> float:
+        """Return the distance of the point from the target [m]."""
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:

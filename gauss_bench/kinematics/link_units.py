@@ -123,4 +123,5 @@ def link_type(elements: Iterable[Element], frame: bool = False) -> str:
 
 
 def _letters(letter: str, count: int) -> str:
+    """Return the letter `count` times, or from four on the count and the letter."""
     return f"{count}{letter}" if count > 3 else letter * count

@@ -86,6 +86,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     size = float(np.abs(change).max(initial=0.0))
 
     def advance(share: float) -> None:
+        """Move the inputs to this share of the change."""
         nonlocal state, steps
         state = _advance(equations, state, goal if share == 1.0 else first[TU:] + share * change)
         steps += state.steps

@@ -122,6 +122,7 @@ class LoopEquations:
         self.lengths = np.where(self.is_angle, 1.0, self._size())[: len(self.unknown)]
 
     def _refuse(self, text: str) -> None:
+        """Raise ValueError with the name of the linkage."""
         raise ValueError(f"{self.mechanism.name} {text}")
 
     def _find_variable(self, given: Input, variables: Sequence[Variable]) -> Variable:

@@ -143,6 +143,7 @@ class PointModel:
         known = self.at(x, np.zeros(2 * len(self.unknown)))
 
         def evaluate(p: Array) -> tuple[Array, Array]:
+            """Return residual and Jacobian at the unknown points p."""
             z = self.fill(known, p)
             return self.phi(z), self.jacobian(self.rows(z))
 

@@ -197,6 +197,7 @@ class Points:
         pairs = [(link, A, B) for link in members for A, B in permutations(self.of[link], 2)]
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
+            """Return the order of preference of a link and two of its points."""
             link, A, B = pair
             return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
 

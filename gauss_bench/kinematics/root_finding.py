@@ -60,6 +60,7 @@ RootFinder = Callable[..., Root]
 
 
 def largest(x: NDArray[np.inexact[Any]]) -> float:
+    """Return the largest absolute value, 0 of an empty array."""
     return float(np.abs(x).max(initial=0.0))
 
 

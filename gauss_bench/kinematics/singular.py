@@ -123,6 +123,8 @@ class Curve:
         return self._close(q + STEP * x)
 
     def _close(self, q: Array) -> Array:
+        """Project q (n,) onto the constraints by Gauss-Newton."""
+
         def shortest(J: Array, phi: Array) -> Array:
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
@@ -136,6 +138,7 @@ class Curve:
         """
 
         def rate(back: float) -> float:
+            """Return g . x at this distance back along the tangent."""
             here = self._close(q - back * x)
             return float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
 

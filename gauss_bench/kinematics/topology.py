@@ -34,10 +34,12 @@ class Pair:
 
     @property
     def name(self) -> str:
+        """Name of the pair."""
         return self.elements[0].pair
 
     @property
     def node(self) -> str:
+        """Name of the joint, which a multiple joint shares among its pairs."""
         return self.elements[0].node
 
     def element(self, link: int) -> Element:
@@ -54,6 +56,7 @@ class Passage:
     leave: Pair
 
     def way(self, turns: bool) -> Way:
+        """Return the way through the link; `turns` tells whether its angle is variable."""
         return Way(self.link, self.enter.element(self.link), self.leave.element(self.link), turns)
 
 
@@ -110,6 +113,7 @@ def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[P
 
 
 def _pair(joint: Joint) -> Pair:
+    """Return the pair of a joint."""
     if not isinstance(joint, Prismatic):
         a, b = (Element(joint.name, joint.joint, PIN, complex(*p.local)) for p in (joint.a, joint.b))
         return Pair((joint.a.link, joint.b.link), (a, b))
@@ -142,6 +146,7 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
 
 
 def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
+    """Return the graph of links (nodes) and pairs (edges)."""
     net = nx.MultiGraph()
     net.add_nodes_from(range(GROUND, links))
     for pair in pairs:

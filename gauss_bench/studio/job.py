@@ -87,6 +87,7 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
         send({"event": "recommend", "answer": as_shown(x)})
 
     def as_shown(x: Answer) -> dict[str, Any]:
+        """Return an answer as the page shows it."""
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
@@ -122,6 +123,7 @@ def main() -> None:
     os.dup2(2, 1)  # a library that prints must not disturb the lines of JSON
 
     def send(event: dict[str, Any]) -> None:
+        """Write an event as a line of JSON."""
         out.write(json.dumps(plain(event), allow_nan=False) + "\n")
         out.flush()
 

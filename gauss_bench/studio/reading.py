@@ -121,6 +121,7 @@ def read(document: Document, starts: bool = True) -> Reading:
     problems: list[Problem] = []
 
     def tell(level: str, text: str, *where: str) -> None:
+        """Add a problem."""
         problems.append(Problem(level, text, where))
 
     faults = [x for x in document_faults(document) if not _is_unfinished(document, x)]

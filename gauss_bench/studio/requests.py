@@ -55,6 +55,7 @@ def find_recovered(session: Session) -> dict[str, str] | None:
 
 
 def open_file(session: Session, message: Message) -> Reply:
+    """Open a text, a text from a link, a file of the folder, or a template."""
     if "text" in message:
         session.open(value_of(message, "text", str))
     elif "fragment" in message:
@@ -111,11 +112,13 @@ def behind(session: Session, message: Message) -> Reply:
 
 
 def drag_begin(session: Session, message: Message) -> Reply:
+    """Begin to drag a pin or point."""
     session.drag = dragging.begin_drag(session.reading, session.locks, message)
     return {"poses": session.reading.poses(session.drag.q)}
 
 
 def drag(session: Session, message: Message) -> Reply:
+    """Drag towards the pointer, and return poses and, if requested, instant centres."""
     if session.drag is None:
         raise Refused("nothing is being dragged")
     moved = dragging.drag_linkage(session.drag, session.reading, message)
@@ -126,12 +129,14 @@ def drag(session: Session, message: Message) -> Reply:
 
 
 def drag_end(session: Session, message: Message) -> None:
+    """End the drag; redraw the linkage where it is unless `keep` is false."""
     ended, session.drag = session.drag, None
     if ended is not None and message.get("keep", True):
         steps.redraw(session, ended.q)
 
 
 def branches(session: Session, message: Message) -> Reply:
+    """Return the poses of all assemblies with the present inputs."""
     found = []
     for k, q in enumerate(dragging.find_branches(session.reading)):
         found.append({"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)})
@@ -139,6 +144,7 @@ def branches(session: Session, message: Message) -> Reply:
 
 
 def branch(session: Session, message: Message) -> None:
+    """Redraw the linkage in another assembly."""
     index, found = message.get("index"), dragging.find_branches(session.reading)
     if not isinstance(index, int) or not 0 <= index < len(found):
         raise Refused("there is no such branch", field="index")
@@ -159,6 +165,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
     job = -session.motions  # negative numbers are no processes, which could be stopped
 
     def search() -> None:
+        """Find the singular positions and send them to the page."""
         with session.searching:  # one search at a time, and none for a drawing that has changed meanwhile
             if session.text != text:
                 return
@@ -173,6 +180,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
 
 def centres(session: Session, message: Message) -> Reply:
+    """Return instant centres at one position or along a motion."""
     _, reading = read_locked(session)
     if "along" in message:
         return {"centres": motion.centres_along(reading, message["along"])}
@@ -180,6 +188,7 @@ def centres(session: Session, message: Message) -> Reply:
 
 
 def stop(session: Session, message: Message) -> Reply:
+    """Stop a job."""
     session.jobs.stop(value_of(message, "job", int))
     return {}
 

@@ -72,6 +72,7 @@ def place_points(reading: Reading) -> dict[str, list[float]]:
 
 
 def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
+    """List the links as they are drawn, with masses and locks."""
     if reading.mechanism is None:
         return []
     poses, given = reading.poses(reading.q), table(reading.document, "links")
@@ -121,11 +122,12 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
                     "stiff": f"joints.{id}" in locked,
                 }
             )
-    holding_nothing = {"members": [], "joint": None, "ground": False, "locked": False, "stiff": False}
+    holding_nothing: dict[str, Any] = {"members": [], "joint": None, "ground": False, "locked": False, "stiff": False}
     return [*shown, *({"id": id, "at": at} | holding_nothing for id, at in lone.items())]
 
 
 def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
+    """List the slides as they are drawn."""
     if (mechanism := reading.mechanism) is None:
         return []
     shown = []

@@ -44,6 +44,7 @@ class Guard:
 
     @property
     def hosts(self) -> frozenset[str]:
+        """The values of Host that name this server."""
         return frozenset(f"{name}:{self.port}" for name in ("127.0.0.1", "localhost"))
 
     def refusal(self, host: str | None, origin: str | None) -> str:

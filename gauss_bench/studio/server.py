@@ -62,6 +62,7 @@ class Guarded:
         refusal = self.guard.refusal(hosts[0] if is_single else None, origins[0] if origins else None)
 
         async def send_guarded(message: Message) -> None:
+            """Send a response with the security headers."""
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message).update(self.headers)
             await send(message)
@@ -104,17 +105,20 @@ class Studio:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
+        """Prepare the event loop, and stop all jobs at the end."""
         self.loop = asyncio.get_running_loop()
         self.loop.set_default_executor(ThreadPoolExecutor(SOCKETS * (BESIDE + 1)))  # a thread for every request that may run
         yield
         self.session.jobs.stop_all()
 
     async def index(self, request: Request) -> Response:
+        """Serve the page to a request with the token."""
         if not self.guard.knows(request.query_params.get("token")):
             return PlainTextResponse("the studio opens with the address that it printed", 403)
         return FileResponse(PAGE / "index.html")
 
     async def file(self, request: Request) -> Response:
+        """Serve a file of the page."""
         path = PAGE / Path(request.path_params["name"]).name
         return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
 
@@ -152,6 +156,7 @@ class Studio:
                 await asyncio.wait_for(socket.close(1003), 1.0)
 
     async def _send(self, socket: WebSocket, page: Unread) -> None:
+        """Send the queued messages of a page until it disconnects."""
         with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
             while True:
                 await socket.send_text(await page.get())
@@ -201,6 +206,7 @@ def parse_message(text: str) -> dict[str, Any]:
 
 
 def as_json(item: dict[str, Any]) -> str:
+    """Return an object as JSON, arrays included."""
     return json.dumps(plain(item), allow_nan=False)
 
 

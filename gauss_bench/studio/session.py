@@ -40,6 +40,7 @@ class Session:
         self._begin(EMPTY, EMPTY)
 
     def _document_name(self) -> str:
+        """Return the name under which unsaved work is kept."""
         return str(self.path or self.folder / "a new drawing")
 
     def _begin(self, text: str, saved: str) -> None:
@@ -74,6 +75,7 @@ class Session:
 
     @property
     def is_unsaved(self) -> bool:
+        """Whether the text differs from that on disk."""
         return self.text != self.saved
 
     @property
@@ -108,12 +110,15 @@ class Session:
             self.done.pop()
 
     def undo(self) -> None:
+        """Take back the last step."""
         self._step(self.done, self.undone)
 
     def redo(self) -> None:
+        """Repeat the last step that was taken back."""
         self._step(self.undone, self.done)
 
     def _step(self, ahead: list[tuple[str, frozenset[str]]], behind: list[tuple[str, frozenset[str]]]) -> None:
+        """Go one step along the history `ahead`, and remember the present state in `behind`."""
         if ahead:
             behind.append((self.text, self.locks))
             self.text, self.locks = ahead.pop()

@@ -67,6 +67,7 @@ class SweepCase:
     jobs: int = field(default=1, compare=False)
 
     def choice(self, engine: str) -> Choice:
+        """Return the setting of an engine."""
         return dict(self.choices)[engine]
 
 
@@ -136,6 +137,7 @@ def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts
 
 
 def _empty_rows(case: SweepCase, count: int) -> Rows:
+    """Return rows without status, message and figures."""
     missing = {name: np.full(count, np.nan) for name in units(family(case).nominal)}
     return {"status": [""] * count, "message": [""] * count, **missing}
 
@@ -214,6 +216,7 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
 
 
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
+    """Run samples (k, d) one after the other."""
     rows = _empty_rows(case, len(values))
     for k, numbers in enumerate(values):
         rows["status"][k], rows["message"][k], by_name = _run_single(case, engine, numbers, parts)

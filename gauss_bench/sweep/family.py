@@ -92,6 +92,7 @@ class Varied(Placed):
         """Return the loads of the forces on coordinates."""
 
         def replace_numbers(force: Any) -> Any:
+            """Return the force with its open numbers."""
             name = f"forces.{force.name}"
             numbers = force_numbers(force).items()
             scalars = {key: self.number(f"{name}.{key}", x) for key, x in numbers if np.ndim(x) == 0}
@@ -152,14 +153,17 @@ class Family:
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
+        """The types that check the tables which contain varied numbers."""
         return {head: TypeAdapter(LinkageTable.model_fields[head].rebuild_annotation()) for head, *_ in self.heads}
 
     @cached_property
     def _resolver(self) -> Resolver:
+        """The reader of force tables."""
         return Resolver(self.document)
 
     @cached_property
     def _parameters(self) -> dict[str, float]:
+        """The numbers of the nominal linkage by their names in kernels."""
         return parameter_values(self.nominal)
 
     @cached_property

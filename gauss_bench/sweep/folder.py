@@ -122,5 +122,6 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
 
 
 def _shorten(x: object) -> str:
+    """Return a value as JSON of at most 80 characters."""
     text = json.dumps(x)
     return text if len(text) < 80 else f"{text[:76]} ..."

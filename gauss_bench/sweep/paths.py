@@ -55,6 +55,7 @@ def numbers_of(document: Document) -> list[str]:
 
 
 def _numbers(item: Any, path: str) -> Iterator[str]:
+    """Yield the paths of all numbers in a table or list."""
     pairs = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
     for key, value in pairs:
         where = f"{path}.{key}" if path else str(key)
@@ -100,6 +101,7 @@ def _find(document: Document, path: str) -> tuple[Any, Any]:
 
 
 def _key(item: Any, key: str) -> Any:
+    """Return the key of a table, or the index of a list that a part of a path names."""
     return (AXES[key] if key in AXES else int(key)) if isinstance(item, list) else key
 
 
@@ -137,6 +139,7 @@ def _stretch(document: Document, path: str, length: float) -> None:
     along = (end - origin) / bar.length
 
     def move(p: Any) -> list[float]:
+        """Return the new place of a point of the link."""
         return (p + ((length / bar.length - 1.0) * float((p - origin) @ along)) * along).tolist()  # type: ignore[no-any-return]
 
     bar.link["points"] = {name: move(p) for name, p in bar.points.items()}

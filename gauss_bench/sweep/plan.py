@@ -95,6 +95,11 @@ def dimension(text: str) -> Dimension:
 
 
 def _number(text: str, value: str) -> float:
+    """Return a finite number of an option.
+
+    Raises:
+        SweepError: the text is no finite number.
+    """
     try:
         number = float(value)
     except ValueError:
@@ -129,6 +134,7 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
 
 
 def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
+    """Return the plan of grids and random values."""
     grids = [x for x in dimensions if x.kind == "grid"]
     size = math.prod(x.count for x in grids)
     if len(grids) == len(dimensions):
@@ -150,6 +156,7 @@ def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -
 
 
 def _sobol(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
+    """Return Saltelli's design."""
     from scipy.stats import qmc
 
     if grid := next((x for x in dimensions if x.kind == "grid"), None):

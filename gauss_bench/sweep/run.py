@@ -207,6 +207,7 @@ class _Batch:
 
     @property
     def size(self) -> int:
+        """Number of samples."""
         return self.end - self.first
 
 
@@ -250,6 +251,7 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
 
 
 def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
+    """Return a batch with its rows; this runs in another thread or process."""
     return batch, rows_of(case, batch.engine, np.arange(batch.first, batch.end), values)
 
 
@@ -257,6 +259,7 @@ def _end_with(parent: int) -> None:
     """End this process when its parent ends: joblib's processes would outlive a killed parent by minutes."""
 
     def watch() -> None:
+        """End this process when its parent is another one."""
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)

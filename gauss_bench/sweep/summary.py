@@ -28,6 +28,7 @@ def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
 
 
 def _summarise(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
+    """Summarise the rows of one engine."""
     counts = {str(k): int(x) for k, x in rows["status"].value_counts().sort_index().items()}
     good = rows["status"].isin(USED).to_numpy()
     summaries = {}
@@ -63,6 +64,7 @@ def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
 
 
 def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
+    """Return Sobol's first-order and total index of every number, by its path."""
     from scipy.stats import sobol_indices
 
     n, d = plan.base, len(plan.paths)

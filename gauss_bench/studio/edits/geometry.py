@@ -21,14 +21,17 @@ TURN = math.radians(5.0)  # [rad] largest turn of a link before the joints are c
 
 
 def add_pin(d: Drawing, message: Message) -> None:
+    """Draw a pin at a place, on the ground or holding nothing."""
     d.pin({"at": message.get("at"), "ground": message.get("ground", False)})
 
 
 def add_bar(d: Drawing, message: Message) -> None:
+    """Add a link with one bar between two pins."""
     _connect(d, [d.pin(message.get("from")), d.pin(message.get("to"))], "bar")
 
 
 def add_link(d: Drawing, message: Message) -> None:
+    """Add a rigid link through three or more pins."""
     given = message.get("points")
     if not isinstance(given, list) or not 3 <= len(given) <= 20:
         raise Refused("a link has three points or more, at most 20", field="points")
@@ -36,6 +39,7 @@ def add_link(d: Drawing, message: Message) -> None:
 
 
 def describe_owner(link: str) -> str:
+    """Describe the link that a pin is on, for a refusal."""
     return "fixed to the ground" if link == "ground" else f"on {link}"
 
 
@@ -60,6 +64,7 @@ def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
 
 
 def add_point(d: Drawing, message: Message) -> None:
+    """Add a point to a link or to the ground."""
     link, at = message.get("link"), place(message.get("at"))
     if link == "ground":
         d.pin({"at": message.get("at"), "ground": True})
@@ -187,6 +192,7 @@ def ground(d: Drawing, message: Message) -> None:
 
 
 def move(d: Drawing, message: Message) -> None:
+    """Move a pin to a place."""
     _shift(d, d.pin(message.get("pin")), place(message.get("at")))
 
 
@@ -226,6 +232,7 @@ def _put(d: Drawing, reference: str, at: complex) -> None:
 
 
 def set_length(d: Drawing, message: Message) -> None:
+    """Set the distance of two points of a link by moving the second one."""
     name, length = str(message.get("link")), number(message, "value")
     points = d.points(name)
     a, b = str(message.get("a")), str(message.get("b"))
@@ -253,6 +260,7 @@ def set_angle(d: Drawing, message: Message) -> None:
     for goal in np.linspace(first, first + way, max(1, math.ceil(abs(way) / TURN)) + 1)[1:]:
 
         def residual(x: Array, goal: float = goal) -> tuple[Array, Array]:
+            """Return residual and Jacobian of the joints and of the link's angle against `goal`."""
             F, J = close(x)
             return np.append(F, x[k] - goal), np.vstack([J, row])
 

@@ -91,6 +91,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
     keys = (group, *NAMING_KEYS.get(group, ()))
 
     def change(x: str, key: str) -> str:
+        """Return the new text of a key or value x."""
         if key in keys and x == old:
             return new
         return f"{new}.{tail(x)}" if group == "links" and x.startswith(f"{old}.") else x
