@@ -164,8 +164,8 @@ class Drag:
             apart = self._apart(self.place, target)
         if apart <= REACHED * size:
             return Dragged(self.q, True, apart, "")
-        why = f"the linkage lets {self.point.name} come no nearer" if self.place.free.shape[1] else "nothing is left to move"
-        return Dragged(self.q, False, apart, why if last else "still on its way")
+        why = f"{self.point.name} can come no nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
+        return Dragged(self.q, False, apart, why if last else "the target is too far away for one drag")
 
     def _apart(self, place: Place, target: Array) -> float:
         """Return the distance of the point from the target [m]."""

@@ -67,7 +67,7 @@ def assemble(reading: Reading, word: str) -> Mechanism:
     if reading.mechanism is None:
         raise Refused(f"nothing is drawn yet that could be {word}")
     if not reading.closed:
-        raise Refused(f"this does not assemble yet, and cannot be {word}: see what is open")
+        raise Refused(f"the drawing does not assemble yet, and cannot be {word}: the problems say which joint is open")
     return reading.mechanism
 
 

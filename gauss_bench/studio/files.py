@@ -78,12 +78,12 @@ def inside(folder: Path, name: str) -> Path:
         Refused: the path is outside the folder, or is no name of a linkage file.
     """
     if not name or "\0" in name or len(name) > 200:
-        raise Refused("a file has a name", field="path")
+        raise Refused("the name of the file is missing or too long", field="path")
     try:
         path = (folder / name).resolve()
         within = path.is_relative_to(folder) and path != folder
     except (OSError, ValueError, RuntimeError) as error:
-        raise Refused(f"{name[:60]}: no path", field="path") from error
+        raise Refused(f"{name[:60]}: is no valid path", field="path") from error
     if not within:
         raise Refused(f"{name[:60]}: lies outside the folder that the studio was started in", field="path")
     if path.suffix != ".toml":
@@ -124,7 +124,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
     if path.stem in built_in():
         raise Refused(f"{path.stem} is the name of a built-in linkage: commands would take that one; choose another", field="path")
     if path.is_dir() or not path.parent.is_dir():
-        raise Refused(f"{path.name} lies in no folder, or is one", field="path")
+        raise Refused(f"{path.name}: its folder does not exist, or it is a folder itself", field="path")
     if path.exists() and path != own and not replace:
         raise Refused(f"{path.name} is there already", field="replace")
     if path.exists() and not path.stat().st_mode & 0o222:

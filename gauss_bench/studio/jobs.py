@@ -36,7 +36,7 @@ class Jobs:
         """
         with self.lock:
             if len(self.running) >= MOST:
-                raise Refused(f"{MOST} things are going on already: stop one, or wait")
+                raise Refused(f"{MOST} jobs are running already: stop one, or wait")
             self.count += 1
             job, environment = self.count, os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
             command, pipe = [sys.executable, "-m", "gauss_bench.studio.job"], subprocess.PIPE
@@ -72,7 +72,7 @@ class Jobs:
                         case _:
                             self.tell(event)
         except (OSError, ValueError) as error:
-            last["error"] = f"it could not be run: {in_a_sentence(error)}"
+            last["error"] = f"the job could not be run: {in_a_sentence(error)}"
         self.stop(job)
         for pipe in (process.stdin, process.stdout):
             with contextlib.suppress(OSError):

@@ -22,7 +22,7 @@ def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> A
     if value is None and otherwise is None:
         raise Refused(f"{key} is missing", field=key)
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        raise Refused(f"{key} is not what it should be", field=key)
+        raise Refused(f"{key} has a wrong type", field=key)
     return value
 
 
@@ -34,7 +34,7 @@ def number(message: Message, key: str, otherwise: float | None = None) -> float:
     """
     x = message.get(key, otherwise)
     if not isinstance(x, (int, float)) or isinstance(x, bool) or not math.isfinite(x):
-        raise Refused(f"{key} is a number", field=key)
+        raise Refused(f"{key} must be a finite number", field=key)
     return float(x)
 
 
@@ -46,7 +46,7 @@ def place(x: Any, field: str = "at") -> complex:
     """
     numbers = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not numbers or not all(abs(y) <= FARTHEST for y in x):
-        raise Refused(f"a place is two numbers of metres, at most {FARTHEST:g}", field=field)
+        raise Refused(f"a place is two numbers in metres, at most {FARTHEST:g}", field=field)
     return complex(*x)
 
 
@@ -60,9 +60,9 @@ def check_message(message: Message) -> None:
     for _ in range(DEEPEST):
         for x in level:
             if isinstance(x, (int, float)) and not abs(x) <= sys.float_info.max:
-                raise Refused("a number of the message is larger than any that can be computed with")
+                raise Refused("a number of the message is too large")
             if isinstance(x, str) and not x.isascii() and any("\ud800" <= c <= "\udfff" for c in x):
-                raise Refused("a text of the message has half a character, which no file can hold")
+                raise Refused("a text of the message has half a character, which cannot be stored in a file")
         inner = [x for x in level if isinstance(x, (dict, list))]
         level = [y for x in inner for y in ((*x.keys(), *x.values()) if isinstance(x, dict) else x)]
         if not level:

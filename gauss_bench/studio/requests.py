@@ -233,7 +233,7 @@ def answer(session: Session, message: Message) -> Reply:
     try:
         check_message(message)
         if not isinstance(verb, str) or verb not in VERBS:
-            raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
+            raise Refused(f"there is no verb {str(verb)[:40]!r}", field="do")
         with contextlib.nullcontext() if verb in APART else session.lock:
             result = VERBS[verb](session, message)
             reply = {"ok": True} | ({"scene": session.scene()} if result is None else result)

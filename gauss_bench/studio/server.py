@@ -251,7 +251,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         listening.listen()  # a browser may connect as soon as the address is printed
     except (OSError, OverflowError) as error:
         listening.close()
-        raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
+        raise ExchangeError(f"--port {port}: is not available: {error}") from error
     remove_orphans()
     sys.setswitchinterval(SWITCH)
     guard = Guard(int(listening.getsockname()[1]))
@@ -259,7 +259,7 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     session.tell = studio.tell
     address = f"http://127.0.0.1:{guard.port}/?token={quote(guard.token)}"
     tell(f"the studio is at {address}")
-    tell("it ends with Ctrl-C")
+    tell("press Ctrl-C to end it")
     config = uvicorn.Config(
         studio.app,
         http=Connection,
@@ -282,5 +282,5 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         uvicorn.Server(config).run(sockets=[listening])
     session.jobs.stop_all()
     if session.close():
-        tell("what was drawn and not saved is kept, and will be offered when the studio opens it again")
+        tell("unsaved changes are kept, and are offered when the studio opens the drawing again")
     return 0

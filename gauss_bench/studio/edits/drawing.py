@@ -101,7 +101,7 @@ class Drawing:
         if key is not None and isinstance(entries, dict):
             entries, called = entries.setdefault(key, {}), f"{name}.{key}"
         if not isinstance(entries, dict):
-            raise Refused(f"{called} is no table in this file: mend its text first", field=called)
+            raise Refused(f"{called} is no table in this file: correct its text first", field=called)
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
@@ -198,7 +198,7 @@ class Drawing:
                 raise Refused(f"there is no pin {given[:60]!r}", field="pin")
             return self.pins[given]
         if not isinstance(given, dict):
-            raise Refused("a pin is named, or placed", field="pin")
+            raise Refused("give the id or the place of a pin", field="pin")
         at, name = place(given.get("at")), self.fresh("")
         if given.get("ground"):
             self.group("ground", "points")[name] = pair(at)
@@ -272,7 +272,7 @@ class Drawing:
             self.place(y)
             return [x, y]
         where = tuple(f"pins.{x}" for x in (a, b) if str(x) in self.pins)
-        raise Refused("it acts between points of two different links", where, "b")
+        raise Refused("two points of different links are needed", where, "b")
 
     def on_link(self, point: str) -> str:
         """Return the reference of a link's point at the pin with the id `point`, or `point` itself if it is a reference.

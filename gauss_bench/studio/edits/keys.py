@@ -29,7 +29,7 @@ def set_key(d: Drawing, message: Message) -> None:
     """Set the key at a path, or delete it if the value is null; a key that excludes it, such as angle and angle_deg, is removed."""
     path, given = message.get("path"), message.get("value")
     if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+|\[\d{1,4}\])*", path):
-        raise Refused("a path is keys with dots between them", field="path")
+        raise Refused("a path consists of keys separated by dots", field="path")
     if path in ("format", "scenarios"):
         raise Refused(f"{path} cannot be set", field=path)
     *keys, last = split_path(path)
@@ -265,7 +265,7 @@ def lock_of(d: Drawing, message: Message) -> str:
     if "joint" in message:
         joint = d.joint_of(d.pin(message["joint"]))
         if joint is None:
-            raise Refused("nothing turns here: an angle is between links that a pin joins", field="joint")
+            raise Refused("only the angle between links that a pin joins can be locked", field="joint")
         return f"joints.{joint}"
     if "slide" in message:
         return f"slides.{message['slide']}"

@@ -67,7 +67,7 @@ def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
         return {"link": name}
     if isinstance(name, str) and table(write_out(d.document).get("joints", {}), name).get("type") == "prismatic":
         return {"joint": name}
-    raise Refused(f"nothing can be driven that is called {str(name)[:60]!r}", field="coordinate")
+    raise Refused(f"there is no coordinate {str(name)[:60]!r} that can be driven", field="coordinate")
 
 
 def _duration(driver: Mapping[str, Any]) -> float:
