@@ -255,10 +255,11 @@ class Family:
         """Return states (k, n) on the constraints at the goals (k, 2, h); NaN where Newton's method fails."""
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
-        if mechanism.knife_edges or mechanism.parts:
+        if mechanism.knife_edges or mechanism.parts:  # such samples are assembled one by one
             return q, v
         held = [x for x, _, _ in list_held_items(mechanism, self.document["scenarios"][self.scenario])]
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
+        # so many strides that dimensions and held coordinates change little from one closure to the next
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
@@ -283,6 +284,7 @@ class Family:
             for part in np.arange(1, strides + 1) / strides:
                 q = project(q, partial(rows, part=part), _solve, NEWTON, still=_is_still, longest=LONGEST)
             phi, J = rows(q, 1)
+            # the rates of the start: joints do not move, held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
             v = _solve(J, right)
             left = np.abs((J @ v[..., None])[..., 0] - right).max(axis=1, initial=0.0)
@@ -312,4 +314,4 @@ def _solve(J: Array, right: Array) -> Array:
 
 def describe(error: LinkageError) -> str:
     """Describe the faults of a sample in one sentence."""
-    return "; ".join(f"{x.path}: {x.text}" if x.path else x.text for x in error.faults)
+    return "; ".join(map(str, error.faults))

@@ -317,7 +317,7 @@ class Drawing:
         """Write the places of all pins into the table `assembly`, with one more point of each link that has a single pin."""
         assembly = self.group("assembly")
         old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
-        drawn: dict[str, list[float]] = {}
+        drawn: dict[str, list[float]] = {}  # entries of the new sketch: joints, then points of links
         pinned: set[str] = set()  # references of points in joints
         for name, joint in joints:
             at = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
@@ -329,15 +329,9 @@ class Drawing:
         angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}
         slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}
         for link in [x for x in self.group("links") if x in self.poses]:
-            points = self.points(link)
-            # the points that place the link: those in joints and in the old sketch, else its first one
-            known = [k for k in points if f"{link}.{k}" in pinned or f"{link}.{k}" in old] or [*points][:1]
-            apart = [k for k, x in points.items() if abs(x - points[known[0]]) > SAME]
-            if apart and not {*apart} & {*known}:
-                known.append(apart[0])
-            places = {f"{link}.{k}": pair(self.world(link, points[k]), PLACED) for k in known}
-            drawn |= {k: x for k, x in places.items() if k not in pinned}
-            if not apart and link not in angles and link not in slid:  # points at one place do not show the link's angle
+            known, shows_angle = self._choose_points(link, pinned | old.keys())
+            drawn |= {x: pair(self.place(x), PLACED) for x in known if x not in pinned}
+            if not shows_angle and link not in angles and link not in slid:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0
         moving = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
@@ -349,6 +343,18 @@ class Drawing:
                 if name in table(assembly, key):
                     assembly[key][name] = round_digits(self.poses[name][1] * unit)
         self.tidy()
+
+    def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
+        """Return references of points that place a link, and whether they show its angle.
+
+        They are the `known` ones, else the first one, and one more if these lie at one place.
+        """
+        points = self.points(link)
+        chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]
+        apart = [name for name, x in points.items() if abs(x - points[chosen[0]]) > SAME]
+        if apart and not {*apart} & {*chosen}:
+            chosen.append(apart[0])
+        return [f"{link}.{name}" for name in chosen], bool(apart)
 
     def tidy(self) -> None:
         """Remove empty tables."""

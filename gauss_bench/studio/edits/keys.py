@@ -75,11 +75,18 @@ def rename(d: Drawing, message: Message) -> None:
     if group == "pins":
         _rename_pin(d, name, to)
         return
-    group = "cylinders" if group == "forces" and name in d.group("cylinders") else {"slides": "joints"}.get(group, group)
+    if group == "slides":
+        group = "joints"
+    elif group == "forces" and name in d.group("cylinders"):
+        group = "cylinders"
     if group not in GROUPS or name not in d.group(group):
         raise Refused(f"there is no {id[:60]}", (id,), "id")
-    others = {"links": {"ground"}, "joints": d.group("cylinders").keys(), "cylinders": d.group("joints").keys()}.get(group, set())
-    if to != name and to in others | d.group(group).keys():
+    taken = {*d.group(group)}
+    if group == "links":
+        taken.add("ground")
+    elif group in ("joints", "cylinders"):
+        taken = {*d.group("joints"), *d.group("cylinders")}
+    if to != name and to in taken:
         raise Refused(f"{to} is taken already", (id,), "to")
     _rename_in(d.document, group, name, to)
     if group == "links":
