@@ -112,7 +112,7 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
     """
     place = Freedom(replace(mechanism, joints=tuple(joints))).close(q)
     if place is None:
-        raise ValueError(f"{mechanism.name}: its joints cannot be put together from the drawing")
+        raise ValueError(f"{mechanism.name}: its joints cannot be closed from the drawing")
     return place
 
 

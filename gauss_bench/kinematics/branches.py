@@ -37,7 +37,7 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
     if here is None:
         raise ValueError(f"{mechanism.name} has no other assembly from here: its joints are open")
     if here.free.shape[1]:
-        raise ValueError(f"{mechanism.name} is not held: {here.free.shape[1]} of its motions stay free beside its inputs")
+        raise ValueError(f"{mechanism.name} has free motions: {here.free.shape[1]} of its motions stay free beside its inputs")
 
     positions, rng, idle = [here.q], np.random.default_rng(seed), 0
     for _ in range(MOST):
@@ -62,7 +62,7 @@ def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
         return replace(mechanism, drivers=still)
     if mechanism.crank is None:
-        raise ValueError(f"{mechanism.name} has neither a driver nor a crank whose position could be held")
+        raise ValueError(f"{mechanism.name} has neither a driver nor a crank, whose positions would be fixed")
     crank = constant(float(angle_at(q, mechanism.crank)), 0.0)
     return replace(mechanism, drivers=(AngleDriver("crank", crank, mechanism.crank),))
 

@@ -96,9 +96,9 @@ class LoopEquations:
     def __init__(self, mechanism: Mechanism, inputs: Sequence[Input]):
         self.mechanism, self.inputs = mechanism, inputs
         if mechanism.couplings:
-            self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loops know nothing of")
+            self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")
         if mechanism.knife_edges:
-            self._refuse("has knife edges, which loops know nothing of")
+            self._refuse("has knife edges, which loop equations do not describe")
         if len(inputs) != mechanism.dof:
             self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(inputs)}")
         bars = active_bars(mechanism)

@@ -97,7 +97,7 @@ class PointModel:
         if mechanism.couplings:
             raise ValueError(f"{mechanism.name}: points have no equation for the coupling {mechanism.couplings[0].name}")
         if mechanism.knife_edges:
-            raise ValueError(f"{mechanism.name}: knife edges leave no trace in positions, so that points cannot obey them")
+            raise ValueError(f"{mechanism.name}: knife edges constrain velocities alone, so that points have no equation for them")
         if len(inputs) != mechanism.dof:
             raise ValueError(f"{mechanism.name}: {len(inputs)} inputs for {mechanism.dof} degrees of freedom")
         self.points = p = Points(mechanism, inputs)

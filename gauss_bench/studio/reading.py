@@ -137,7 +137,7 @@ def read(document: Document, starts: bool = True) -> Reading:
         return Reading(document, rest, None, np.zeros(0), False, (), tuple(problems))
     q, unplaced = _place_links(mechanism, rest)
     for name in unplaced:
-        tell("warning", f"{name} is not placed: the drawing says too little of where it lies", f"links.{name}")
+        tell("warning", f"{name} is not placed: the drawing does not determine its position", f"links.{name}")
     closed = False
     try:
         q, closed = close_joints(mechanism, Constraints(mechanism), q), True
