@@ -21,7 +21,7 @@ from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPo
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, RootFinder, largest, levenberg_marquardt
+from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, largest, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
@@ -38,17 +38,17 @@ PROBE = 1e-3  # a failure is examined at this share of the largest step beyond i
 Branch = Mapping[str, int]
 
 
-def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, method: str = "gauss_newton") -> Motion:
+def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> Motion:
     """Compute the motion at times (k,) [s] under inputs, one for each degree of freedom, from the assembled start q0.
 
-    Between two times the inputs are followed along the straight line of their values. `method` is a key of ROOT_FINDERS.
+    Between two times the inputs are followed along the straight line of their values.
 
     Raises:
         ValueError: knife edges, or inputs that do not fit the linkage.
         LimitOfMotion: a limit of motion lies between two times.
         SingularPosition: the rates are not determined at a time, or two assemblies meet on the way.
     """
-    follower = _Follower(PointModel(mechanism, inputs), ROOT_FINDERS[method])
+    follower = _Follower(PointModel(mechanism, inputs))
     states: list[Array] = []
     corrections: list[int] = []
     try:
@@ -93,8 +93,8 @@ class _Follower:
         corrections: iterations of all searches since the last call of `move_to`.
     """
 
-    def __init__(self, model: PointModel, search: RootFinder):
-        self.model, self.search = model, search
+    def __init__(self, model: PointModel):
+        self.model = model
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
         slide = LARGEST_SLIDE * model.size
@@ -133,7 +133,7 @@ class _Follower:
         r = model.rows(Z[0])
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
         Z[1] = model.fill(Z[1], dp)
-        root = self.search(model.residual(x), self.p + dp, self.tolerance)
+        root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
         stray = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
         if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > stray:

@@ -24,7 +24,7 @@ NEAR = 1e-6  # [sizes of the linkage] residual at which Gauss-Newton takes over
 SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies are the same: far above the error of a search
 
 
-def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]:
+def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     """Return the positions (n,) of all assemblies found: q itself first, then from the nearest to the farthest.
 
     The coordinates of the scenario's drivers, or the crank's angle, keep their values in q. Angles are within half a turn of q's.
@@ -39,7 +39,7 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
     if here.free.shape[1]:
         raise ValueError(f"{mechanism.name} has free motions: {here.free.shape[1]} of its motions stay free beside its inputs")
 
-    positions, rng, idle = [here.q], np.random.default_rng(seed), 0
+    positions, rng, idle = [here.q], np.random.default_rng(0), 0
     for _ in range(MOST):
         idle += 1
         if idle > PATIENCE:

@@ -23,6 +23,8 @@ from gauss_bench.terms import Array
 
 Residual = Callable[[Array], tuple[Array, Array]]
 
+TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
+LIMIT = 100  # largest number of iterations
 RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 SUFFICIENT = 1e-4  # share of the predicted decrease that a step must bring: the usual choice of Armijo's constant
 HALVINGS = 30  # largest number of halvings: the step is then shorter by 1e-9
@@ -85,24 +87,24 @@ def full_step(F: Array, J: Array) -> Array | None:
     return None if rank < J.shape[1] else h
 
 
-def newton_raphson(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
-    """Take full steps from x (n,) until max |F| <= `tolerance`, at most `limit` of them.
+def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
+    """Take full steps from x (n,) until max |F| <= `tolerance`, at most LIMIT of them.
 
     `residual` maps x to F (m,) and J (m, n), m >= n. This is the fastest method near a root; far from one its steps may go
     anywhere.
     """
-    return search_along(residual, x, tolerance, limit, halvings=0)
+    return search_along(residual, x, tolerance, halvings=0)
 
 
-def gauss_newton(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
+def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
     """As `newton_raphson`, but halve each step until |F|^2 falls by a share of the predicted decrease."""
-    return search_along(residual, x, tolerance, limit, HALVINGS)
+    return search_along(residual, x, tolerance, HALVINGS)
 
 
-def search_along(residual: Residual, x: Array, tolerance: float, limit: int, halvings: int) -> Root:
+def search_along(residual: Residual, x: Array, tolerance: float, halvings: int) -> Root:
     """Iterate with steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; with 0 take full steps."""
     F, J = residual(x)
-    for iteration in range(limit):
+    for iteration in range(LIMIT):
         if end := end_search(x, F, tolerance, iteration):
             return end
         h = full_step(F, J)
@@ -118,19 +120,19 @@ def search_along(residual: Residual, x: Array, tolerance: float, limit: int, hal
         if at_rest(x, part * h):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         x, F, J = x + part * h, G, K
-    return give_up(x, F, tolerance, limit)
+    return give_up(x, F, tolerance)
 
 
-def give_up(x: Array, F: Array, tolerance: float, limit: int) -> Root:
+def give_up(x: Array, F: Array, tolerance: float) -> Root:
     """Return the result after the last allowed step."""
-    return end_search(x, F, tolerance, limit) or Root(x, ExitFlag.TOO_MANY, limit, largest(F))
+    return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))
 
 
-def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
+def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
     """As `newton_raphson`, but with damped steps, which are determined even where J loses rank."""
     F, J = residual(x)
     mu, growth = DAMPING * float((J * J).sum(axis=0).max(initial=0.0)), 2.0
-    for iteration in range(limit):
+    for iteration in range(LIMIT):
         if end := end_search(x, F, tolerance, iteration):
             return end
         gradient = J.T @ F
@@ -148,7 +150,7 @@ def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, 
             mu, growth = mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         else:
             mu, growth = mu * growth, 2 * growth
-    return give_up(x, F, tolerance, limit)
+    return give_up(x, F, tolerance)
 
 
 ROOT_FINDERS: dict[str, RootFinder] = {
