@@ -115,32 +115,11 @@ def slotted(slot_deg: float, offset: float, flag: bool) -> Mechanism:
 
 
 def cylinder(flag: bool = False) -> Mechanism:
-    """A boom held by a cylinder whose piston has two points, its pin and the one that slides; a flag may hang on the barrel."""
-    bar = {"mass": 1.0, "inertia": 0.01}
-    document: dict[str, Any] = {
-        "format": "planar-linkage/1",
-        "name": "cylinder",
-        "crank": "boom",
-        "ground": {"points": {"O": [0.0, 0.0], "P": [0.5, -0.1]}},
-        "links": {
-            "boom": {"points": {"O": [0.0, 0.0], "A": [0.6, 0.1]}, **bar},
-            "barrel": {"points": {"P": [0.0, 0.0], "G": [0.1, 0.02], "Q": [0.2, 0.05]}, **bar, "com": [0.1, 0.0]},
-            "piston": {"points": {"A": [0.0, 0.0], "R": [-0.2, 0.01]}, **bar},
-        },
-        "joints": {
-            "O": {"type": "revolute", "at": ["ground.O", "boom.O"]},
-            "P": {"type": "revolute", "at": ["ground.P", "barrel.P"]},
-            "A": {"type": "revolute", "at": ["boom.A", "piston.A"]},
-            "bore": {"type": "prismatic", "guide": "barrel.G", "angle_deg": 5.0, "block": "piston.R", "block_angle_deg": 3.0},
-        },
-        "assembly": {"sketch": {"A": [0.5, 0.35]}, "angles_deg": {"barrel": 85.0, "boom": 25.0}},
-        "scenarios": {"rest": {"duration": 1.0, "start": {"angles_deg": {"boom": 25.0}}}},
-    }
-    if flag:
-        document["links"]["flag"] = {"points": {"Q": [0.0, 0.0]}, **bar}
-        document["joints"]["Q"] = {"type": "revolute", "at": ["barrel.Q", "flag.Q"]}
+    document = tomllib.loads((DATA / "kinematics" / "cylinder.toml").read_text(encoding="utf-8"))
+    if not flag:
+        del document["links"]["flag"], document["joints"]["Q"]
         for angles in (document["assembly"]["angles_deg"], document["scenarios"]["rest"]["start"]["angles_deg"]):
-            angles["flag"] = 10.0
+            del angles["flag"]
     return load_document(document)
 
 

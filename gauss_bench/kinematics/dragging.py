@@ -164,7 +164,7 @@ class Drag:
             apart = self._apart(self.place, target)
         if apart <= REACHED * size:
             return Dragged(self.q, True, apart, "")
-        why = f"{self.point.name} can come no nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
+        why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
         return Dragged(self.q, False, apart, why if last else "the target is too far away for one drag")
 
     def _apart(self, place: Place, target: Array) -> float:
