@@ -78,7 +78,7 @@ def add_point(d: Drawing, message: Message) -> None:
 
 
 def observe(d: Drawing, message: Message) -> None:
-    """Observe a point, or with `on` false no longer."""
+    """Add a point to the observed ones, or remove it with `on` false."""
     point, listed = d.on_link(str(message.get("point"))), sequence(d.group("observe"), "points")
     others = [x for x in listed if x != point]
     d.group("observe")["points"] = [*others, point] if message.get("on", True) else others
