@@ -7,8 +7,10 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,6 +37,7 @@ from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
 
 VARIED = ["links.rod.length=0.5:0.6:3", "forces.motor.value=normal(-0.5,0.05)"]
+CASES = tomllib.loads((DATA / "sweep" / "arguments.toml").read_text(encoding="utf-8"))
 DOCUMENT = of_one_scenario(document_of("crank_slider")[0], "paper")
 SHORT = Options(scenario="paper", until=0.2, stabilization="projection")
 
@@ -61,9 +64,7 @@ def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others()
     assert (link.mass, link.inertia) == (0.77, pytest.approx(0.77 * 0.70**2 / 12))  # a given mass stays, its spread follows the bar
 
 
-@pytest.mark.parametrize(
-    "path", ["links.rod.mas", "links.slider.length", "links.rot.length", "forces.motor.type", "scenarios.paper.start", "gravity.z"]
-)
+@pytest.mark.parametrize("path", CASES["paths_without_numbers"])
 def test_a_path_that_names_no_number_is_refused_by_name(path: str) -> None:
     with pytest.raises(SweepError, match=path):
         number_at(document_of("crank_slider")[0], path)
@@ -80,26 +81,10 @@ def test_grids_are_crossed_and_random_values_come_from_the_seed() -> None:
     assert (mixed.values != plan(["a=0:1:3", "b=normal(1.5,0.1)"], 4000, seed=2).values).any()
 
 
-@pytest.mark.parametrize(
-    ("texts", "samples", "said"),
-    [
-        (["a"], 1, "PATH=a:b:n"),
-        (["a=1:2"], 1, "neither"),
-        (["a=1:2:0"], 1, "whole number"),
-        (["a=1:nan:3"], 1, "finite"),
-        (["a=normal(1,-1)"], 1, "positive"),
-        (["a=uniform(2,1)"], 1, "smaller"),
-        (["a=uniform(1,2)"], None, "--samples"),
-        (["a=1:2:3"], 5, "leave it out"),
-        (["a=1:2:3", "a=1:2:3"], None, "twice"),
-        (["a=uniform(1,2)"], 0, "from 1"),
-        (["a=1:2:99999", "b=1:2:99999"], None, "most"),
-        (["a=1:2:10000001"], None, "from 1 to 10000000"),
-    ],
-)
-def test_what_cannot_be_planned_is_refused(texts: list[str], samples: int | None, said: str) -> None:
-    with pytest.raises(SweepError, match=said):
-        plan(texts, samples)
+@pytest.mark.parametrize("case", CASES["no_plan"])
+def test_what_cannot_be_planned_is_refused(case: dict[str, Any]) -> None:
+    with pytest.raises(SweepError, match=case["said"]):
+        plan(case["vary"], case.get("samples"))
     assert dimension("a=1:2:10000000").count == 10_000_000
 
 
@@ -308,18 +293,13 @@ def test_an_interrupt_between_two_answers_breaks_off_without_a_word(
     assert [str(x.message) for x in recwarn] == []
 
 
-def test_the_verb_says_what_it_cannot_use_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = ["--out", str(tmp_path / "s"), "--until", "0.1"]
-    for arguments, said in {
-        ("crank_slider", "--vary", "links.rod.mas=1:2:3"): "links.rod.mass",
-        ("crank_slider", "--vary", "joints.guide.angle_deg=0:5:2"): "gauss",
-        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--engine", "nosuch"): "nosuch",
-        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--step", "nan"): "step",
-        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--scheduler", "tcp://127.0.0.1:1"): "--backend dask",
-        ("nosuch", "--vary", "links.rod.mass=1:2:3"): "nosuch",
-    }.items():
-        assert cli.main(["sweep", *arguments, *out]) == 2, arguments
-        assert said in capsys.readouterr().err
+@pytest.mark.parametrize("case", CASES["bad_usage"])
+def test_the_verb_says_what_it_cannot_use_and_writes_nothing(
+    case: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    until = [] if "--until" in case["arguments"] else ["--until", "0.1"]
+    assert cli.main(["sweep", *case["arguments"], *until, "--out", str(tmp_path / "s")]) == 2
+    assert case["said"] in capsys.readouterr().err
     assert not (tmp_path / "s").exists()
 
 
@@ -408,43 +388,23 @@ def test_a_sample_that_is_lost_when_repeated_is_counted_and_spoils_all(monkeypat
     assert (found["ok"], found["worst"], found["lost"], found["m"]) == (False, 0, 1, pytest.approx(1e-6))
 
 
-CHANGES = "half the step of 3 samples changes 0.012 m and 0.5 rad at most"
-LOST = "a tighter tolerance of 3 samples changes 0.012 m and 0.5 rad at most, and 2 of them are lost"
-
-
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        (None, "nothing was repeated: no sample is ok"),
-        ({}, CHANGES),
-        ({"ok": False, "worst": 7}, f"NOT TO BE TRUSTED: {CHANGES} (sample 7): take a smaller --step"),
-        (
-            {"ok": False, "lost": 2, "how": "a tighter tolerance"},
-            f"NOT TO BE TRUSTED: {LOST}: take settings of a tighter tolerance",
-        ),
-    ],
-)
-def test_a_repetition_in_words(more: dict[str, object] | None, said: str) -> None:
+@pytest.mark.parametrize("case", CASES["repeated"])
+def test_a_repetition_in_words(case: dict[str, Any]) -> None:
     check = {"how": "half the step", "samples": 3, "m": 0.012, "rad": 0.5, "worst": None, "lost": 0, "ok": True}
-    assert halving.text(None if more is None else check | more) == said
+    check |= case.get("result", {})
+    changes = f"{check['how']} of 3 samples changes 0.012 m and 0.5 rad at most"
+    assert halving.text(check) == case["said"].format(changes=changes)
+    assert halving.text(None) == "nothing was repeated: no sample is ok"
 
 
-@pytest.mark.parametrize(
-    ("engine", "how", "integrator", "step"),
-    [
-        ("gauss-native", Options(), "dop853_fixed", 2e-3),
-        ("gauss-native", Options(integrator="rk4"), "rk4", 1e-3),
-        ("gauss-native", Options(step=5e-4), "dop853_fixed", 5e-4),
-        ("gauss", Options(integrator="dop853_fixed"), "dop853_fixed", 1e-3),
-        ("gauss", Options(integrator="rk4"), "rk4", 1e-3),
-    ],
-)
-def test_steps_that_nobody_asks_for(engine: str, how: Options, integrator: str, step: float) -> None:
+@pytest.mark.parametrize("case", CASES["steps"])
+def test_steps_that_nobody_asks_for(case: dict[str, Any]) -> None:
     needs("llvmlite")
-    choice = _choice(engine, replace(how, stabilization="none"), until=1.0)
-    assert (choice.integrator, choice.step) == (integrator, step)
+    how = Options(stabilization="none", **case.get("options", {}))
+    choice = _choice(case["engine"], how, until=1.0)
+    assert (choice.integrator, choice.step) == (case["integrator"], case["step"])
     if how.step is None:
-        assert _choice(engine, replace(how, stabilization="none"), until=1e-4).step == 1e-4
+        assert _choice(case["engine"], how, until=1e-4).step == 1e-4
 
 
 def test_batches_are_large_where_one_call_takes_them_and_tasks_as_many_as_jobs_but_on_a_cluster() -> None:
@@ -453,12 +413,6 @@ def test_batches_are_large_where_one_call_takes_them_and_tasks_as_many_as_jobs_b
     assert [x.size for x in other] == [8] * 64 + [1]
     assert [x.number for x in _batches(9, ["gauss", "lagrange"])] == [0, 1, 2, 3]
     assert (_tasks(Backend("dask", jobs=3)), _tasks(Backend("local", jobs=3))) == (-1, 3)
-
-
-def test_too_many_steps_are_refused_by_what_asks_for_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    call = ["sweep", "crank_slider", "--vary", "gravity.y=-9:-10:2", "--engine", "gauss", "--out", str(tmp_path / "s")]
-    assert cli.main([*call, "--until", "1", "--step", "0.99e-8"]) == 2
-    assert "--step 9.9e-09: 1.0e+08 steps a sample; 1e+08 are the most" in capsys.readouterr().err
 
 
 def test_a_summary_of_known_rows() -> None:
@@ -489,23 +443,11 @@ def test_a_correlation_needs_eight_samples(count: int, told: bool) -> None:
     assert sensitivities(some, np.ones(count)) == {}
 
 
-@pytest.mark.parametrize(
-    ("path", "welds", "said"),
-    [
-        ("scenarios.paper.start.crank_deg", False, ""),
-        ("scenarios.paper.duration", False, "is no number that a kernel leaves open"),
-        ("joints.guide.offset", False, ""),
-        ("joints.guide.angle_deg", False, "is no number that a kernel leaves open"),
-        ("forces.motor.value", False, ""),
-        ("links.rod.mass", False, ""),
-        ("links.rod.mass", True, "may be part of a welded body"),
-        ("gravity.y", True, ""),
-    ],
-)
-def test_a_kernel_leaves_open_what_no_welded_body_holds(path: str, welds: bool, said: str) -> None:
-    family = Family(DOCUMENT, "paper", [path], "crank_slider")
-    family.document = DOCUMENT | ({"welds": {}} if welds else {})
-    assert family.not_open == (f"{path} {said}" if said else "")
+@pytest.mark.parametrize("case", CASES["open"])
+def test_a_kernel_leaves_open_what_no_welded_body_holds(case: dict[str, Any]) -> None:
+    family = Family(DOCUMENT, "paper", [case["path"]], "crank_slider")
+    family.document = DOCUMENT | ({"welds": {}} if case.get("welds") else {})
+    assert family.not_open == (f"{case['path']} {case['said']}" if "said" in case else "")
 
 
 def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:
