@@ -4,7 +4,6 @@ import base64
 import math
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,10 @@ import pytest
 pytest.importorskip("tomlkit")
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.studio.document import write_document
+from tests.conftest import DATA
 from tests.studio import DRAWN, Pen, four_bar
+
+EDITS = tomllib.loads((DATA / "page" / "edits.toml").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -131,18 +133,7 @@ def test_a_length_and_an_angle_are_numbers(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
-    a, b = pen.at(0.0, 0.12), pen.at(0.4, 0.0)
-    asked: list[dict[str, Any]] = [
-        {"type": "spring", "a": a, "b": b, "k": 50.0},
-        {"type": "damper", "a": a, "b": b},
-        {"type": "torque", "link": "bar1", "value": 0.5},
-        {"type": "force", "point": a},
-        {"type": "joint_damping", "joint": b},
-        {"type": "rotational_spring_damper", "links": ["bar1", "bar2"]},
-        {"type": "coulomb_friction", "joint": a},
-        {"type": "axis_spring_damper", "point": b},
-    ]
-    for force in asked:
+    for force in EDITS["forces"]:
         pen.ask("add_force", **force)
     found = pen.now
     assert found["problems"] == []
@@ -179,22 +170,8 @@ def test_joining_and_freeing_pins(tmp_path: Path) -> None:
 def test_what_cannot_be_drawn_is_refused_with_its_reason(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     text = pen.session.text
-    one, two, tip = pen.at(0.0, 0.0), pen.at(0.4, 0.0), pen.at(0.0, 0.12)
-    refused: list[tuple[str, dict[str, Any], str]] = [
-        ("add_bar", {"from": {"pin": one}, "to": {"pin": two}}, "fixed to the ground"),
-        ("add_bar", {"from": {"pin": one}, "to": {"pin": tip}}, "on bar1 already"),
-        ("add_bar", {"from": {"pin": tip}, "to": {"pin": tip}}, "no length"),
-        ("add_slide", {"pin": tip, "guide": "bar1"}, "itself"),
-        ("add_link", {"points": [{"pin": one}]}, "three points"),
-        ("add_force", {"type": "torque", "link": "nothing"}, "unknown link"),
-        ("set", {"path": "links.bar1.kg_per_m", "value": -1.0}, "must be positive"),
-        ("set", {"path": "links.bar1.colour", "value": "red"}, "unknown key"),
-        ("move", {"pin": "nothing", "at": [0.0, 0.0]}, "no pin"),
-        ("move", {"pin": one, "at": [1e9, 0.0]}, "at most"),
-        ("drive", {"coordinate": "bar2"}, ""),
-    ]
-    for verb, more, reason in refused:
-        assert reason in pen.refused(verb, **more)
+    for case in EDITS["refused"]:
+        assert case["said"] in pen.refused(**case["message"])
     assert pen.session.text == text
 
 
