@@ -234,11 +234,14 @@ class Drag:
         way = N @ y
         guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
         place = self.freedom.close(guess)
-        if place is None or place.free.shape[1] != N.shape[1]:  # fewer free motions: the step has left a fork of the motion
-            return place if place and place.free.shape[1] < N.shape[1] else None
+        if place is None or place.free.shape[1] > N.shape[1]:
+            return None
+        if place.free.shape[1] < N.shape[1]:  # the step has left a fork of the motion, where there are more free motions
+            return place
         missed, turned = float(np.abs((place.q - guess) * scale).max()), N.T @ place.free
         if missed > LARGEST_MISS * np.abs(way).max() or np.linalg.svd(turned)[1][-1] < SMALLEST_COSINE:
             return None
+        # give the new basis the orientation of the old one, so that the signs of det P can be compared
         place = replace(place, free=place.free * np.append(np.ones(N.shape[1] - 1), np.sign(np.linalg.det(turned))))
         return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 

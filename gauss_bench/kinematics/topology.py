@@ -136,9 +136,7 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
     parents = dict(nx.bfs_predecessors(net, GROUND))
     loose = [mechanism.link_name(i) for i in range(len(mechanism.links)) if i not in parents]
     if loose:
-        raise ValueError(
-            f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are"
-        )
+        raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
         tree.add_edge(parent, i, pair=next(iter(net[parent][i].values()))["pair"])

@@ -27,7 +27,7 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
     Raises:
         Refused: the pin is fixed to the ground or holds nothing, or the linkage does not assemble.
     """
-    mechanism = assemble(reading, "dragged")
+    mechanism = closed_mechanism(reading, "dragged")
     d = Drawing(reading.document, reading)
     wanted = str(message.get("point") or message.get("pin"))
     pin = d.pins.get(wanted) or Pin(wanted, 0j, (wanted,))
@@ -58,8 +58,8 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
     return {"poses": reading.poses(moved.q), "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": note}
 
 
-def assemble(reading: Reading, word: str) -> Mechanism:
-    """Return the mechanism of a drawing whose joints close; `word` is the participle in the refusal: "cannot be exported".
+def closed_mechanism(reading: Reading, word: str) -> Mechanism:
+    """Return the mechanism of a drawing whose joints close; `word` completes the refusal "cannot be ...".
 
     Raises:
         Refused: nothing is drawn, or the joints do not close.
@@ -89,7 +89,7 @@ def find_branches(reading: Reading) -> list[Array]:
     Raises:
         Refused: the drawing does not assemble, or the inputs leave a motion free.
     """
-    mechanism = assemble(reading, "assembled in another way")
+    mechanism = closed_mechanism(reading, "assembled in another way")
     drivers = []
     for name in inputs(reading):
         body, _ = mechanism.placed(name)

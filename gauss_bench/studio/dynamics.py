@@ -6,7 +6,7 @@ from typing import Any
 from gauss_bench.engines import all_names
 from gauss_bench.runs.offers import SAFE, offer, offers
 from gauss_bench.studio.document import write_document
-from gauss_bench.studio.dragging import assemble
+from gauss_bench.studio.dragging import closed_mechanism
 from gauss_bench.studio.edits.scenarios import FREE, RELEASED, free_start
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number
@@ -28,7 +28,7 @@ def write_released(session: Session, message: Message) -> tuple[str, float]:
     Raises:
         Refused: the drawing does not assemble, or the end time is not valid.
     """
-    assemble(session.reading, "let go")
+    closed_mechanism(session.reading, "let go")
     document = session.document
     scenarios = document.setdefault("scenarios", {})
     kept = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})

@@ -14,7 +14,7 @@ from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.document import is_driven
-from gauss_bench.studio.dragging import assemble
+from gauss_bench.studio.dragging import closed_mechanism
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
 from gauss_bench.studio.motion import move
@@ -35,7 +35,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
         case "toml":
             return {"name": f"{name}.toml", "text": text}
         case "svg":
-            mechanism = assemble(reading, "drawn as a picture")
+            mechanism = closed_mechanism(reading, "drawn as a picture")
             return {"name": f"{name}.svg", "text": draw(mechanism.whole, of_links(mechanism, reading.q))}
         case "csv" | "gif":
             mechanism, x, _ = move(text, reading, message)

@@ -165,7 +165,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     for k in np.flatnonzero(~is_finite).tolist():
         until = steps.t[max(0, int(np.isfinite(q[k]).all(axis=1).argmin()) - 1)]
         rows["status"][closed[k]] = str(Status.NAN)
-        rows["message"][closed[k]] = f"the motion is lost after {until:g} s: no partition of the kernel serves there"
+        rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: no partition of the kernel is regular there"
     if not is_finite.any():
         return rows
     for part in np.array_split(np.flatnonzero(is_finite), -(-int(is_finite.sum()) // TOGETHER)):

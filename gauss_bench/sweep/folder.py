@@ -117,7 +117,7 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
     other = [key for key in dict.fromkeys([*stamp, *there]) if stamp.get(key) != there.get(key)]
     if other:
         was = "; ".join(f"{key} was {_shorten(there.get(key))}, is {_shorten(stamp.get(key))}" for key in other)
-        raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or ask for the same")
+        raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or the same arguments")
     refuse_foreign({path / PICTURE: SIGN})
 
 

@@ -142,7 +142,7 @@ def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -
             raise SweepError(f"--samples {samples}: the grids have {size} points, each of which is one sample; leave it out")
         samples = size
     if samples is None:
-        raise SweepError("--samples: how many, where values are random?")
+        raise SweepError("--samples: must be given if values are random")
     if max(samples, size) > MOST:
         raise SweepError(f"--vary: the grids have {size} points; {MOST} are the most")
     random, columns = np.random.default_rng(seed), {}
@@ -160,7 +160,7 @@ def _sobol(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) ->
     from scipy.stats import qmc
 
     if grid := next((x for x in dimensions if x.kind == "grid"), None):
-        raise SweepError(f"--vary {grid.path}: a grid has no place in Sobol's plan; give uniform({grid.a:g},{grid.b:g})")
+        raise SweepError(f"--vary {grid.path}: a Sobol plan takes no grid; give uniform({grid.a:g},{grid.b:g})")
     d = len(dimensions)
     if samples is None or samples < 2 * (d + 2):
         raise SweepError(f"--samples: Sobol's plan of {d} numbers needs at least {2 * (d + 2)}, a power of two times {d + 2}")
