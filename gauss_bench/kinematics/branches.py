@@ -62,7 +62,7 @@ def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
         return replace(mechanism, drivers=still)
     if mechanism.crank is None:
-        raise ValueError(f"{mechanism.name} has neither a driver nor a crank, whose positions would be fixed")
+        raise ValueError(f"{mechanism.name} has neither a driver nor a crank that could be fixed")
     crank = constant(float(angle_at(q, mechanism.crank)), 0.0)
     return replace(mechanism, drivers=(AngleDriver("crank", crank, mechanism.crank),))
 

@@ -77,7 +77,7 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
 
     from gauss_bench.advice.answer import Answer
     from gauss_bench.advice.truth import NoTruth
-    from gauss_bench.api.recommend import recommend as recommended
+    from gauss_bench.api.recommend import recommend as find_setting
     from gauss_bench.api.recommend import setting_of
 
     def send_progress(sentence: str) -> None:
@@ -92,10 +92,17 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
     try:
-        position, angle, force, until = (request.get(key) for key in ("position", "angle", "force", "until"))
-        engines, asked = request.get("engines") or None, {"scenario": request["scenario"], "budget": request["budget"]}
-        recommendation = recommended(
-            request["path"], position, angle, force, until, engines, told=send_progress, better=send_better, **asked
+        recommendation = find_setting(
+            request["path"],
+            request.get("position"),
+            request.get("angle"),
+            request.get("force"),
+            request.get("until"),
+            request.get("engines") or None,
+            scenario=request["scenario"],
+            budget=request["budget"],
+            told=send_progress,
+            better=send_better,
         )
     except NoTruth as error:
         send({"event": "failed", "text": f"nothing can be recommended: {error}"})
