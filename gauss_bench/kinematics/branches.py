@@ -41,9 +41,9 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
 
     positions, rng, idle = [here.q], np.random.default_rng(0), 0
     for _ in range(MOST):
-        idle += 1
-        if idle > PATIENCE:
+        if idle == PATIENCE:
             break
+        idle += 1
         start = here.q * freedom.scale + rng.uniform(-np.pi, np.pi, size=len(q)) * freedom.size
         root = levenberg_marquardt(lambda x: freedom.rows(x / freedom.scale), start, tolerance=NEAR * freedom.size)
         place = freedom.close(root.x / freedom.scale) if root.flag == ExitFlag.CONVERGED else None

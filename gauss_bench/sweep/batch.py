@@ -197,6 +197,7 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
     """Return status and message of a motion; its linkage is read only if damping between samples must be accounted for."""
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
+        # determine the loss between samples only if the verdict could be another one without this objection
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
             evidence = replace(evidence, seen=seen(mechanism(), motion, evidence))

@@ -164,31 +164,39 @@ def join(d: Drawing, message: Message) -> None:
 
 
 def ground(d: Drawing, message: Message) -> None:
-    """Fix a pin to the ground, or release it from the ground."""
+    """Fix a pin to the ground, or with `on` false release it."""
     pin, on = d.pin(message.get("pin")), bool(message.get("on", True))
-    if on == pin.is_grounded:
-        return
+    if on and not pin.is_grounded:
+        _fix(d, pin)
+    elif pin.is_grounded and not on:
+        _release(d, pin)
+
+
+def _fix(d: Drawing, pin: Pin) -> None:
+    """Fix a pin to a new point of the ground."""
     points, joints = d.written_points("ground"), d.group("joints")
-    if on:
-        d.unsketch(pin)
-        name = d.name_at(pin, points)
-        points[name] = pair(pin.at)
-        if pin.members:
-            joint = joints.get(d.hold(pin, f"ground.{name}").id, {})
-            if "at" in joint:  # the ground first, as in the linkages of the suite
-                joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
-        return
-    held = d.joint_of(pin)
+    d.unsketch(pin)
+    name = d.name_at(pin, points)
+    points[name] = pair(pin.at)
+    if pin.members:
+        joint = joints.get(d.hold(pin, f"ground.{name}").id, {})
+        if "at" in joint:  # the ground first, as in the linkages of the suite
+            joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
+
+
+def _release(d: Drawing, pin: Pin) -> None:
+    """Release a pin from the ground; points of the ground that a slide uses stay."""
+    points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
     for reference in (x for x in pin.members if owner(x) == "ground"):
         name = tail(reference)
         if not any(reference in (j.get("guide"), j.get("block")) for _, j in items(d.document, "joints")):
             del points[name]
-        if held is None:
+        if joint is None:
             d.group("assembly", "sketch")[name if name not in joints else d.fresh("")] = pair(pin.at)
-    if held is not None:
-        joints[held]["at"] = [x for x in joints[held]["at"] if owner(x) != "ground"]
-        if len(joints[held]["at"]) < 2:
-            del joints[held]
+    if joint is not None:
+        joints[joint]["at"] = [x for x in joints[joint]["at"] if owner(x) != "ground"]
+        if len(joints[joint]["at"]) < 2:
+            del joints[joint]
 
 
 def move(d: Drawing, message: Message) -> None:

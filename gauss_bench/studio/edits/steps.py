@@ -111,7 +111,8 @@ def lock(session: Session, message: Message) -> None:
         Refused: there is no such part.
     """
     id = lock_of(Drawing(session.document, session.reading), message)
-    session.put(session.text, session.locks | {id} if message.get("on", True) else session.locks - {id})
+    locks = session.locks | {id} if message.get("on", True) else session.locks - {id}
+    session.put(session.text, locks)
 
 
 def picture(session: Session, message: Message) -> None:
