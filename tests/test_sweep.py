@@ -341,6 +341,7 @@ CASE = SweepCase(
     0.2,
     (("gauss", Choice("default", "rk4", step=1e-3)),),
     60.0,
+    1,
 )
 
 
@@ -413,6 +414,7 @@ def test_batches_are_large_where_one_call_takes_them_and_tasks_as_many_as_jobs_b
     assert [x.size for x in other] == [8] * 64 + [1]
     assert [x.number for x in _batches(9, ["gauss", "lagrange"])] == [0, 1, 2, 3]
     assert (_tasks(Backend("dask", jobs=3)), _tasks(Backend("local", jobs=3))) == (-1, 3)
+    assert replace(CASE, jobs=9) == CASE != replace(CASE, until=0.3)  # threads change no row
 
 
 def test_a_summary_of_known_rows() -> None:

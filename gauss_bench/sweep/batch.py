@@ -64,7 +64,7 @@ class SweepCase:
     until: float
     choices: tuple[tuple[str, Choice], ...]
     limit: float
-    jobs: int = field(default=1, compare=False)
+    jobs: int = field(compare=False)
 
     def choice(self, engine: str) -> Choice:
         """Return the setting of an engine."""
