@@ -65,9 +65,8 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
         for goal in goals:
             state = _follow(equations, state, goal)
             x = state.x
-            equations.check_rank(
-                state.J, REGULAR
-            )  # the search passes singular positions at a distance where rates are lost already
+            # the search passes singular positions at a distance where rates are lost already
+            equations.check_rank(state.J, REGULAR)
             states.append(state)
     except Stopped as stopped:
         end = stopped if isinstance(stopped, _End) else _End(f"singular position, {stopped}", True, x)
