@@ -87,7 +87,6 @@ def test_more_freedom_than_one_has_no_centres_of_its_own() -> None:
     mechanism = load("five_bar")
     with pytest.raises(ValueError, match="2 free motions"):
         centres(mechanism, mechanism.q0)
-    assert len(centres(mechanism, mechanism.q0, np.ones(mechanism.n))) == 10
 
 
 def test_velocity_ratio_of_a_four_bar_by_its_centres_and_advantage_its_inverse() -> None:
