@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.report.build import all_findings
-from gauss_bench.report.rows import KEYS, Run, own_steps, run_time
+from gauss_bench.report.rows import KEYS, Run, chose_steps, run_time
 
 KEY = ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0)
 
@@ -108,7 +108,7 @@ def test_the_gate_that_a_run_recorded_decides_whose_model_is_right() -> None:
 
 @pytest.mark.parametrize(("steps", "own"), [(2000, False), (2030, False), (2050, True), (400, True)])
 def test_an_integrator_that_took_other_steps_than_asked_chose_them(steps: int, own: bool) -> None:
-    assert own_steps(row(steps=steps)) is own
+    assert chose_steps(row(steps=steps)) is own
 
 
 def published(difference: float) -> dict[str, Any]:

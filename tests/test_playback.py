@@ -13,7 +13,7 @@ from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.motion import in_pixels, turn_frames
-from gauss_bench.report.site.playback import side_by_side
+from gauss_bench.report.site.playback import play_pair
 from gauss_bench.tables import KEY, read_table, write_schema, write_table
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
@@ -137,7 +137,7 @@ def expected(frame_at: int, factor: float, engine: str) -> Array:
 
 def test_a_page_plays_what_was_planted(planted: Path) -> None:
     """To the digits that stored differences have; the pulled link stands off by what it was pulled, the others in their places."""
-    found = side_by_side(read_run(planted), "four_bar", "torque")
+    found = play_pair(read_run(planted), "four_bar", "torque")
     assert found is not None
     data = found[1]
     late, apart = sorted(data["runs"], key=lambda x: x["name"])
@@ -150,7 +150,7 @@ def test_a_page_plays_what_was_planted(planted: Path) -> None:
 
 
 def test_without_poses_there_is_no_playback() -> None:
-    assert side_by_side(Run(), "four_bar", "torque") is None
+    assert play_pair(Run(), "four_bar", "torque") is None
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from gauss_bench.api.options import VERBS
 from gauss_bench.engines import AUTHORED
 from gauss_bench.report.build import read_run
 from gauss_bench.report.first_table import renew
-from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, length, write_pictures
+from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, length_text, write_pictures
 from gauss_bench.report.rows import Run
 from gauss_bench.tables import read_table
 
@@ -143,7 +143,7 @@ def test_the_moving_pictures_runs_are_stored_and_only_one_opens() -> None:
 
 
 def test_lengths_are_said_in_units() -> None:
-    assert [length(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
+    assert [length_text(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
 
 
 @pytest.mark.slow

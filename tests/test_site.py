@@ -23,12 +23,12 @@ from gauss_bench.report.rows import Run
 from gauss_bench.report.site import tables_page
 from gauss_bench.report.site.cards import CARDS, HOLDS
 from gauss_bench.report.site.charts import over_time, points
-from gauss_bench.report.site.engine import why
+from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.first import headlines, pack
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import DASH, ENVIRONMENT, HEADLINE, headline, rich, script_text, short_label
-from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored, in_words
+from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored, describe_setting
 from gauss_bench.suites.read import read_suite, restrict
 from gauss_bench.tables import TABLES, read_table
 from tests.conftest import DOCUMENTATION
@@ -135,7 +135,7 @@ def test_what_is_short_of_its_aim_follows_from_the_figures_and_not_from_what_a_r
 
 def test_the_first_screen_takes_the_cheapest_that_holds(run: Run) -> None:
     """The setting for MuJoCo's eight-bar within a tenth of a millimetre, looked for in the rows themselves."""
-    settings = [x for x in all_settings(run) if x.mechanism == "eight_bar"]
+    settings = all_settings(run)["eight_bar"]
     one = cheapest(settings, 1e-4)["mujoco"]
     ladder = table("search_ladder").query("mechanism == 'eight_bar' and engine == 'mujoco' and status == 'ok'")
     passing = ladder[ladder.position_error <= 1e-4]
@@ -147,10 +147,8 @@ def test_the_first_screen_takes_the_cheapest_that_holds(run: Run) -> None:
 
 def test_where_it_was_raced_the_race_has_the_word(run: Run) -> None:
     winners = table("search_winners").query("required == 'position' and status == 'ok'")
-    settings = all_settings(run)
     for row in winners.dropna(subset=["seconds"]).itertuples():
-        own = [x for x in settings if x.mechanism == row.mechanism]
-        one = cheapest_stored(run, row.mechanism, own, row.accuracy, math.inf)[row.engine]
+        one = cheapest_stored(run, row.mechanism, row.accuracy)[row.engine]
         assert one.seconds == pytest.approx(row.seconds, rel=1e-6)
         assert one.settings == row.settings
 
@@ -237,14 +235,15 @@ def test_engines_shown_together_share_neither_colour_nor_marker() -> None:
 
 
 def test_a_setting_is_in_the_engines_own_words(run: Run) -> None:
-    rigid = next(x for x in all_settings(run) if x.engine == "mujoco" and x.settings == "rigid_slower/[0.05, 1.0]/1")
-    said = in_words(run, rigid)
+    every = (x for settings in all_settings(run).values() for x in settings)
+    rigid = next(x for x in every if x.engine == "mujoco" and x.settings == "rigid_slower/[0.05, 1.0]/1")
+    said = describe_setting(run, vars(rigid))
     assert said.startswith("RK4, ")
     assert "solref 0.05 1" in said
     assert "iterations 1" in said
     assert "body_invweight0_factor 1e-06" in said
     assert "jacobian" not in said, "as shipped"
-    assert in_words(Run(), rigid) == rigid.words
+    assert describe_setting(Run(), vars(rigid)) == rigid.words
 
 
 def test_a_finding_begins_with_one_sentence_of_bounded_length(run: Run) -> None:
@@ -296,7 +295,7 @@ def test_an_axis_is_no_longer_than_its_data() -> None:
 
 
 def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step(run: Run) -> None:
-    said, shown = why(run, "exudyn", all_settings(run)) or ("", None)
+    said, shown = explain_time(run, "exudyn") or ("", None)
     assert "times as many steps" in said
     assert shown is not None
     for row in shown.rows:
@@ -307,7 +306,7 @@ def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step(run: Run) -> 
     first, second, third = map(float, re.findall(r"([\d.]+) (?=times)", said))
     assert (first, second, third) == pytest.approx((whole, steps, each), rel=5e-3)
     assert whole == pytest.approx(steps * each)
-    assert why(Run(), "exudyn", []) is None
+    assert explain_time(Run(), "exudyn") is None
 
 
 # Files
@@ -330,12 +329,12 @@ def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path:
     kept = own_files(suite)
     assert kept == {"mine": text}, "the built-in ones are not kept a second time"
     path.unlink()
-    page = linkage_page(Run({"linkages": kept}), "mine", "torque", [])
+    page = linkage_page(Run({"linkages": kept}), "mine", "torque")
     assert 'data-link="0"' in page.body
     assert len(page.data["turn"]["poses"]) == 3
     assert "3 moving links" in page.lead
     for damaged in ({}, {"mine": "not ["}, {"mine": 3}, ["mine"]):
-        assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque", []).body
+        assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque").body
 
 
 def test_a_table_of_more_numbers_than_huge_has_no_csv_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -507,8 +506,7 @@ def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: P
     page.select_option("#linkage", "eight_bar")
     page.select_option("#position", label="0.1 mm")
     line = page.locator("#answers li", has_text="mujoco")
-    own = [x for x in all_settings(run) if x.mechanism == "eight_bar"]
-    expected = cheapest_stored(run, "eight_bar", own, 1e-4, math.inf)["mujoco"]
+    expected = cheapest_stored(run, "eight_bar", 1e-4)["mujoco"]
     assert f"step {float(f'{1e3 * expected.step:.4g}'):g} ms" in line.inner_text()
     line.get_by_role("button", name="Code").press("Enter")
     assert "mujoco" in line.locator("pre").inner_text()

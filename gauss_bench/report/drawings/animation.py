@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.drawings.canvas import Canvas, Part, page
-from gauss_bench.report.drawings.drawing import canvas_of, free_corner, linkage_parts, names_of, paths, scale_bar, scale_line
+from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, free_corner, linkage_parts, names_of, scale_bar, scale_line
 from gauss_bench.report.drawings.lettering import LETTER
 from gauss_bench.report.drawings.pose import unwrap_angles
 from gauss_bench.report.palette import INK, MUTED, PAPER
@@ -48,14 +48,14 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     kept = thin(t, q)
     states = q[kept]
     canvas = canvas_of(shown, states)
-    film, slower = film_runs(t[kept], states, canvas)
+    film, slower = make_film(t[kept], states, canvas)
     moving = [*linkage_parts(shown, film.states, None, canvas, letters={p.name: _letter(p) for p in points})]
     still = [*linkage_parts(shown, states[:1], states, canvas)]
     swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
     length, bar = scale_line(canvas, swept)
     parts = [
         f"<style>{STYLE}</style>",
-        *paths(points, states, canvas),
+        *draw_paths(points, states, canvas),
         '<g class="motion-film">',
         *map(film.draw, moving),
         '</g><g class="motion-still" display="none">',
@@ -103,7 +103,7 @@ class Film:
         return part.draw(inside="".join(tracks))
 
 
-def film_runs(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
+def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     """Return the film of states q (f, n) at times t (f,) [s], and the factor by which it is slower than the motion."""
     states = unwrap_angles(q)
     slower = max(1.0, SLOWEST / float(t[-1] - t[0]))

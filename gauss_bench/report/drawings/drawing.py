@@ -50,7 +50,7 @@ def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str
 
 
 def shapes_of(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: Iterable[Part]) -> list[str]:
-    return [*([] if trace is None else paths(mechanism.observed_points, trace, canvas)), *(part.draw() for part in parts)]
+    return [*([] if trace is None else draw_paths(mechanism.observed_points, trace, canvas)), *(part.draw() for part in parts)]
 
 
 def names_of(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], length: float, bar: Array) -> list[str]:
@@ -185,7 +185,7 @@ def hatch(a: Array, b: Array) -> list[str]:
     return [f'<path d="{path(np.array([a, b]))}" stroke="{INK}" stroke-width="1.5"/>', f'<path d="{strokes}" stroke="{MUTED}"/>']
 
 
-def paths(points: Iterable[Point], trace: Array, canvas: Canvas) -> list[str]:
+def draw_paths(points: Iterable[Point], trace: Array, canvas: Canvas) -> list[str]:
     """Return the paths of points over the states of `trace` (k, n)."""
     style = f'fill="none" stroke="{TRACE}" stroke-width="1.4" stroke-dasharray="1.5 4" stroke-linecap="round"'
     return [f'<path d="{path(canvas.at(position(trace, p)))}" {style}/>' for p in points if p.link != GROUND]

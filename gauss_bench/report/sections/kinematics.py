@@ -8,8 +8,9 @@ TABLES = ("agreement", "singular", "basins", "driving")
 
 
 def section(run: Run) -> Section:
-    if not run.table("agreement"):
-        return Section("Kinematics", "kinematics", (Text("The run compared no kinematics."),))
+    """Return the tables of kinematics; they belong to one comparison, so that without it there are none."""
     tables = {name: run.table(name) for name in TABLES}
+    if not tables["agreement"]:
+        return Section("Kinematics", "kinematics", (Text("The run compared no kinematics."),))
     tables["basins"] = tuple({**row, "method": row["method"].replace("_", " ")} for row in tables["basins"])
     return Section("Kinematics", "kinematics", tuple(x for name, rows in tables.items() for x in blocks_of(name, rows)))

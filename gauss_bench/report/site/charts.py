@@ -53,7 +53,7 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     return dict(fill(GRAMMAR["over_time"], values))
 
 
-def label(
+def place_names(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
 ) -> tuple[dict[str, Any], ...]:
     """Return the rows of all lines; the last row of a line gets a height `label_y` for its name, so that names do not overlap."""
@@ -75,12 +75,14 @@ def label(
     return tuple(rows)
 
 
-def bars(rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, written: str = "") -> dict[str, Any]:
+def bars(
+    rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, number_format: str = ""
+) -> dict[str, Any]:
     """Plot a bar per name; rows with low and high are drawn as a dot with its range instead."""
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}
     values = {
-        "axis": {"title": x, "tickCount": 5, "format": written or ("~e" if logarithmic else "~g")},
+        "axis": {"title": x, "tickCount": 5, "format": number_format or ("~e" if logarithmic else "~g")},
         "scale": {"type": "log"} if logarithmic else {},
         "names": {
             "field": "name",

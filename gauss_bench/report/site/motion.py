@@ -13,7 +13,7 @@ from markupsafe import Markup
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.canvas import Canvas, Part
-from gauss_bench.report.drawings.drawing import canvas_of, linkage_parts, paths
+from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, linkage_parts
 from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
@@ -36,17 +36,17 @@ def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
     return (mechanism, states) if abs(turn - 2 * np.pi) < 1e-6 else None
 
 
-def turning(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
+def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """Return a linkage's SVG with numbered links, and the places of every link in each state [px, degrees]."""
     motion = turn_frames(run, name)
     if motion is None:
         return None
     mechanism, states = motion
     canvas = canvas_of(mechanism, states)
-    text = svg_of(mechanism, states, canvas)
-    poses = np.round(in_pixels(canvas, states), 2).swapaxes(0, 1).tolist()
-    first, last = (float(x) for x in crank_angles(mechanism, states)[[0, -1]])
-    return Markup(inline(text, name.replace("_", "-"))), {"poses": poses, "first": round(first, 9), "sense": np.sign(last - first)}
+    text = draw_numbered(mechanism, states, canvas)
+    first, last = crank_angles(mechanism, states)[[0, -1]].tolist()
+    data = {"poses": list_frames(in_pixels(canvas, states)), "first": round(first, 9), "sense": np.sign(last - first)}
+    return Markup(inline(text, name.replace("_", "-"))), data
 
 
 def in_pixels(canvas: Canvas, states: Array) -> Array:
@@ -55,17 +55,23 @@ def in_pixels(canvas: Canvas, states: Array) -> Array:
     return np.concatenate((canvas.at(links[..., :2]), -np.degrees(links[..., 2:])), axis=-1)
 
 
-def svg_of(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
+def list_frames(places: Array) -> list[Any]:
+    """Return places (k, links, 3) [px, px, degrees] as lists by link, rounded to what is seen."""
+    return list(np.round(places, 2).swapaxes(0, 1).tolist())
+
+
+def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
     """Return the SVG of the first state; each moving part has the number of its link as an attribute."""
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
-    shapes = [*paths(mechanism.observed_points, states, canvas), *(part.draw(_carried(part)) for part in parts)]
+    shapes = [*draw_paths(mechanism.observed_points, states, canvas), *(part.draw(_number_link(part)) for part in parts)]
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(mechanism.name)}">'
     return f"{start}{''.join(shapes)}</svg>"
 
 
-def _carried(part: Part) -> str:
+def _number_link(part: Part) -> str:
+    """Return the attributes by which a script finds a moving part: its link, and its place there if it stays upright."""
     if part.link < 0:
         return ""
-    where = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
-    return f' data-link="{part.link}"{where}'
+    place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
+    return f' data-link="{part.link}"{place}'

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import jinja2
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import NOTHING, Cell, Chart, Section, Table
-from gauss_bench.report.pages import MARKED, SENTENCE
+from gauss_bench.report.content import NOTHING, Cell, Table
+from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
@@ -138,19 +137,14 @@ def headline(text: str) -> str:
     return f"{short[: ends[-1]].rstrip('.,;: ')}."
 
 
-def _environment() -> jinja2.Environment:
-    loader = jinja2.PackageLoader("gauss_bench.report.site", "templates")
-    strict = jinja2.StrictUndefined
-    environment = jinja2.Environment(loader=loader, undefined=strict, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {f.__name__: f for f in (column_classes, label_class, label, note_of, sort_by, shown, rich, headline)}
-    environment.filters["plain"] = lambda text: text.replace("**", "")
-    environment.filters["sentences"] = lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x]
-    environment.filters["plain_text"] = lambda text: rich(text).striptags()
-    environment.filters["tag"] = lambda tone: TAGS.get(tone, "")
-    return environment
-
-
-ENVIRONMENT = _environment()
+ENVIRONMENT = make_environment("gauss_bench.report.site")
+ENVIRONMENT.filters |= {f.__name__: f for f in (column_classes, label_class, label, note_of, sort_by, shown, rich, headline)}
+ENVIRONMENT.filters |= {
+    "plain": lambda text: text.replace("**", ""),
+    "sentences": lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x],
+    "plain_text": lambda text: rich(text).striptags(),
+    "tag": lambda tone: TAGS.get(tone, ""),
+}
 
 
 def render(template: str, **context: Any) -> Markup:
@@ -165,12 +159,6 @@ def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mappin
     """Make a page from some of PARTS, such as sections, tables or findings."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
-
-
-def charts_in(content: Section) -> dict[str, Any]:
-    """Return name -> data of every figure of a section and its subsections."""
-    own = {x.name: x.data() for x in content.blocks if isinstance(x, Chart)}
-    return own | {name: data for part in content.parts for name, data in charts_in(part).items()}
 
 
 def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
