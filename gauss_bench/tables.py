@@ -5,9 +5,9 @@ number NaN, a missing flag None. Writing refuses a column that the schema does n
 the number of the format and the schema in `tables.json`. A folder without this file is of format 1; rows of older formats are
 converted while they are read (`migrate_row`), a later format is refused.
 
-Timed columns are stored apart, in files of the same names in the folder `times`, rounded to the digits that their spread supports.
-A repeated run then changes those files, and in all others only the rows whose figures moved. Reading a table joins both parts. Date,
-machine and versions of a run are in `environment.json` alone.
+Timed columns are stored apart, in files of the same names in the folder `times`, and rounded as far as their spread allows.
+A repeated run then changes those files, and in all others only the rows whose figures moved. Reading a table joins both parts.
+Date, machine and versions of a run are in `environment.json` alone.
 """
 
 import csv
@@ -107,7 +107,7 @@ SCHEMA = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="u
 
 
 def read_columns(entries: Iterable[Any]) -> Iterator[Column]:
-    """Yield the columns of entries of `tables.toml`: a group by its name, a single column, or a value with the ends of its spread."""
+    """Yield the columns of entries of `tables.toml`: a group's name, a single column, or a value with the ends of its spread."""
     for entry in entries:
         if isinstance(entry, str):
             yield from read_columns(SCHEMA["groups"][entry])
@@ -200,7 +200,7 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
     """
     table = TABLES[name]
     whole = [round_times(table, row_of(table, row)) for row in rows]
-    paths = []
+    contents = {}
     for part, columns in table.parts.items():
         some = whole
         if part and not table.timed:
@@ -209,15 +209,16 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
                 raise ValueError(f"table {name}: two rows with times have the same key")
             if not some:  # nothing was timed
                 continue
-        paths.append(folder / part / f"{name}.{table.suffix}")
+        contents[folder / part / f"{name}.{table.suffix}"] = columns, some
+    for path, (columns, some) in contents.items():
         if table.suffix == "csv":
-            write_text(paths[-1], csv_text(columns, some))
+            write_text(path, csv_text(columns, some))
         else:
-            write_parquet(name, columns, some, paths[-1])
+            write_parquet(name, columns, some, path)
     for stale in files_of(name, folder):
-        if stale not in paths and name != "baseline":
+        if stale not in contents and name != "baseline":
             stale.unlink()
-    return tuple(paths)
+    return tuple(contents)
 
 
 def files_of(name: str, folder: Path) -> tuple[Path, ...]:
@@ -353,10 +354,8 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     times = {key_of(table, row): {n: row[n] for n in names} for row in timed}
     strange = times.keys() - {key_of(table, row) for row in rows}
     if strange or len(times) < len(timed):
-        key = min(strange, default=key_of(table, timed[0]))
-        raise TableError(
-            f"{[*paths][1]}: a row of times has no row of its own in the table beside it: {' '.join(filter(None, key))}"
-        )
+        key = " ".join(filter(None, min(strange, default=key_of(table, timed[0]))))
+        raise TableError(f"{[*paths][1]}: a row of times has no row of its own in the table beside it: {key}")
     return tuple(row | times.get(key_of(table, row), {}) for row in rows)
 
 
