@@ -25,7 +25,7 @@ from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import SpringDamper
 from gauss_bench.report.drawings.drawing import draw, fit
-from gauss_bench.report.drawings.forces import marks
+from gauss_bench.report.drawings.forces import force_parts
 from gauss_bench.report.drawings.history import GAP, apart, plot
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.drawings.shown import film
@@ -96,7 +96,7 @@ def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
     assert trace is not None
     states = trace[::20]
     canvas = fit(mechanism, trace)
-    found = {mark.name: mark for mark in marks(mechanism, states, canvas)}
+    found = {mark.name: mark for mark in force_parts(mechanism, states, canvas)}
     for spring in (x for x in mechanism.forces if isinstance(x, SpringDamper)):
         mark = found[spring.name]
         length = np.hypot(*(mark.reach[0, 1] - mark.reach[0, 0])) * mark.stretch

@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.drawings.canvas import Canvas, Part, page
-from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, free_corner, linkage_parts, names_of, scale_bar, scale_line
+from gauss_bench.report.drawings.drawing import canvas_of, draw_names, draw_paths, free_corner, linkage_parts, place_scale
 from gauss_bench.report.drawings.lettering import LETTER
 from gauss_bench.report.drawings.pose import unwrap_angles
 from gauss_bench.report.palette import INK, MUTED, PAPER
@@ -52,7 +52,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     moving = [*linkage_parts(shown, film.states, None, canvas, letters={p.name: _letter(p) for p in points})]
     still = [*linkage_parts(shown, states[:1], states, canvas)]
     swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
-    length, bar = scale_line(canvas, swept)
+    scale = place_scale(canvas, swept)
     parts = [
         f"<style>{STYLE}</style>",
         *draw_paths(points, states, canvas),
@@ -60,10 +60,10 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
         *map(film.draw, moving),
         '</g><g class="motion-still" display="none">',
         *(part.draw() for part in still),
-        *names_of(shown, states[0], canvas, still, length, bar),
+        *draw_names(shown, states[0], canvas, still, scale),
         "</g>",
-        *scale_bar(length, bar),
-        *pace(slower, canvas, np.vstack([swept, bar[None]])),
+        *scale.draw(),
+        *draw_pace(slower, canvas, np.vstack([swept, scale.ends[None]])),
     ]
     return page(canvas, mechanism.title or mechanism.name, parts)
 
@@ -131,7 +131,7 @@ def _letter(point: Point) -> str:
     return f'<text x="8" y="-8" fill="{INK}" font-style="italic" {HALO}>{name}</text>' if name else ""
 
 
-def pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
+def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
     """Return the caption "slowed x times", in the corner with most room; nothing for a film in real time."""
     if slower < 1.05:
         return []
