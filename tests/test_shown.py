@@ -26,7 +26,7 @@ from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import SpringDamper
 from gauss_bench.report.drawings.drawing import draw, fit
 from gauss_bench.report.drawings.forces import force_parts
-from gauss_bench.report.drawings.history import GAP, apart, plot
+from gauss_bench.report.drawings.history import GAP, move_apart, plot
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.trajectory import Group
@@ -190,9 +190,9 @@ def texts_of(figure: Figure) -> list[tuple[str, Box]]:
 
 
 def test_names_stay_as_near_as_their_distance_allows() -> None:
-    np.testing.assert_allclose(apart(np.array([10.0, 50.0]), GAP, 100.0), [10.0, 50.0])
-    np.testing.assert_allclose(apart(np.array([50.0, 50.0]), 10.0, 100.0), [45.0, 55.0])
-    crowded = apart(np.array([0.0, 0.0, 1.0, 99.0, 100.0]), 10.0, 100.0)
+    np.testing.assert_allclose(move_apart(np.array([10.0, 50.0]), GAP, 100.0), [10.0, 50.0])
+    np.testing.assert_allclose(move_apart(np.array([50.0, 50.0]), 10.0, 100.0), [45.0, 55.0])
+    crowded = move_apart(np.array([0.0, 0.0, 1.0, 99.0, 100.0]), 10.0, 100.0)
     assert np.diff(np.sort(crowded)).min() >= 10.0 - 1e-9
     assert crowded.min() >= 0
     assert crowded.max() <= 100
