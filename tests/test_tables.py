@@ -12,7 +12,7 @@ import pytest
 from gauss_bench import tables
 from gauss_bench.bench.gate import read_baseline
 from gauss_bench.cli import main
-from gauss_bench.report.build import build_report, tables_read
+from gauss_bench.report.build import build_report
 from gauss_bench.tables import FORMAT, KEY, TABLES, Table, TableError
 
 REPORTS = Path(__file__).parents[1] / "reports"
@@ -52,13 +52,12 @@ def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
     assert all(map(same, found[0].values(), tables.read_table(name, tmp_path)[0].values()))
 
 
-def test_every_column_says_what_it_is_and_every_table_that_a_section_reads_is_there() -> None:
+def test_every_column_has_a_meaning() -> None:
     for table in TABLES.values():
         assert table.meaning
         assert len(set(table.names)) == len(table.names)
         assert all(column.meaning for column in table.columns)
         assert 0 <= table.keys <= len(table.columns)
-    assert set(tables_read()) <= set(TABLES)
 
 
 def test_a_column_that_somebody_added_to_a_file_is_left_alone(tmp_path: Path) -> None:

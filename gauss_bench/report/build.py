@@ -1,7 +1,7 @@
 """Build the report of a run: README.md, a summary beside the rows in git, and the site for the browser.
 
-Both take their content from `sections`, in the order of their PLACE. A section's file names the tables that it reads and has a
-function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
+Both take their content from `sections`, in the order of their PLACE. The file of a section has a function `section(run)`, a function
+`findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,7 +9,6 @@ from pathlib import Path
 
 from gauss_bench.report import sections
 from gauss_bench.report.content import Finding
-from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run, sort_key
@@ -17,13 +16,13 @@ from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign, write_text
+from gauss_bench.untrusted import BadInput
 
 HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"  # identify pages of this suite
 
 
-def tables_read() -> tuple[str, ...]:
-    """Return the names of the tables that the sections read, each once."""
-    return tuple(dict.fromkeys(name for module in parts_of(sections) for name in getattr(module, "TABLES", ())))
+class NoRun(BadInput, ValueError):
+    """A folder that holds no run."""
 
 
 def read_run(folder: Path) -> Run:

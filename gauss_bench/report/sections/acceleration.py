@@ -21,7 +21,6 @@ from gauss_bench.report.rows import (
 )
 
 PLACE = 11
-TABLES = ("results",)
 SHRINKS = 2.0  # an error that falls by a smaller factor while the step falls 4-fold is not caused by the step
 ERROR = "acceleration_error_median"  # relative
 

@@ -6,7 +6,6 @@ from gauss_bench.report.content import Finding, Section, blocks_of, count, itemi
 from gauss_bench.report.rows import Row, Run, cost_rows, group_rows, is_unstabilised, number, with_number
 
 PLACE = 20
-TABLES = ("kernel_claim",)
 RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step in a batch"}  # start of columns -> in words
 
 

@@ -7,7 +7,6 @@ from gauss_bench.report.content import Finding, itemise, ratio_text
 from gauss_bench.report.rows import Row, Run, Spread, cost_rows, is_known, is_unstabilised, spread
 
 PLACE = 14
-TABLES = ("results",)
 OWN, RIVAL = "gauss", "lagrange"
 
 

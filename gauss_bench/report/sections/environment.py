@@ -4,7 +4,6 @@ from gauss_bench.report.content import Section, blocks_of
 from gauss_bench.report.rows import Run
 
 PLACE = 110
-TABLES = ()
 FACTS = (
     *("suite", "hours", "date", "commit", "dirty", "python", "platform", "cpu", "cores", "threads", "blas", "baseline_engine"),
     "wall_time",

@@ -7,7 +7,6 @@ from gauss_bench.report.content import Finding, Section, Table, Text, blocks_of,
 from gauss_bench.report.rows import Row, Run, group_rows, has_ended, is_known
 
 PLACE = 80
-TABLES = ("results", "untimed")
 NUMBER = re.compile(r"\d[\d.e+-]*")
 NONE = "None: every case of the run ended and is valid."
 SHARED = "Cases that ended for the same reason share a line; none of them is in a figure or a ranking."

@@ -33,7 +33,6 @@ WORDS = {
     "kernel_kinematics": "kinematics",
 }
 MEASURED = (*WORDS, "kernel_claim", "kernel_bounds", "scaling")
-TABLES = (*WORDS, "kernel_energy", "scaling", "kernel_growth", "kernel_bounds", "kernel_machine")
 NAMES = ("mechanism", "formulation", "stabilization", "settings", "place", "method")  # columns that identify a row
 VALUES = ("ratio", "error", "rate", "velocity_drift")  # columns that may have a target, in order of preference
 IN_LOOP, CALLED = ("in its own loop", "less the call"), ("called from Python", "as called")  # how kernel and Pinocchio are asked

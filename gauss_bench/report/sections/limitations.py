@@ -4,7 +4,6 @@ from gauss_bench.report.content import Bullets, Section, layouts
 from gauss_bench.report.rows import Run
 
 PLACE = 90
-TABLES = ()
 
 
 def section(run: Run) -> Section:

@@ -6,7 +6,6 @@ from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_o
 from gauss_bench.report.rows import Row, Run, is_known, measured_head, number, with_number
 
 PLACE = 50
-TABLES = ("references", "certificates", "published")
 
 
 def section(run: Run) -> Section:

@@ -20,7 +20,6 @@ from gauss_bench.report.rows import Row, Run, group_rows, is_known, number
 from gauss_bench.report.site.charts import over_time, place_names
 
 PLACE = 60
-TABLES = ("reproduction", "paper_motion")
 TITLE, ANCHOR = "The first paper's example, run again", "reproduction"
 DIGITS = 6  # largest number of printed digits
 CAPTION = "The motion that the paper draws in its figures 2 to 9, from the reference: from the printed start with the printed data."

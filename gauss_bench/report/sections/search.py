@@ -28,7 +28,6 @@ from gauss_bench.report.site.settings import multiples
 
 PLACE = 15
 TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)
-TABLES = ("search_winners", "search_space", "search_knobs")
 KINDS = ("position", "end", "angle", "force")  # in the order of the findings
 OK = "ok"
 

@@ -6,7 +6,6 @@ from gauss_bench.report.content import Section, blocks_of
 from gauss_bench.report.rows import Row, Run
 
 PLACE = 100
-TABLES = ()
 
 
 def section(run: Run) -> Section:

@@ -28,7 +28,6 @@ from gauss_bench.report.rows import (
 )
 
 PLACE = 12
-TABLES = ("results", "series")
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
 OWN = "gauss"
 NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # in the judge's words
