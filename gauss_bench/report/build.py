@@ -1,6 +1,6 @@
 """Build the report of a run: README.md, a summary beside the rows in git, and the site for the browser.
 
-Both take their content from `sections`, in the order of their PLACE. The file of a section has a function `section(run)`, a function
+Both take their content from `sections`, in the order of their PLACE. A section is a file with a function `section(run)`, a function
 `findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
