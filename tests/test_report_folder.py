@@ -30,6 +30,11 @@ def test_files_of_others_are_never_taken_away(tmp_path: Path) -> None:
     build_report(tmp_path)
     assert (site / "mine.html").read_text() == "<p>mine</p>", "a folder that was not ours was emptied"
     (site / "engine-gone.html").write_text("")
+    guide = site / "docs" / "index.html"
+    guide.parent.mkdir()
+    guide.write_text("the documentation")
     build_report(tmp_path)
+    assert guide.read_text() == "the documentation"
+    assert "docs/index.html" in (site / "index.html").read_text()
     assert not (site / "engine-gone.html").exists(), "a page of an earlier report stayed"
     assert (tmp_path / "agreement.csv").exists()
