@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -87,7 +87,7 @@ def cells(run: Run) -> Iterator[Said]:
                     yield Said("finding", name, engine, wanted, words)
 
 
-def tables(sections: tuple[Section, ...]) -> Iterator[Table]:
+def tables(sections: Sequence[Section]) -> Iterator[Table]:
     for section in sections:
         yield from (x for x in section.blocks if isinstance(x, Table))
         yield from tables(section.parts)

@@ -6,7 +6,7 @@ fixed, so that two reports differ in a line only if a number differs.
 
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -55,9 +55,9 @@ class Table:
     """
 
     title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    numeric: frozenset[int] = frozenset()
+    head: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    numeric: Collection[int] = ()
     folded: bool = False
     note: str = ""
     kind = "table"
@@ -75,7 +75,7 @@ class Text:
 class Bullets:
     """A list of sentences."""
 
-    items: tuple[str, ...]
+    items: Sequence[str]
     kind = "bullets"
 
 
@@ -104,10 +104,10 @@ class Chart:
     title: str
     description: str
     spec: Mapping[str, Any]
-    rows: tuple[Mapping[str, Any], ...]
+    rows: Sequence[Mapping[str, Any]]
     head: Mapping[str, str]
-    toggles: tuple[str, ...] = ()
-    shown: tuple[str, ...] = ()
+    toggles: Sequence[str] = ()
+    shown: Sequence[str] = ()
     small: bool = False
     kind = "chart"
 
@@ -131,8 +131,8 @@ class Section:
 
     title: str
     anchor: str
-    blocks: tuple[Block, ...] = ()
-    parts: tuple["Section", ...] = ()
+    blocks: Sequence[Block] = ()
+    parts: Sequence["Section"] = ()
 
 
 def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -292,9 +292,9 @@ def layouts() -> dict[str, Any]:
 
 def make_table(title: str, columns: Sequence[Sequence[str]], rows: Iterable[Row], folded: bool = False, note: str = "") -> Table:
     """Return a table from columns as `layouts.toml` has them: (head, kind of its cells, key, optional key of the error bar)."""
-    lines = tuple(tuple(make_cell(row, *column[1:]) for column in columns) for row in rows)
-    numeric = frozenset(i for i, column in enumerate(columns) if column[1] not in ASIDE)
-    return Table(title, tuple(column[0] for column in columns), lines, numeric, folded, note)
+    lines = [[make_cell(row, *column[1:]) for column in columns] for row in rows]
+    numeric = [i for i, (_, kind, *_) in enumerate(columns) if kind not in ASIDE]
+    return Table(title, [column[0] for column in columns], lines, numeric, folded, note)
 
 
 def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", **more: Any) -> Table:

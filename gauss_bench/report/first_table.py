@@ -76,11 +76,11 @@ def first_table(run: Run, position: float = FIRST) -> Table | None:
                 cells.append(Cell(ratio_text(multiple), multiple))
         cells.append(Cell(f"{sum(loop in x for x in leaders.values())} of {len(leaders)}"))
         cells.append(Cell(range_text(ranges[loop]) if ranges[loop] else NOTHING))
-        lines.append(tuple(cells))
+        lines.append(cells)
     figures = (f"{x}: {y}" for x in shown for y in ("error [m]", "time", "multiple"))
     head = ("engine", *figures, "holds on", "multiples")
     title = f"Within {limit_text(position)} m of position {search_span(run)}"
-    return Table(title, head, tuple(lines), frozenset(range(1, len(head))))
+    return Table(title, head, lines, range(1, len(head)))
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:

@@ -60,11 +60,11 @@ SEARCHED = (
 )
 
 
-def summary(run: Run, findings: Iterable[Finding]) -> tuple[Section, ...]:
+def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
     """Return the sections of the page."""
     ordered = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
-    lost = tuple(shorten(f) for f in ordered if f.tone in ("bad", "warn"))
-    won = tuple(shorten(f) for f in ordered if f.tone not in ("bad", "warn"))
+    lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
+    won = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
     table, cheapest = first_table(run), multiple_tables(run)
     sections = [Section("What this is", "about", describe_run(run))]
     if table:
@@ -76,12 +76,12 @@ def summary(run: Run, findings: Iterable[Finding]) -> tuple[Section, ...]:
     if cheapest:
         sections.append(Section("The cheapest way of each engine", "cheapest", (Text(SEARCHED), *cheapest)))
     if run.linkages:
-        linkages = tuple(summarise_linkage(run, name) for name in run.linkages)
+        linkages = [summarise_linkage(run, name) for name in run.linkages]
         sections.append(Section("Accuracy", "accuracy", (Text(ACCURACY),), linkages))
-    return tuple(sections)
+    return sections
 
 
-def describe_run(run: Run) -> tuple[Block, ...]:
+def describe_run(run: Run) -> list[Block]:
     """Return the paragraphs on who wrote the report, what was run, and where the rows are."""
     ended = sum(has_ended(row) for row in run.results)
     cases = f"{count(len(run.results), 'case')} on {itemise(f'`{x}`' for x in run.linkages)}; {ended} ended with a motion."
@@ -90,7 +90,7 @@ def describe_run(run: Run) -> tuple[Block, ...]:
         f"`tables.json`, where and when in `environment.json`. The site, `{SITE}/index.html`, is built from them by "
         "`gauss-bench report` and is not kept in git."
     )
-    return (Text(AUTHORS), *([Text(cases)] if run.results else []), Text(where))
+    return [Text(AUTHORS), *([Text(cases)] if run.results else []), Text(where)]
 
 
 def shorten(finding: Finding) -> str:
@@ -141,7 +141,7 @@ def multiple_tables(run: Run) -> list[Table]:
             cells = [multiple_cell(run, races.get((name, engine)), over.get((name, engine))) for name in names]
             lines.append((text_cell(mark_own(run, engine)), *cells))
         title = f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {search_span(run)}"
-        tables.append(Table(title, ("engine", *names), tuple(lines), frozenset(range(1, 1 + len(names)))))
+        tables.append(Table(title, ("engine", *names), lines, range(1, 1 + len(names))))
     return tables
 
 

@@ -13,7 +13,7 @@ def section(run: Run) -> Section:
     """Return the table of races, the linkages with the fewest unknowns first."""
     unknowns = ("unknowns_gauss", "unknowns_lagrange")
     rows = sorted(run.table("kernel_claim"), key=lambda r: (*(number(r, x) for x in unknowns), r["mechanism"]))
-    return Section("Is the paper right?", "claim", tuple(blocks_of("kernel_claim", rows)))
+    return Section("Is the paper right?", "claim", blocks_of("kernel_claim", rows))
 
 
 def findings(run: Run) -> Iterator[Finding]:

@@ -15,7 +15,7 @@ def section(run: Run) -> Section:
     facts = {name.replace("_", " "): _print_fact(name, run.environment.get(name)) for name in FACTS}
     facts |= dict(sorted(run.environment.get("versions", {}).items()))
     rows = [{"what": name, "value": value} for name, value in facts.items() if value is not None]
-    return Section("Environment", "environment", tuple(blocks_of("environment", rows)))
+    return Section("Environment", "environment", blocks_of("environment", rows))
 
 
 def _print_fact(name: str, value: object) -> object:

@@ -49,7 +49,7 @@ def section(run: Run) -> Section | None:
     }
     parts = [table_section(name, run.table(name), shown.get(name)) for name in WORDS]
     parts[-1:-1] = [size_section(run)]
-    filled = tuple(x for x in (*parts, limit_section(run)) if x is not None)
+    filled = [x for x in (*parts, limit_section(run)) if x is not None]
     return Section("The native kernel", "kernel", (), filled) if filled else None
 
 
@@ -66,7 +66,7 @@ def table_section(name: str, rows: Sequence[Row], shown: Sequence[Row] | None = 
     blocks = blocks_of(name, rows if shown is None else shown)
     if shown is not None and len(shown) < len(rows):
         blocks.append(lay_out(name, rows, f"{title}: all of it", folded=True))
-    return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
+    return Section(title, f"kernel-{title.lower().replace(' ', '-')}", blocks)
 
 
 def size_section(run: Run) -> Section | None:
@@ -88,11 +88,11 @@ def size_charts(rows: Sequence[Row]) -> list[Chart]:
             shown.append({"engine": r["engine"], "line": name, "name": name, "x": number(r, "size"), "y": r["seconds"]})
     if not shown:
         return []
-    engines = tuple(dict.fromkeys(r["engine"] for r in shown))
+    engines = list(dict.fromkeys(r["engine"] for r in shown))
     head = {"name": "engine, and how it is asked", "x": "windows", "y": "time [s]"}
     words = "One right-hand side of a chain of windows; lines of one colour are one engine, asked in several ways."
     spec = points(shown, "windows of the chain", "one right-hand side [s]", 380)
-    return [Chart("kernel-size-figure", "Time against size", words, spec, tuple(shown), head, engines, engines)]
+    return [Chart("kernel-size-figure", "Time against size", words, spec, shown, head, engines, engines)]
 
 
 def limit_section(run: Run) -> Section | None:

@@ -24,7 +24,7 @@ def section(run: Run) -> Section:
         blocks += blocks_of("audit", [mark_contradiction(row) for row in off], paper=paper)
         blocks += blocks_of("audit_right", fine, paper=paper)
     blocks += blocks_of("audit_numbers", [row for row in audit if row["example"]])
-    return Section("The papers, audited", "papers", tuple(blocks))
+    return Section("The papers, audited", "papers", blocks)
 
 
 def summarise(rows: Sequence[Row]) -> str:

@@ -12,7 +12,7 @@ def section(run: Run) -> Section:
     """Return the tables of references, certificates, closed forms and published values."""
     certificates = run.table("certificates")
     exact = with_number(certificates, "taylor_off_closed_form")
-    early = tuple(_name_end(row) for row in certificates if row["status"] != "ok" or row["complete"] is False)
+    early = [_name_end(row) for row in certificates if row["status"] != "ok" or row["complete"] is False]
     blocks = (
         *blocks_of("references", [{**row, "what": measured_head([row])} for row in run.table("references")]),
         *blocks_of("certificates", [row for row in certificates if row not in exact]),

@@ -47,7 +47,7 @@ def section(run: Run) -> Section:
     blocks += blocks_of("reproduction_claims", groups.get("claims", ()))
     blocks += blocks_of("reproduction_left_out", groups.get("left out", ()))
     blocks += blocks_of("reproduction", quantities)
-    return Section(TITLE, ANCHOR, tuple(blocks))
+    return Section(TITLE, ANCHOR, blocks)
 
 
 def describe_example(rows: Mapping[str, Row]) -> list[Block]:
@@ -59,7 +59,7 @@ def describe_example(rows: Mapping[str, Row]) -> list[Block]:
     verdict = f"The paper says that {values['stops']}: with the data of this run it does."
     if rows["stops"]["verdict"] == "refuted":
         verdict = layouts()["reproduction"]["verdict"].format(**values)
-    return [Text(verdict), Bullets(tuple(x.format(**values) for x in layouts()["reproduction"]["holding"]))]
+    return [Text(verdict), Bullets([x.format(**values) for x in layouts()["reproduction"]["holding"]])]
 
 
 def print_value(row: Row) -> str:

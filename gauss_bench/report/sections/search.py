@@ -48,7 +48,7 @@ def section(run: Run) -> Section | None:
     space = run.table("search_space")
     blocks += blocks_of("search_space", space, variants=count(len(space), "variant"))
     blocks += blocks_of("search_knobs", run.table("search_knobs"))
-    return Section("The searched best of every engine", "search", tuple(blocks))
+    return Section("The searched best of every engine", "search", blocks)
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:

@@ -10,7 +10,7 @@ PLACE = 100
 
 def section(run: Run) -> Section:
     """Return the table of all options that an adapter sets."""
-    return Section("Settings", "settings", tuple(blocks_of("settings", list(list_options(run)))))
+    return Section("Settings", "settings", blocks_of("settings", list(list_options(run))))
 
 
 def list_options(run: Run) -> Iterator[Row]:

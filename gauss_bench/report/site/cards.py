@@ -39,7 +39,7 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
     if rows:
         head = {"name": words["rows"], "y": words["column"]} | ({"low": "least", "high": "largest"} if "low" in rows[0] else {})
         spec = bars(rows, words["axis"], **look)
-        chart = Chart(f"card-{name}", words["title"], words["description"], spec, tuple(rows), head, small=True)
+        chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
     return Card(words["question"], sentence, number, unit or words["unit"], chart, words["page"], words["more"])
 
 

@@ -31,7 +31,7 @@ def chart_data(section: Section) -> dict[str, Any]:
 
 def chapter(name: str, title: str, lead: str, contents: Sequence[Section], **parts: Any) -> Page:
     """Return a page of sections, which is a group of its own in the table of contents."""
-    charts = chart_data(Section(title, name, (), tuple(contents)))
+    charts = chart_data(Section(title, name, (), contents))
     return plain_page(name, title, lead, title, charts, sections=contents, **parts)
 
 

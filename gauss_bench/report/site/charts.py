@@ -55,11 +55,11 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
 
 def place_names(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
-) -> tuple[dict[str, Any], ...]:
+) -> list[dict[str, Any]]:
     """Return the rows of all lines; the last row of a line gets a height `label_y` for its name, so that names do not overlap."""
     values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]
     if not values:
-        return ()
+        return []
     height = (lambda v: math.log10(max(v, FLOOR))) if logarithmic else (lambda v: v)
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
     places = sorted((height(float(line[-1]["y"])), i) for i, line in enumerate(lines[:most]))
@@ -72,7 +72,7 @@ def place_names(
     for i, line in enumerate(lines):
         rows += [dict(r) for r in line]
         rows[-1] |= {"end": True, "label_y": 10 ** at[i] if logarithmic else at[i]}
-    return tuple(rows)
+    return rows
 
 
 def bars(

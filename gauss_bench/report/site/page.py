@@ -85,7 +85,7 @@ def column_classes(content: Table) -> list[Markup]:
 
 def label_class(content: Table) -> str:
     """Return the CSS class of tables with this head; on phones, it labels the cells, which stand below each other."""
-    return f"h{zlib.crc32(repr(content.head).encode()):x}"
+    return f"h{zlib.crc32(repr(tuple(content.head)).encode()):x}"
 
 
 def label(head: str) -> Markup:
