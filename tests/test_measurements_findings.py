@@ -106,7 +106,7 @@ def test_a_published_value_is_off_beyond_ten_times_the_certificates_bar(differen
     text = texts("Published values", published=(published(difference), published(0.0)))
     assert ("1 are off" in text) is off
     worse = published(1e-6, quantity="gamma", true_digits=4)
-    assert "gamma is printed with 16 digits, of which 4 are true" in texts("Published values", published=(published(1e-9), worse))
+    assert "gamma, is printed with 16 digits, of which 4 are true" in texts("Published values", published=(published(1e-9), worse))
 
 
 def ratio(value: float, low: float = np.nan, high: float = np.nan) -> Row:

@@ -58,9 +58,9 @@ def test_where_an_engine_wins_stands_first() -> None:
 def test_where_we_do_not_reach_it_stands_first_with_who_does() -> None:
     lost = winner("jansen", "gauss-native", None)
     (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", None)))
-    assert finding.text.startswith("**Our own ways do not reach it on jansen**. ")
+    assert finding.text.startswith("**Our own engines do not reach it on jansen**. ")
     (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}))
-    assert finding.text.startswith("**Our own ways do not reach it on jansen**, `pinocchio` does. ")
+    assert finding.text.startswith("**Our own engines do not reach it on jansen**, `pinocchio` does. ")
     assert finding.tone == "warn"
     (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "lagrange-native", 1.0, own=True)))
     assert "Our own" not in finding.text

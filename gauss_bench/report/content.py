@@ -16,10 +16,10 @@ from gauss_bench.report.rows import Row, chose_steps, group_rows, has_ended, is_
 
 NOTHING = "-"
 AUTHORS = (
-    "This report compares ways to compute the motion of closed-loop planar linkages: formulations of the suite's own, and other "
-    "engines through adapters, all from the same file and the same start. **The authors of the suite also wrote the `gauss` "
-    "formulation it compares**; it passes through the same gate, the same clock and the same tables as every other row, and the "
-    "rows where it loses are printed like those where it wins."
+    "This report compares ways to compute the motion of closed-loop planar linkages: the suite's own formulations, and other "
+    "engines through adapters. All read the same file and start from the same state. **The authors of the suite also wrote the "
+    "`gauss` formulation.** It passes through the same gate, clock and tables as every other engine, and rows in which it loses "
+    "are printed like those in which it wins."
 )
 TONES = {
     **dict.fromkeys(("holds", "pass", "ok"), "good"),

@@ -18,8 +18,9 @@ FIRST = 1e-6  # [m]
 SHOWN = ("four_bar", "six_bar")  # in full: one loop, and two
 BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the first table -->"
 EXPLAINED = (
-    "For each engine its cheapest setting that holds this: error, processor time, and how many times the time of the fastest of "
-    "all on that linkage, whoever made it. Engines marked (own) are written by the authors of this suite."
+    "For each engine the table has the cheapest setting that holds this accuracy, with its error and processor time. The multiple "
+    "is this time divided by that of the fastest engine on the linkage. Engines marked (own) are written by the authors of this "
+    "suite."
 )
 
 

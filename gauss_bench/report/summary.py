@@ -49,14 +49,14 @@ from gauss_bench.report.site.write import SITE
 LOST = "**"  # findings print defeats in bold
 SHORT, LONGEST = 40, 800  # characters of a finding
 ACCURACY = (
-    "For each engine and setting: the error of its accelerations at the same states, how many of its cases may be used, and of "
-    "those the one with the least error at the end of the run, with its drift and its error of energy. All cases stand in "
-    "`results.csv`."
+    "For each engine and setting the table has the error of its accelerations at the same states, and the number of usable cases. "
+    "Of those it has the case with the least error at the end of the run, with drift and error of energy. `results.csv` has all "
+    "cases."
 )
 SEARCHED = (
-    "Time of the cheapest variant and step that were found exact enough, over that of the fastest of all on the linkage, whoever "
-    "made it; engines marked (own) are written by the authors of this suite. "
-    "Spreads, steps and settings stand in `times/search_winners.csv`."
+    "A multiple is the time of the engine's cheapest setting that is exact enough, divided by that of the fastest engine on the "
+    "linkage. Engines marked (own) are written by the authors of this suite. `times/search_winners.csv` has spreads, steps and "
+    "settings."
 )
 
 
@@ -74,7 +74,7 @@ def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
     if won:
         sections.append(Section("What else was found", "found", (Bullets(won),)))
     if cheapest:
-        sections.append(Section("The cheapest way of each engine", "cheapest", (Text(SEARCHED), *cheapest)))
+        sections.append(Section("The cheapest setting of each engine", "cheapest", (Text(SEARCHED), *cheapest)))
     if run.linkages:
         linkages = [summarise_linkage(run, name) for name in run.linkages]
         sections.append(Section("Accuracy", "accuracy", (Text(ACCURACY),), linkages))
@@ -86,9 +86,9 @@ def describe_run(run: Run) -> list[Block]:
     ended = sum(has_ended(row) for row in run.results)
     cases = f"{count(len(run.results), 'case')} on {itemise(f'`{x}`' for x in run.linkages)}; {ended} ended with a motion."
     where = (
-        f"Beside this page lie the rows: a table a file, what a clock decides in `times`, columns with units and meanings in "
-        f"`tables.json`, where and when in `environment.json`. The site, `{SITE}/index.html`, is built from them by "
-        "`gauss-bench report` and is not kept in git."
+        "The rows are beside this page, each table in its own file. `times` has the measured times, `tables.json` the unit and "
+        "meaning of each column, and `environment.json` date and machine. `gauss-bench report` builds the site, "
+        f"`{SITE}/index.html`, from the rows; it is not kept in git."
     )
     return [Text(AUTHORS), *([Text(cases)] if run.results else []), Text(where)]
 

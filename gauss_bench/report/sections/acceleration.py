@@ -42,8 +42,8 @@ def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
         exact = itemise(f"{name} ({error_text(x)})" for x, name in same)
         yield Finding(
             "Same state, same acceleration",
-            f"Given the same states, {exact} return the reference's acceleration; in brackets the largest median relative error of "
-            f"{count(len({r['mechanism'] for r in rows}), 'linkage')}.",
+            f"Given the same states, {exact} return the reference's acceleration. Brackets have the largest median relative error "
+            f"on {count(len({r['mechanism'] for r in rows}), 'linkage')}.",
             "good",
         )
 

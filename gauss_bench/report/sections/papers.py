@@ -6,7 +6,12 @@ from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blo
 from gauss_bench.report.rows import Row, Run, group_rows
 
 PLACE = 70
-VERDICTS = {"ok": "right as printed", "misprint": "misprinted", "not given": "left out", "unreadable": "unreadable in our text"}
+VERDICTS = {
+    "ok": "right as printed",
+    "misprint": "misprinted",
+    "not given": "left out",
+    "unreadable": "unreadable in the extracted text",
+}
 
 
 def section(run: Run) -> Section:

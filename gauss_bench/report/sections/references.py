@@ -36,8 +36,8 @@ def findings(run: Run) -> Iterator[Finding]:
     if off:
         worst = min(off, key=lambda row: number(row, "true_digits"))
         text = (
-            f"The IVP test set prints {count(len(rows), 'value')} for Andrews' squeezing mechanism, copied ever since; {len(off)} "
-            f"are off by more than ten times what the certified motion leaves open: {worst['quantity']} is printed with "
+            f"The IVP test set prints {count(len(rows), 'value')} for Andrews' squeezing mechanism; {len(off)} are off by more "
+            f"than ten times the error bar of the certified motion. The worst, {worst['quantity']}, is printed with "
             f"{worst['printed_digits']:g} digits, of which {worst['true_digits']:g} are true."
         )
         yield Finding("Published values", text, "warn")

@@ -38,8 +38,8 @@ def section(run: Run) -> Section | None:
     if not rows:
         return None
     scope = (
-        f"Each variant had {describe_effort(rows)}; what was **not reached** was not within these, by these variants, "
-        "with these adapters."
+        f"Each variant had {describe_effort(rows)}; a requirement that was **not reached** was not "
+        "reached within these limits, by these variants and adapters."
     )
     blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope)]
     for kind, group in group_rows(rows, "required").items():
@@ -152,7 +152,7 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
         if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
             continue
         others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
-        yield f"**Our own ways do not reach it on {place}**{f', {others} does' if others else ''}. "
+        yield f"**Our own engines do not reach it on {place}**{f', {others} does' if others else ''}. "
 
 
 def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:

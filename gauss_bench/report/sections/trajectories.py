@@ -157,6 +157,6 @@ def find_drift(run: Run) -> Iterator[Finding]:
         worst = name_tied(free, row, lambda r: r["position_drift"])
         yield Finding(
             "Where drift is worst",
-            f"Of the valid rows without stabilisation, constraints are left farthest by {worst} on {row['mechanism']} "
-            f"{row['scenario']}: {position} in position and {velocity} in velocity.",
+            f"Among valid rows without stabilisation, {worst} has the largest drift, on {row['mechanism']} {row['scenario']}: "
+            f"{position} in position and {velocity} in velocity.",
         )

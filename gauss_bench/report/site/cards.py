@@ -88,7 +88,7 @@ def claim_card(run: Run) -> Card | None:
     middle = ratio_text(median(r["ratio"] for r in rows))
     sentence = (
         f"Compiled by the same generator, a step by Gauss (n - m unknowns) is faster than one by Lagrange multipliers (n + m) on "
-        f"{verdicts['holds']} of {count(len(rows), 'linkage')}, slower on {verdicts['reversed']}, and not to be told apart on "
+        f"{verdicts['holds']} of {count(len(rows), 'linkage')}, slower on {verdicts['reversed']}, and neither on "
         f"{verdicts['open']}; the middle ratio of times is {middle}."
     )
     columns = {"name": "mechanism", "y": "ratio", "low": "ratio_low", "high": "ratio_high"}
@@ -105,7 +105,7 @@ def paper_card(run: Run) -> Card | None:
     sentence = (
         f"Of {count(len(rows), 'statement')} of {count(len({r['paper'] for r in rows}), 'paper')} that can be "
         f"computed, {verdicts['ok']} are right as printed "
-        f"and {verdicts['wrong']} wrong as statements; the others are slips, left out, loose or unreadable in our text."
+        f"and {verdicts['wrong']} wrong as statements; the others are slips, left out, loose, or unreadable in the extracted text."
     )
     shown = [{"name": "right as printed" if kind == "ok" else kind, "y": n} for kind, n in verdicts.most_common()]
     return make_card("paper", sentence, f"{verdicts['ok']} of {len(rows)}", shown)

@@ -39,20 +39,20 @@ def papers_page(run: Run) -> Page | None:
     """Return the page on the papers: their claim, their audited lines and the first one's example; None without data."""
     if not run.table("audit") and not run.table("kernel_claim"):
         return None
-    lead = "What three papers say of few unknowns against many, line by line: as printed, and as it should read."
+    lead = "Three papers claim that fewer unknowns are faster. Each of their lines is computed as printed, and as it should read."
     return chapter("papers", "Papers", lead, make_sections(run, PAPERS))
 
 
 def kernel_page(run: Run) -> Page | None:
     """Return the page on speed and accuracy of the compiled formulations; None if the run measured none."""
     content = kernel.section(run)
-    lead = "The compiled formulations: what a step costs, how exact it is, and how near it comes to what the processor allows."
+    lead = "The compiled formulations: the cost of a step, its accuracy, and its distance from the limit of the processor."
     return chapter("kernel", "Kernel", lead, content.parts) if content else None
 
 
 def method_page(run: Run) -> Page:
     """Return the page on the method: limitations first, then every section without a page of its own."""
-    lead = "What the figures cannot tell, how they were taken, and who took them."
+    lead = "The limits of the figures, and how they were measured."
     others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, limitations)]
     return chapter("method", "Method", lead, make_sections(run, [limitations, *others]), paragraphs=(AUTHORS,))
 
@@ -60,5 +60,5 @@ def method_page(run: Run) -> Page:
 def findings_page(findings: Sequence[Finding]) -> Page:
     """Return the page with all findings, the worst first."""
     ordered = sorted(findings, key=lambda x: TONES.index(x.tone))
-    lead = "Every sentence is computed from stored rows; where we lose comes first."
+    lead = "Every sentence is computed from stored rows; defeats come first."
     return plain_page("findings", "Findings", lead, "Findings", findings=ordered)

@@ -44,7 +44,11 @@ def engine_page(run: Run, name: str) -> Page:
         knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
     )
     wrong = "A negative control, wrong on purpose: it must never pass."
-    lead = wrong if any(r["control"] for r in rows) else f"{version or name}: as shipped, as set here, and the best that was found."
+    lead = (
+        wrong
+        if any(r["control"] for r in rows)
+        else f"{version or name}: as shipped, as set here, and with the best settings found."
+    )
     return Page(f"engine-{file_name(name)}", name, lead, body)
 
 
@@ -95,11 +99,12 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
     # geometric means, unlike medians, keep the identity time = steps * time per step
     time, steps, each = (geometric_mean(x[k] for x in lines) for k in ("time", "steps", "each"))
     sentence = (
-        f"To hold {limit_text(FIRST)} m, on {count(len(lines), 'linkage')} it takes, as geometric means, {ratio_text(time)} times "
-        f"as long as the fastest engine there: {ratio_text(steps)} times as many steps, each of {ratio_text(each)} times the time."
+        f"To hold {limit_text(FIRST)} m on {count(len(lines), 'linkage')} it takes {ratio_text(time)} times as long as the fastest "
+        f"engine there: {ratio_text(steps)} times as many steps, and {ratio_text(each)} times the time of a step (geometric means)."
     )
-    cause = "The number of its steps" if steps > each else "What one of its steps costs"
-    return sentence + (f" {cause} decides." if time > 1.05 else " It is the fastest."), lay_out("engine_why", lines)
+    cause = "number of steps" if steps > each else "time of a step"
+    reason = f"Most of this comes from the {cause}." if time > 1.05 else "It is the fastest."
+    return f"{sentence} {reason}", lay_out("engine_why", lines)
 
 
 def list_races(run: Run, name: str) -> Table:
@@ -113,8 +118,8 @@ def list_races(run: Run, name: str) -> Table:
             what = f"{ERRORS.get(r['required'], r['required'])} within {limit_text(r['accuracy'])} {r['unit']}"
             lines.append({**r, "what": what, "words": describe_setting(run, r), "multiple": r["seconds"] / least})
     inside = itemise(dict.fromkeys(r["in_python"] for r in lines if r.get("in_python")))
-    python = f" In Python inside these times, and the suite's own: {inside}." if inside else ""
-    note = f"Multiple: its time over that of the fastest of all at the same accuracy, whoever made it.{python}"
+    python = f" These times contain Python code of the suite: {inside}." if inside else ""
+    note = f"The multiple is the engine's time divided by that of the fastest engine at the same accuracy.{python}"
     return lay_out("engine_races", lines, note=note)
 
 
@@ -145,7 +150,7 @@ def list_failures(run: Run, name: str) -> list[str]:
     skips = (r for r in (*run.results, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
     skipped = sorted({r["message"] for r in skips} - {""})
     sentences += [f"Not modelled: {x}." for x in skipped[:4]]
-    sentences = sentences or ["Nothing of this run did."]
+    sentences = sentences or ["No case of this run failed."]
     if not any(r["engine"] == name for r in run.table("atlas")):
         sentences.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
     return sentences
@@ -171,5 +176,5 @@ def engines_page(run: Run) -> Page:
         valid = sum(bool(r["valid"]) for r in rows)
         words = f"{valid} of {count(len(rows), 'case')} valid" if rows else "searched alone"
         lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
-    lead = "Each as shipped, as set here, and at the best that was found."
+    lead = "Each engine as shipped, as set here, and with the best settings found."
     return plain_page("engines", "Engines", lead, "Engines", engines=lines)

@@ -23,8 +23,8 @@ from gauss_bench.report.site.settings import (
 )
 
 LEAD = (
-    "Which engine, with which settings, simulates a closed-loop linkage well enough, and at what cost. Every answer below was "
-    "measured against a motion known to far more digits."
+    "This page finds the engine and the settings that simulate a closed-loop linkage accurately enough at the least cost. Errors "
+    "are measured against a motion that is known to far more digits."
 )
 Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]
 

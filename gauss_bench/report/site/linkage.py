@@ -36,7 +36,7 @@ STEP = 1e-3  # [s] of the runs whose drift is drawn
 HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
 BETTER = 0.98  # a costlier setting is on the front if its error is below this share of the last one's
-TITLES = {"accuracy": "What accuracy costs", "drift": "Do its loops stay shut?", "energy": "Energy", "forces": "Joint forces"}
+TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
 Item = TypeVar("Item")
 
@@ -81,7 +81,7 @@ def rows_page(run: Run, name: str) -> Page | None:
         return None
     tables = [all_cases(name, scenario, rows) for scenario, rows in scenarios.items()]
     back = f"linkage-{file_name(name)}.html", f"Back to {name}"
-    title, lead = f"{name.replace('_', ' ')}: all cases", "Every case that was run, as it ended."
+    title, lead = f"{name.replace('_', ' ')}: all cases", "All cases that were run, with their status."
     return plain_page(rows_name(name), title, lead, back=back, tables=tables)
 
 
@@ -143,8 +143,8 @@ def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
     longest = max(x.until for x in settings)
     spec = points(rows, f"processor time of {longest:g} s of motion [s]", "largest position error [mm]")
     words = (
-        f"Largest error of any link's centre of mass over {longest:g} s, against the time of that run; of each engine the settings "
-        "that none of its others beats in both, projection and other stabilisation included."
+        f"Largest error of any link's centre of mass over {longest:g} s, against the time of the run. The figure has the settings "
+        "of each engine that no other of its settings beats in both, with and without stabilisation."
     )
     head = {"name": "setting", "x": "time [s]", "y": "error [mm]"}
     return Chart("accuracy", "Error against cost", words, spec, rows, head, *toggles_of(rows))
@@ -180,8 +180,8 @@ def force_chart(run: Run, name: str) -> Chart | None:
     if not rows:
         return None
     words = (
-        "Of each engine the variants that no other of it beats with as few steps; forces are those that its motion needs, computed "
-        "by one code for all."
+        "Largest error of a joint force, against the number of steps. The figure has the variants of each engine that no other of "
+        "its variants beats in both. Joint forces follow from the motion, by the same code for all engines."
     )
     head = {"name": "variant", "x": "steps", "y": "error [N]"}
     spec = points(rows, "steps of the run", "largest error of a joint force [N]")
@@ -226,17 +226,17 @@ def history_chart(run: Run, name: str, column: str, kind: str, title: str, words
     shown = [x["engine"] for x in first[:MOST_LINES]]
     cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in first)
     head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
-    words = f"{words} Cases at a step of {STEP:g} s where there are: {cases}."
+    words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
     return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles, shown)
 
 
 def drift_chart(run: Run, name: str) -> Chart | None:
     """Return the chart of the constraints' residuals over time."""
-    words = "Largest residual of the constraints over time, nothing added to hold the loops where an engine can do without."
+    words = "Largest residual of the constraints over time, without stabilisation in engines that allow this."
     return history_chart(run, name, "position_drift", "drift", "Drift of the loops", words, "residual [m, rad]")
 
 
 def energy_chart(run: Run, name: str) -> Chart | None:
     """Return the chart of the error of the energy balance over time."""
-    words = "Energy, work and losses against what they should sum to."
+    words = "Energy gained beyond the work done, over time."
     return history_chart(run, name, "energy_error", "energy", "Error of the energy balance", words, "energy error [J]")

@@ -17,7 +17,7 @@ INDEX = "search/search_index.json"  # of the documentation, which mkdocs writes
 def search_page(pages: Sequence[Page], guide: Path) -> Page:
     """Return the page; `guide` is the folder of the documentation, which need not be there."""
     found = list(dict.fromkeys((*page_headings(pages), *guide_headings(guide))))
-    lead = "Every page and heading of this site and its documentation; what you type narrows the list."
+    lead = "All pages and headings of this site and its documentation; type words to narrow the list."
     return replace(plain_page("search", "Search", lead, "Search", found=found), scripts=("search.js",))
 
 

@@ -48,14 +48,11 @@ def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:
             columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
             words = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}."
             described.append({"name": name, "said": words, "files": links, "columns": lay_out("columns", columns, name=name)})
-    lead = "Every table this site was built from, with what each column means."
+    lead = "All tables of this site, with the meaning of each column."
     return plain_page("data", "Data", lead, "Data", described=described)
 
 
-CITED = (
-    "A number from this site belongs with the commit, the date and the processor it was measured on: costs hold for that machine "
-    "alone."
-)
+CITED = "Quote a number of this site with its commit, date and processor, because costs hold for that machine alone."
 
 
 def cite_page(run: Run) -> Page:
@@ -64,5 +61,5 @@ def cite_page(run: Run) -> Page:
     version = known.get("versions", {}).get("gauss-bench", "")
     facts = {"version": version, "date": known.get("date", ""), "commit": str(known.get("commit", ""))[:12]}
     entry = ENVIRONMENT.get_template("citation.txt").render(facts, dirty=known.get("dirty"), cpu=known.get("cpu", ""))
-    lead = "How to name these results, so that another can find the same rows."
+    lead = "How to cite these results, so that a reader can find the same rows."
     return plain_page("cite", "Cite", lead, "Cite", paragraphs=(CITED,), entry=entry)
