@@ -78,16 +78,13 @@ def losses() -> list[str]:
     won = [sum(r[f"{what}verdict"] == "holds" for r in some) for some, what in ((few, ""), (many, ""), (many, "projected_"))]
     soft = [r for r in read_table("results", ROWS) if (r["engine"], r["settings"]) == ("mujoco", "default")]
     return [
-        f"`minimal`, one explicit equation for one degree of freedom, is faster than both compiled formulations on all "
-        f"{len(minimal)} linkages that it runs on, and `by_hand`, equations derived by hand in C, on {sum(x < 1 for x in by_hand)} "
-        f"of {len(by_hand)};",
-        f"a step by the first paper's own formula, `gauss_pinv`, takes {between(formula)} times as long as one of `lagrange`, both "
-        "in numpy;",
-        f"a step of `gauss` in numpy takes {between(list(steps.values()))} times as long as one of `lagrange`;",
-        f"n - m unknowns against n + m, compiled alike, are faster beyond their spread on {won[0]} of {len(few)} linkages with "
-        f"one free coordinate, on {won[1]} of {len(many)} with more, and with projection on {won[2]} of those.",
-        f"Of MuJoCo's cases with its loops as shipped that are stored with the suite `full`, "
-        f"{sum(bool(r['valid']) for r in soft)} of {len(soft)} may be used.",
+        f"is faster than both compiled formulations on all {len(minimal)} linkages that it runs on. `by_hand`, equations derived by "
+        f"hand in C, is faster on {sum(x < 1 for x in by_hand)} of {len(by_hand)}.",
+        f"`gauss_pinv`, takes {between(formula)} times as long as one of `lagrange`, both in numpy.",
+        f"A step of `gauss` in numpy takes {between(list(steps.values()))} times as long as one of `lagrange`.",
+        f"n - m unknowns are faster than n + m beyond the spread on {won[0]} of {len(few)} linkages with one free coordinate, on "
+        f"{won[1]} of {len(many)} with more, and with projection on {won[2]} of those.",
+        f"MuJoCo has {sum(bool(r['valid']) for r in soft)} usable cases of {len(soft)} in the suite `full`.",
     ]
 
 
