@@ -82,6 +82,7 @@ class Table:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """The names of its columns."""
         return tuple(c.name for c in self.columns)
 
     @property

@@ -12,7 +12,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.site.motion import in_pixels, turn_frames
+from gauss_bench.report.site.motion import find_turn, in_pixels
 from gauss_bench.report.site.playback import play_pair
 from gauss_bench.tables import KEY, read_table, write_schema, write_table
 from gauss_bench.terms import Array
@@ -20,9 +20,9 @@ from gauss_bench.trajectory import Reference, Trajectory
 
 LATE, OPEN = 0.01, 2e-3  # [rad], [m]
 CASE = {"mechanism": "four_bar", "scenario": "torque", "settings": "default", "stabilization": "none", "step": 1e-3, "t_end": 0.5}
-TURN = turn_frames(Run(), "four_bar")
+TURN = find_turn(Run(), "four_bar")
 assert TURN is not None
-MECHANISM, STATES = TURN
+MECHANISM, STATES = TURN.mechanism, TURN.states
 HALF = len(STATES) // 2  # states of half a turn
 LINK = 1  # the coupler, which is pulled off in the run that opens
 

@@ -78,8 +78,8 @@ def losses() -> list[str]:
     won = [sum(r[f"{what}verdict"] == "holds" for r in some) for some, what in ((few, ""), (many, ""), (many, "projected_"))]
     soft = [r for r in read_table("results", ROWS) if (r["engine"], r["settings"]) == ("mujoco", "default")]
     return [
-        f"is faster than both compiled formulations on all {len(minimal)} linkages that it runs on. `by_hand`, equations derived by "
-        f"hand in C, is faster on {sum(x < 1 for x in by_hand)} of {len(by_hand)}.",
+        f"is faster than both compiled formulations on all {len(minimal)} linkages that it runs on. `by_hand`, equations derived "
+        f"by hand in C, is faster on {sum(x < 1 for x in by_hand)} of {len(by_hand)}.",
         f"`gauss_pinv`, takes {between(formula)} times as long as one of `lagrange`, both in numpy.",
         f"A step of `gauss` in numpy takes {between(list(steps.values()))} times as long as one of `lagrange`.",
         f"n - m unknowns are faster than n + m beyond the spread on {won[0]} of {len(few)} linkages with one free coordinate, on "

@@ -19,6 +19,7 @@ def plain(text: str) -> str:
 
 
 def _quote(text: str) -> str:
+    """Escape what Markdown would read as markup."""
     text = re.sub(r"([\\`*#])", r"\\\1", text).replace("](", "]\\(")
     text = re.sub(r"(?<!\w)_|_(?!\w)", r"\\_", text)
     return re.sub(r"<(?=[A-Za-z/!?])", r"&lt;", text)

@@ -29,8 +29,8 @@ from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues,
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE, points
 from gauss_bench.report.site.linkage import pareto_front
-from gauss_bench.report.site.motion import turn_frames
-from gauss_bench.report.site.playback import StoredRun, Turn, read_reference, read_runs
+from gauss_bench.report.site.motion import Turn, find_turn
+from gauss_bench.report.site.playback import StoredRun, read_reference, read_runs
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
@@ -53,9 +53,9 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 
 def motion_picture(run: Run) -> str:
     """Return two stored runs of one linkage side by side, with loop openings magnified WIDER times."""
-    motion = turn_frames(run, LINKAGE)
-    assert motion is not None, f"{LINKAGE}'s crank comes round"
-    mechanism, turn = motion
+    turn = find_turn(run, LINKAGE)
+    assert turn is not None, f"the crank of {LINKAGE} turns fully"
+    mechanism = turn.mechanism
     links = [link.name for link in mechanism.links]
     stored = read_reference(run, LINKAGE, SCENARIO, links)
     assert stored is not None, "no reference motion is stored"
@@ -63,8 +63,8 @@ def motion_picture(run: Run) -> str:
     by_label = {x.label: x for x in read_runs(run, LINKAGE, SCENARIO, links)}
     chosen = [by_label[x] for x in PLAYED]
     t = spread_times(times, crank_angles(mechanism, reference))
-    states = [open_wider(x, Turn(mechanism, turn), times, reference, t) for x in chosen]
-    canvas = canvas_of(mechanism, np.vstack([turn, *states]))
+    states = [open_wider(x, turn, times, reference, t) for x in chosen]
+    canvas = canvas_of(mechanism, np.vstack([turn.states, *states]))
     still = [*linkage_parts(mechanism, pose_in(run, LINKAGE)[1][None], None, canvas, forces=False)]
     parts = []
     for i, (one, name, own) in enumerate(zip(chosen, NAMES, states, strict=True)):

@@ -49,6 +49,7 @@ def _reach_of_race(row: Row) -> Reach:
 
 @lru_cache(maxsize=2)
 def _ladders(run: Run) -> Ladders:
+    """Return the trials of each variant that the search evaluated, at several steps or tolerances."""
     ladders: Ladders = {}
     for (mechanism, engine, *_), rows in group_rows(run.table("search_ladder"), "mechanism", *METHOD).items():
         ladders.setdefault(mechanism, {}).setdefault(engine, []).append([trial_of(r) for r in rows])
@@ -57,4 +58,5 @@ def _ladders(run: Run) -> Ladders:
 
 @lru_cache(maxsize=2)
 def _winners(run: Run) -> dict[tuple[str, str, str], list[Row]]:
+    """Return (linkage, engine, kind of error) -> the races of the engine's cheapest settings."""
     return group_rows((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")

@@ -62,6 +62,7 @@ SEARCHED = (
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
     """Return the sections of the page."""
+    # findings in bold come first, then those on what is slower
     ordered = sorted(findings, key=lambda f: (LOST not in f.text, "slower" not in f.text))
     lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
     won = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]

@@ -83,7 +83,13 @@ def place_scale(canvas: Canvas, avoid: Array) -> ScaleBar:
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
     """Return the middle (2,) [px] of a line of half length `half` in the corner farthest from the segments `avoid` (k, 2, 2)."""
     corners = [np.array([x, y]) for y in (canvas.height - 18, 26) for x in (canvas.width - 20 - half, 20 + half)]
-    return max(corners, key=lambda c: min(100.0, round(distance(c + np.array([[-half, 0], [0, 0], [half, 0]]), avoid))))
+    line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
+
+    def room(corner: Array) -> float:
+        # beyond 100 px all corners are equally good, and the first is taken
+        return min(100.0, round(distance(corner + line, avoid)))
+
+    return max(corners, key=room)
 
 
 def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], scale: ScaleBar) -> list[str]:

@@ -70,6 +70,7 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
 
 
 def _text(name: str, place: Array, colour: str, style: str) -> str:
+    """Return the SVG text of a name around its middle (2,) [px]."""
     x, y = place[0], place[1] + 4.5
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" fill="{colour}" {style}>{escape(name)}</text>'.replace(" >", ">")
 

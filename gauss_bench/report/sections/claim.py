@@ -60,6 +60,7 @@ def compare_formula(run: Run) -> tuple[str, bool]:
 
 
 def _count_freedoms(rows: Sequence[Row]) -> str:
+    """Return the range of n - m, the number of free coordinates, in words."""
     numbers = sorted({int(r["unknowns_gauss"]) for r in rows})
     return count(numbers[0], "free coordinate") if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]} free coordinates"
 

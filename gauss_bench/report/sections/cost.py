@@ -38,10 +38,12 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def _ratio_words(x: Spread) -> str:
+    """Return a ratio with its spread, if it has one."""
     return x.print_with(ratio_text) if is_known(x.low) else ratio_text(x.value)
 
 
 def _place(row: Row) -> tuple[str, ...]:
+    """Return the columns that both engines must share."""
     return row["mechanism"], row["settings"], row["integrator"]
 
 

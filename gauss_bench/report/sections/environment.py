@@ -19,6 +19,7 @@ def section(run: Run) -> Section:
 
 
 def _print_fact(name: str, value: object) -> object:
+    """Return a fact as it is printed: the time of the run [s] in minutes, a flag as yes or no."""
     if name == "wall_time" and isinstance(value, (int, float)):
         return f"{value / 60:.1f} min"
     return ("no", "yes")[value] if isinstance(value, bool) else value

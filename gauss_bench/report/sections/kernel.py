@@ -141,6 +141,7 @@ def _name_miss(row: Row) -> str:
 
 
 def _print(x: float) -> str:
+    """Format a ratio, or a number that is too small or large for one as an error."""
     return ratio_text(x) if 0.01 <= x < 1e6 else error_text(x)
 
 
@@ -165,6 +166,7 @@ def find_steps(run: Run) -> Iterator[Finding]:
 
 
 def _list_ratios(rows: Sequence[Row]) -> str:
+    """Return each linkage with its ratio."""
     return itemise(f"{r['mechanism']} {ratio_text(r['ratio'])}" for r in rows)
 
 
@@ -237,6 +239,7 @@ def describe_limits(rows: Sequence[Row]) -> str:
 
 
 def _percent(values: Sequence[float]) -> str:
+    """Format the range of some shares in per cent."""
     return f"{100 * min(values):.0f} to {100 * max(values):.0f} %"
 
 

@@ -119,8 +119,9 @@ def _multiple(run: Run, row: Row) -> str:
     """Return a rival's time divided by our own on a linkage, with its spread."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
-    over = spread(row, "ratio")
-    return f"{row['mechanism']} {over.print_with(ratio_text) if is_known(over.value) else f'(ours {Kind.NOT_REACHED})'}"
+    over = spread(row, "ratio")  # unknown if our own engines do not hold the requirement
+    words = over.print_with(ratio_text) if is_known(over.value) else f"(ours {Kind.NOT_REACHED})"
+    return f"{row['mechanism']} {words}"
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:

@@ -79,6 +79,7 @@ def find_best(run: Run, name: str) -> Iterator[Finding]:
 
 
 def _name_loop(row: Row) -> str:
+    """Return in words where the loop over the steps of a case runs."""
     return "in its own loop" if is_known(row.get("native_step_time")) else "stepped from Python"
 
 
@@ -94,6 +95,7 @@ def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
 
 
 def _name_most_accurate(rows: Sequence[Row]) -> str:
+    """Return a sentence on the case with the least error, or on the engines whose error is below the reference's bar."""
     below = sorted({row["engine"] for row in rows if is_below_reference(row)})
     if below:
         bar = f"{max(end_bar(row) for row in rows):.0e} {measured_unit(rows)}"

@@ -206,6 +206,7 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
 
 
 def _case(row: Row) -> tuple[Any, ...]:
+    """Return the columns that identify a case in tables `results` and `series`."""
     return *variant_of(row), row["step"]
 
 

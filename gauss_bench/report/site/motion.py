@@ -4,6 +4,7 @@ Links are drawn once, in their own frames; a script moves them through the state
 kinematics computes.
 """
 
+from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -21,8 +22,23 @@ from gauss_bench.report.rows import Run
 from gauss_bench.terms import Array
 
 
-def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
-    """Return a linkage and the states (k, n) of a full turn of its crank; None without a file or without a full turn."""
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """States (k, n) of a full turn of the crank, angles unwrapped."""
+
+    mechanism: Mechanism
+    states: Array
+
+    def at(self, crank: Array) -> Array:
+        """Return states (k, n) at crank angles (k,) [rad]; angles of links may be off by a whole turn."""
+        own = crank_angles(self.mechanism, self.states)
+        sense = np.sign(own[-1] - own[0])
+        place = np.mod((crank - own[0]) * sense, 2 * np.pi)
+        return np.stack([np.interp(place, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
+
+
+def find_turn(run: Run, name: str) -> Turn | None:
+    """Return a full turn of a linkage's crank; None without a file or if the crank cannot turn fully."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:
@@ -31,21 +47,20 @@ def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
         return None
     if trace is None or mechanism.crank is None or mechanism.crank < 0:
         return None
-    states = unwrap_angles(trace)
-    turn = np.ptp(crank_angles(mechanism, states)[[0, -1]])
-    return (mechanism, states) if abs(turn - 2 * np.pi) < 1e-6 else None
+    turn = Turn(mechanism, unwrap_angles(trace))
+    first, last = crank_angles(mechanism, turn.states)[[0, -1]]
+    return turn if abs(abs(last - first) - 2 * np.pi) < 1e-6 else None
 
 
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """Return a linkage's SVG with numbered links, and the places of every link in each state [px, degrees]."""
-    motion = turn_frames(run, name)
-    if motion is None:
+    turn = find_turn(run, name)
+    if turn is None:
         return None
-    mechanism, states = motion
-    canvas = canvas_of(mechanism, states)
-    text = draw_numbered(mechanism, states, canvas)
-    first, last = crank_angles(mechanism, states)[[0, -1]].tolist()
-    data = {"poses": list_frames(in_pixels(canvas, states)), "first": round(first, 9), "sense": np.sign(last - first)}
+    canvas = canvas_of(turn.mechanism, turn.states)
+    text = draw_numbered(turn.mechanism, turn.states, canvas)
+    first, last = crank_angles(turn.mechanism, turn.states)[[0, -1]].tolist()
+    data = {"poses": list_frames(in_pixels(canvas, turn.states)), "first": round(first, 9), "sense": np.sign(last - first)}
     return Markup(inline(text, name.replace("_", "-"))), data
 
 

@@ -48,6 +48,7 @@ class Page:
 
     @property
     def file(self) -> str:
+        """The name of its file."""
         return f"{self.name}.html"
 
 
@@ -89,10 +90,12 @@ def label_class(content: Table) -> str:
 
 
 def label(head: str) -> Markup:
+    """Return the head of a column as a CSS string."""
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
 def note_of(content: Table) -> str:
+    """Return the note below a table, which also explains dashes."""
     dashes = DASH if any(cell.text in ("", NOTHING) for row in content.rows for cell in row) else ""
     return " ".join(filter(None, (content.note, dashes)))
 

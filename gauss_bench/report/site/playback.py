@@ -21,7 +21,6 @@ import numpy as np
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.content import round_digits
 from gauss_bench.report.drawings.canvas import Canvas
 from gauss_bench.report.drawings.drawing import canvas_of
@@ -29,7 +28,7 @@ from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import KEYS, Row, Run, group_rows, number, setting_words
-from gauss_bench.report.site.motion import draw_numbered, in_pixels, list_frames, turn_frames
+from gauss_bench.report.site.motion import Turn, draw_numbered, find_turn, in_pixels, list_frames
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
@@ -65,6 +64,7 @@ class StoredRun:
 
 
 def _largest_shift(x: Array) -> Array:
+    """Return the largest shift (frames,) [m] of any link from differences (frames, links, 3)."""
     return np.asarray(np.hypot(x[..., 0], x[..., 1]).max(axis=-1))
 
 
@@ -111,13 +111,9 @@ def label_run(row: Row) -> str:
 
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """Return the player of two stored runs and its data; None if fewer than two runs are stored."""
-    motion = turn_frames(run, name)
+    turn = find_turn(run, name)
     try:
-        if motion:
-            mechanism = motion[0]
-        else:
-            document, digest, path = document_in(run, name)
-            mechanism = load_document(document, scenario, str(path), digest)
+        mechanism = turn.mechanism if turn else load_document(*_document(run, name, scenario))
     except LinkageError:
         return None
     links = [link.name for link in mechanism.links]
@@ -126,12 +122,11 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
     if reference is None or len(runs) < 2:
         return None
     times, states = reference
-    drawn = motion[1] if motion else states
+    drawn = turn.states if turn else states
     canvas = canvas_of(mechanism, drawn)
     svg = inline(draw_numbered(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair")
     data: dict[str, Any] = {"times": np.round(times, 6).tolist()}
-    if motion:
-        turn = Turn(mechanism, drawn)
+    if turn:
         data["crank"] = np.round(crank_angles(mechanism, states), 6).tolist()
         data["runs"] = [_along_turn(x, turn, states, canvas) for x in runs]
     else:
@@ -140,19 +135,10 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
     return make_stage(svg, runs, canvas.scale, len(times)), data
 
 
-@dataclass(frozen=True, eq=False)
-class Turn:
-    """States (k, n) of a full turn of the crank, angles unwrapped."""
-
-    mechanism: Mechanism
-    states: Array
-
-    def at(self, crank: Array) -> Array:
-        """Return states (k, n) at crank angles (k,) [rad]; angles of links may be off by a whole turn."""
-        own = crank_angles(self.mechanism, self.states)
-        sense = np.sign(own[-1] - own[0])
-        place = np.mod((crank - own[0]) * sense, 2 * np.pi)
-        return np.stack([np.interp(place, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
+def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, str, str]:
+    """Return the arguments of `load_document` for a linkage of a run."""
+    document, digest, path = document_in(run, name)
+    return document, scenario, str(path), digest
 
 
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:

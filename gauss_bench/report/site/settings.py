@@ -93,6 +93,7 @@ class Setting:
 
 @cache
 def _name_variant(settings: str, *more: str) -> str:
+    """Return the name of a variant with the words that it does not contain already."""
     return " · ".join(filter(None, (settings, *(x for x in more if x not in ("", "none", *settings.split("/"))))))
 
 
@@ -132,6 +133,7 @@ def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
 
 
 def _describe_option(name: str, value: Any) -> str:
+    """Return an option with its value, or its list of values, in words."""
     if isinstance(value, bool):
         value = "on" if value else "off"
     values = value if isinstance(value, list) else [value]
@@ -218,6 +220,7 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
     leaders = cheapest(settings, position, force)
     if not math.isinf(force):
         return leaders
+    # times of different races do not compare; a race at this very requirement decides
     for row in with_number(run.table("search_winners"), "seconds"):
         asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
         if asked and row["mechanism"] == mechanism and row["status"] == "ok":
