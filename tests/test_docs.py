@@ -83,8 +83,8 @@ def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_every_key_and_every_verb_is_told() -> None:
-    grammar, commands = pages_from_code.grammar(), pages_from_code.commands()
-    for table in pages_from_code.tables().values():
+    grammar, commands = pages_from_code.write_grammar(), pages_from_code.write_commands()
+    for table in pages_from_code.list_tables().values():
         assert all(f"`{info.alias or name}`" in grammar for name, info in table.model_fields.items())
     assert "| linkage table | `gravity` | `[0.0, -9.81]` | 1 |" in grammar
     assert "| scenario table | `hold` | - | 2 |" in grammar

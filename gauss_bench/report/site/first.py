@@ -78,7 +78,7 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
 def headlines(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings that begin in bold: where the suite's own engines are slower, miss a target, or fail."""
     lost = [x for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
-    return [Finding(x.title, x.text.partition(" The compiled kernel's")[0].replace("**", "")) for x in lost]
+    return [Finding(x.title, x.text.replace("**", "")) for x in lost]
 
 
 def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
