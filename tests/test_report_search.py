@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import pytest
+
 from gauss_bench.report.content import Table
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
@@ -47,30 +49,27 @@ def test_each_rival_is_told_on_every_linkage_with_the_limits_in_the_same_sentenc
     assert "`lagrange-native` four_bar" not in finding.text  # what is the suite's own is no rival
 
 
-def test_where_an_engine_wins_stands_first() -> None:
-    (finding,) = search.findings(run(*ROWS, winner("shaper", "gauss-native", 1.0, own=True), winner("shaper", "pinocchio", 0.5)))
-    assert finding.text.startswith("**Slower than `pinocchio` on shaper 0.500 (0.490..0.510).**")
-    assert finding.tone == "warn"
-    level = winner("shaper", "pinocchio", 0.99)  # its spread goes up to 1.0098: nobody is faster
-    assert "Slower" not in next(search.findings(run(*ROWS, winner("shaper", "gauss-native", 1.0, own=True), level))).text
+OURS = winner("shaper", "gauss-native", 1.0, own=True)
+LOST = winner("jansen", "gauss-native", None)
+AIMED = [r | ({"target": 20.0, "met": r["ratio"] >= 20} if r["engine"] == "pinocchio" else {}) for r in ROWS]
+REACHED = winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}
 
 
-def test_where_we_do_not_reach_it_stands_first_with_who_does() -> None:
-    lost = winner("jansen", "gauss-native", None)
-    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", None)))
-    assert finding.text.startswith("**Our own engines do not reach it on jansen**. ")
-    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}))
-    assert finding.text.startswith("**Our own engines do not reach it on jansen**, `pinocchio` does. ")
-    assert finding.tone == "warn"
-    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "lagrange-native", 1.0, own=True)))
-    assert "Our own" not in finding.text
-
-
-def test_an_aim_that_is_missed_stands_first() -> None:
-    aimed = [r | ({"target": 20.0, "met": r["ratio"] >= 20} if r["engine"] == "pinocchio" else {}) for r in ROWS]
-    (finding,) = search.findings(run(*aimed))
-    assert finding.text.startswith("**Short of the aim**: `pinocchio` on six_bar 7.00 (6.86..7.14) of 20.0. ")
-    assert finding.tone == "warn"
+@pytest.mark.parametrize(
+    ("rows", "start"),
+    [
+        ([*ROWS, OURS, winner("shaper", "pinocchio", 0.5)], "**Slower than `pinocchio` on shaper 0.500 (0.490..0.510).**"),
+        ([*ROWS, OURS, winner("shaper", "pinocchio", 0.99)], "The cheaper of"),  # its spread goes up to 1.0098: nobody is faster
+        ([*ROWS, LOST, winner("jansen", "pinocchio", None)], "**Our own engines do not reach it on jansen**. "),
+        ([*ROWS, LOST, REACHED], "**Our own engines do not reach it on jansen**, `pinocchio` does. "),
+        ([*ROWS, LOST, winner("jansen", "lagrange-native", 1.0, own=True)], "The cheaper of"),
+        (AIMED, "**Short of the aim**: `pinocchio` on six_bar 7.00 (6.86..7.14) of 20.0. "),
+    ],
+)
+def test_a_defeat_stands_first(rows: list[dict[str, Any]], start: str) -> None:
+    (finding,) = search.findings(run(*rows))
+    assert finding.text.startswith(start)
+    assert finding.tone == ("warn" if start.startswith("**") else "")
 
 
 def test_what_is_left_out_stands_beside_the_figures() -> None:
