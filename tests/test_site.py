@@ -168,13 +168,13 @@ def test_engines_shown_together_share_neither_colour_nor_marker() -> None:
 def test_a_setting_is_in_the_engines_own_words(run: Run) -> None:
     every = (x for settings in all_settings(run).values() for x in settings)
     rigid = next(x for x in every if x.engine == "mujoco" and x.settings == "rigid_slower/[0.05, 1.0]/1")
-    said = describe_setting(run, vars(rigid))
+    said = describe_setting(run, rigid)
     assert said.startswith("RK4, ")
     assert "solref 0.05 1" in said
     assert "iterations 1" in said
     assert "body_invweight0_factor 1e-06" in said
     assert "jacobian" not in said, "as shipped"
-    assert describe_setting(Run(), vars(rigid)) == rigid.words
+    assert describe_setting(Run(), rigid) == rigid.words
 
 
 def test_a_finding_begins_with_one_sentence_of_bounded_length(run: Run) -> None:

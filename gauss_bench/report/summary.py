@@ -37,13 +37,12 @@ from gauss_bench.report.rows import (
     is_known,
     may_rank,
     measured_head,
-    number,
     search_span,
     setting_words,
     with_number,
 )
 from gauss_bench.report.sections.search import TRIED, answer_of
-from gauss_bench.report.site.settings import multiples
+from gauss_bench.report.site.settings import race_multiples
 from gauss_bench.report.site.write import SITE
 
 LOST = "**"  # findings print defeats in bold
@@ -131,15 +130,14 @@ def multiple_tables(run: Run) -> list[Table]:
     """Return tables of engines against linkages: the time of each engine's best setting as a multiple of the fastest."""
     rows = run.table("search_winners")
     names = sorted({r["mechanism"] for r in rows})
+    over = race_multiples(run)
     tables = []
     for (required, accuracy, unit), some in sorted(group_rows(rows, "required", "accuracy", "unit").items()):
         races = {(r["mechanism"], r["engine"]): r for r in some}
-        over: dict[tuple[str, str], float] = {}
-        for name, timed in group_rows((r for r in some if r["status"] == "ok"), "mechanism").items():
-            over |= multiples({(name, r["engine"]): number(r, "seconds") for r in timed})
         lines = []
         for engine in sorted({r["engine"] for r in some if r["status"] != "skip"}):
-            cells = [multiple_cell(run, races.get((name, engine)), over.get((name, engine))) for name in names]
+            multiples = [over.get((name, required, accuracy, engine)) for name in names]
+            cells = [multiple_cell(run, races.get((name, engine)), x) for name, x in zip(names, multiples, strict=True)]
             lines.append((text_cell(mark_own(run, engine)), *cells))
         title = f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {search_span(run)}"
         tables.append(Table(title, ("engine", *names), lines, range(1, 1 + len(names))))

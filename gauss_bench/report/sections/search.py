@@ -24,7 +24,7 @@ from gauss_bench.report.content import (
 )
 from gauss_bench.report.reaches import answer
 from gauss_bench.report.rows import Row, Run, first_number, group_rows, is_known, number, search_span, spread, with_number
-from gauss_bench.report.site.settings import multiples
+from gauss_bench.report.site.settings import race_multiples
 
 PLACE = 15
 TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)
@@ -53,22 +53,21 @@ def section(run: Run) -> Section | None:
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     """Return the rows of winners with their multiples of the fastest, marks of own engines, and remarks."""
+    over = race_multiples(run)
     winners = []
-    for some in group_rows(rows, "mechanism", "accuracy").values():
-        over = multiples({r["engine"]: number(r, "seconds") for r in some if r["status"] == OK})
-        for row in some:
-            marks = [mark for mark, is_so in (("own", row["engine"] in run.own_engines), ("base", row.get("own"))) if is_so]
-            more: dict[str, Any] = {
-                "within": f"{limit_text(row['accuracy'])} {row['unit']}",
-                "name": f"{row['engine']} ({', '.join(marks)})" if marks else row["engine"],
-                "size": first_number(number(row, "step"), number(row, "tolerance")),
-                "over": over.get(row["engine"], math.nan),
-            }
-            if row["status"] == OK:
-                more["remark"] = f"in Python: {row['in_python']}" if row.get("in_python") else ""
-            else:
-                more |= {"remark": answer_of(run, row).words, "remark_tone": "warn"}
-            winners.append({**row, **more})
+    for row in rows:
+        marks = [mark for mark, is_so in (("own", row["engine"] in run.own_engines), ("base", row.get("own"))) if is_so]
+        more: dict[str, Any] = {
+            "within": f"{limit_text(row['accuracy'])} {row['unit']}",
+            "name": f"{row['engine']} ({', '.join(marks)})" if marks else row["engine"],
+            "size": first_number(number(row, "step"), number(row, "tolerance")),
+            "over": over.get((row["mechanism"], row["required"], row["accuracy"], row["engine"]), math.nan),
+        }
+        if row["status"] == OK:
+            more["remark"] = f"in Python: {row['in_python']}" if row.get("in_python") else ""
+        else:
+            more |= {"remark": answer_of(run, row).words, "remark_tone": "warn"}
+        winners.append({**row, **more})
 
     def order(row: Row) -> tuple[str, float, float]:
         seconds = number(row, "seconds")

@@ -18,6 +18,8 @@ from gauss_bench.report.site.settings import (
     describe_setting,
     describe_size,
     fastest_first,
+    make_setting,
+    race_multiples,
     scenarios,
 )
 
@@ -79,7 +81,7 @@ def bests(run: Run, name: str) -> Table:
             if one is None:
                 lines.append(place | {"words": answer_of(run, linkage, name, position).words, "words_tone": "warn"})
             else:
-                lines.append(vars(one) | place | {"words": describe_setting(run, vars(one)), "size": describe_size(one)})
+                lines.append(vars(one) | place | {"words": describe_setting(run, one), "size": describe_size(one)})
     return lay_out("engine_bests", lines)
 
 
@@ -93,7 +95,7 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
                 best = timed[0]
                 time, steps = one.seconds / best.seconds, one.steps / best.steps
                 ratios = {"time": time, "steps": steps, "each": time / steps}
-                lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, vars(one))})
+                lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, one)})
     if not lines:
         return None
     # geometric means, unlike medians, keep the identity time = steps * time per step
@@ -109,14 +111,13 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
 
 def list_races(run: Run, name: str) -> Table:
     """Return the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
-    timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["required"] and r["status"] == "ok"]
-    races = group_rows(timed, "mechanism", "required", "accuracy")
+    over = race_multiples(run)
     lines = []
-    for r in timed:
-        if r["engine"] == name:
-            least = min(x["seconds"] for x in races[r["mechanism"], r["required"], r["accuracy"]])
+    for r in run.table("search_winners"):
+        race = (r["mechanism"], r["required"], r["accuracy"], name)
+        if r["engine"] == name and r["required"] and race in over:
             what = f"{ERRORS.get(r['required'], r['required'])} within {limit_text(r['accuracy'])} {r['unit']}"
-            lines.append({**r, "what": what, "words": describe_setting(run, r), "multiple": r["seconds"] / least})
+            lines.append({**r, "what": what, "words": describe_setting(run, make_setting(r)), "multiple": over[race]})
     inside = itemise(dict.fromkeys(r["in_python"] for r in lines if r.get("in_python")))
     python = f" These times contain Python code of the suite: {inside}." if inside else ""
     note = f"The multiple is the engine's time divided by that of the fastest engine at the same accuracy.{python}"

@@ -68,7 +68,7 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
             "engine": x.engine,
             "page": f"engine-{file_name(x.engine)}.html",
             "over": ratio_text(x.seconds / timed[0].seconds),
-            "words": describe_setting(run, vars(x)),
+            "words": describe_setting(run, x),
             "steps": f"{x.steps:g}",
         }
         for x in timed

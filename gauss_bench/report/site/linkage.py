@@ -117,7 +117,7 @@ def name_leaders(run: Run, name: str) -> str:
     first, *rest = timed
     names = {x.engine: f"`{x.engine}`{' (own)' if x.engine in run.own_engines else ''}" for x in timed}
     then = ", ".join(f"{names[x.engine]} {ratio_text(x.seconds / first.seconds)} x" for x in rest[:4])
-    text = f"{names[first.engine]} ({describe_setting(run, vars(first))}){f'; then {then}' if then else ''}"
+    text = f"{names[first.engine]} ({describe_setting(run, first)}){f'; then {then}' if then else ''}"
     return f"Cheapest within {1e3 * HELD:g} mm over {first.until:g} s: {text}.{others}"
 
 
@@ -127,7 +127,7 @@ def list_leaders(run: Run, name: str) -> Table | None:
     for position in POSITIONS[::2][:4]:
         timed = fastest_first(run, name, position)
         for x in timed:
-            words = {"words": describe_setting(run, vars(x)), "size": describe_size(x)}
+            words = {"words": describe_setting(run, x), "size": describe_size(x)}
             lines.append(vars(x) | words | {"within": position, "multiple": x.seconds / timed[0].seconds})
     return lay_out("holding", lines) if lines else None
 

@@ -104,19 +104,17 @@ def describe_size(x: Setting) -> str:
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
-def describe_setting(run: Run, row: Row) -> str:
+def describe_setting(run: Run, x: Setting) -> str:
     """Return integrator, stabilisation and the engine's own options that differ from those it is shipped with.
 
-    Args:
-        row: a row of a table, or the fields of a setting; without stored options its variant's name is returned.
+    A run that stored no options has the name of the variant instead.
     """
-    method = tuple(row[k] for k in METHOD)
-    options = _changed_options(run).get(method)
-    _, settings, integrator, stabilization = method
+    options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
-        return _name_variant(settings, integrator, stabilization)
-    first = [INTEGRATORS.get(integrator, integrator.replace("_", " ")), "" if stabilization == "none" else stabilization]
-    return ", ".join(filter(None, (*first, *options)))
+        return x.words
+    integrator = INTEGRATORS.get(x.integrator, x.integrator.replace("_", " "))
+    stabilization = "" if x.stabilization == "none" else x.stabilization
+    return ", ".join(filter(None, (integrator, stabilization, *options)))
 
 
 @lru_cache(maxsize=2)
@@ -242,6 +240,16 @@ def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
     return {k: x / least for k, x in seconds.items() if is_known(x)}
 
 
+def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
+    """Return (linkage, kind of error, accuracy, engine) -> time of the race over that of the fastest engine."""
+    over: dict[tuple[str, str, float, str], float] = {}
+    timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
+    for race, rows in group_rows(timed, "mechanism", "required", "accuracy").items():
+        least = min(r["seconds"] for r in rows)
+        over |= {(*race, r["engine"]): r["seconds"] / least for r in rows}
+    return over
+
+
 def answers(run: Run, mechanism: str) -> dict[str, Any]:
     """Return the data of the first screen for a linkage: settings, and for each requirement every engine's pick or its reason."""
     picked: dict[Setting, int] = {}  # setting -> its index on the page
@@ -276,7 +284,7 @@ def _page_data(run: Run, x: Setting) -> dict[str, Any]:
     """Return the fields of a setting that the page prints; unknown numbers are left out."""
     numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
     known = {k: v for k, v in numbers.items() if v not in (None, False)}
-    return {"engine": x.engine, "words": describe_setting(run, vars(x))} | known
+    return {"engine": x.engine, "words": describe_setting(run, x)} | known
 
 
 def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
