@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.report.rows import Row, chose_steps, group_rows, has_ended, is_known, number
+from gauss_bench.report.rows import Row, chose_steps, group_by, has_ended, is_known, number
 
 NOTHING = "-"
 AUTHORS = (
@@ -205,7 +205,7 @@ def list_unmeasured(rows: Sequence[Row], column: str) -> str:
     """Return a sentence on the linkages without a number in a column, with their reasons; empty if there are none."""
     measured = {r.get("mechanism") for r in rows if is_known(r.get(column))}
     missing = [r for r in rows if r.get("mechanism") and r["mechanism"] not in measured]
-    reasons = group_rows(missing, lambda r: r.get("message") or "no reason was told")
+    reasons = group_by(missing, lambda r: r.get("message") or "no reason was told")
     parts = [f"{itemise(dict.fromkeys(r['mechanism'] for r in some))} ({why})" for why, some in reasons.items()]
     return f" Left out: {'; '.join(parts)}." if parts else ""
 

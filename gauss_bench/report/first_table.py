@@ -11,7 +11,7 @@ from statistics import median
 from gauss_bench.reach import Requirement, reach, trial_of
 from gauss_bench.report.content import NOTHING, Cell, Table, error_text, limit_text, range_text, ratio_text, text_cell, time_text
 from gauss_bench.report.pages import markdown_cell
-from gauss_bench.report.rows import Row, Run, group_rows, search_span
+from gauss_bench.report.rows import Row, Run, group_by, search_span
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest, cheapest_stored, multiples
 
 FIRST = 1e-6  # [m]
@@ -33,10 +33,7 @@ def loop_of(engine: str, settings: str) -> str:
 
 def group_by_loop(settings: Iterable[Setting]) -> dict[str, list[Setting]]:
     """Return engine (with its kind of loop) -> its settings."""
-    groups: dict[str, list[Setting]] = {}
-    for one in settings:
-        groups.setdefault(loop_of(one.engine, one.settings), []).append(one)
-    return groups
+    return group_by(settings, lambda x: loop_of(x.engine, x.settings))
 
 
 def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setting]:
@@ -55,12 +52,12 @@ def mark_own(run: Run, loop: str) -> str:
 def first_table(run: Run, position: float = FIRST) -> Table | None:
     """Return a row per engine: error, time and multiple on the linkages SHOWN, and the range of its multiples on all linkages."""
     modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
-    ladder = group_rows((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
+    ladder = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
     leaders = {x: cheapest_loops(run, x, position) for x in ladder}
     if not any(leaders.values()):
         return None
     over = {x: multiples({loop: one.seconds for loop, one in some.items()}) for x, some in leaders.items()}
-    tried = {x: group_rows(rows, lambda r: loop_of(r["engine"], r["settings"])) for x, rows in ladder.items()}
+    tried = {x: group_by(rows, lambda r: loop_of(r["engine"], r["settings"])) for x, rows in ladder.items()}
     shown = [x for x in SHOWN if x in leaders] or list(leaders)[:2]
     names = set().union(*tried.values(), *leaders.values())
     ranges = {loop: [x[loop] for x in over.values() if loop in x] for loop in names}
@@ -86,7 +83,7 @@ def first_table(run: Run, position: float = FIRST) -> Table | None:
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:
     """Return in a few words why an engine has no time, from its rows of `search_ladder` on a linkage."""
-    variants = group_rows(rows, "settings", "integrator", "stabilization").values()
+    variants = group_by(rows, "settings", "integrator", "stabilization").values()
     answer = reach([[trial_of(r) for r in some] for some in variants], [Requirement("position", position)], "no race took it in")
     return answer.words.partition(":")[0]
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach, trial_of
-from gauss_bench.report.rows import METHOD, Row, Run, group_rows, number
+from gauss_bench.report.rows import METHOD, Row, Run, group_by, number
 from gauss_bench.trajectory import Status
 
 Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials of each variant
@@ -51,12 +51,13 @@ def _reach_of_race(row: Row) -> Reach:
 def _ladders(run: Run) -> Ladders:
     """Return the trials of each variant that the search evaluated, at several steps or tolerances."""
     ladders: Ladders = {}
-    for (mechanism, engine, *_), rows in group_rows(run.table("search_ladder"), "mechanism", *METHOD).items():
-        ladders.setdefault(mechanism, {}).setdefault(engine, []).append([trial_of(r) for r in rows])
+    for (mechanism, engine, *_), rows in group_by(run.table("search_ladder"), "mechanism", *METHOD).items():
+        trials = [trial_of(r) for r in rows]
+        ladders.setdefault(mechanism, {}).setdefault(engine, []).append(trials)
     return ladders
 
 
 @lru_cache(maxsize=2)
 def _winners(run: Run) -> dict[tuple[str, str, str], list[Row]]:
     """Return (linkage, engine, kind of error) -> the races of the engine's cheapest settings."""
-    return group_rows((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")
+    return group_by((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")

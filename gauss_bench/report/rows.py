@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from gauss_bench.tables import ENDS
 
 Row = Mapping[str, Any]
+Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
 
 KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end")
@@ -102,12 +103,12 @@ def first_number(*values: float) -> float:
     return next(filter(is_known, values), math.nan)
 
 
-def group_rows(rows: Iterable[Row], *by: str | Callable[[Row], Any]) -> dict[Any, list[Row]]:
-    """Group rows by a column, by a tuple of columns, or by a function of the row, in the order of each group's first row."""
-    key = by[0] if callable(by[0]) else itemgetter(*by)
-    groups: dict[Any, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(key(row), []).append(row)
+def group_by(items: Iterable[Item], *keys: str | Callable[[Item], Any]) -> dict[Any, list[Item]]:
+    """Group rows by one column or by a tuple of several, or any items by a function, in the order of each group's first item."""
+    key: Callable[[Any], Any] = keys[0] if callable(keys[0]) else itemgetter(*keys)
+    groups: dict[Any, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
     return groups
 
 
@@ -198,7 +199,7 @@ def describe_case(row: Row, with_step: bool = True) -> str:
 
 def acceleration_rows(rows: Iterable[Row]) -> list[Row]:
     """Return one row per linkage, engine and settings with an acceleration error, which all their cases share."""
-    groups = group_rows(with_number(rows, "acceleration_error_median"), "mechanism", "engine", "settings")
+    groups = group_by(with_number(rows, "acceleration_error_median"), "mechanism", "engine", "settings")
     return [_merge(group) for group in groups.values()]
 
 
@@ -208,7 +209,7 @@ def cost_rows(rows: Iterable[Row]) -> list[Row]:
     stepped = [r for r in rows if is_known(r.get("step_time")) or is_known(r.get("native_step_time"))]
     have = {engine(r) for r in stepped}
     timed = stepped + [r for r in with_number(rows, "acceleration_time") if engine(r) not in have]
-    return [_merge(group) for group in group_rows(timed, "mechanism", *METHOD).values()]
+    return [_merge(group) for group in group_by(timed, "mechanism", *METHOD).values()]
 
 
 def _merge(group: Sequence[Row]) -> Row:

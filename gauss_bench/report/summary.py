@@ -32,7 +32,7 @@ from gauss_bench.report.rows import (
     Run,
     end_bar,
     end_error,
-    group_rows,
+    group_by,
     has_ended,
     is_known,
     may_rank,
@@ -107,7 +107,7 @@ def shorten(finding: Finding) -> str:
 def summarise_linkage(run: Run, name: str) -> Section:
     """Return the table of a linkage with one row per engine and setting."""
     rows = run.of(name)
-    least = [least_error(some) for some in group_rows(rows, "engine", "settings").values()]
+    least = [least_error(some) for some in group_by(rows, "engine", "settings").values()]
     title = ", ".join(sorted({r["scenario"] for r in rows}))
     return Section(name, name, (lay_out("least", least, title, unit=measured_head(rows)),))
 
@@ -132,7 +132,7 @@ def multiple_tables(run: Run) -> list[Table]:
     names = sorted({r["mechanism"] for r in rows})
     over = race_multiples(run)
     tables = []
-    for (required, accuracy, unit), some in sorted(group_rows(rows, "required", "accuracy", "unit").items()):
+    for (required, accuracy, unit), some in sorted(group_by(rows, "required", "accuracy", "unit").items()):
         races = {(r["mechanism"], r["engine"]): r for r in some}
         lines = []
         for engine in sorted({r["engine"] for r in some if r["status"] != "skip"}):

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from gauss_bench.report.palette import CONTROL, CRANK, CRANK_EDGE, CURVES, GRID, INK, MUTED
@@ -121,10 +122,7 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, told: Told) -> None:
     until, trusted = told.until, told.trusted
     sure = t <= (until if trusted is None else max(trusted, float(t[0])))
     low, high = panel.limits or _limits([x.values[sure] for x in panel.lines])
-    colours = {x: x.colour for x in panel.lines}
-    if len(colours) > NAMED:  # only the largest lines get a colour
-        largest = sorted(panel.lines, key=lambda x: -float(np.abs(x.values[sure]).max(initial=0.0)))[:NAMED]
-        colours = {x: i for i, x in enumerate(x for x in panel.lines if x in largest)}
+    colours = _choose_colours(panel, sure)
     shown = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))
     ends = []
     for x in panel.lines:
@@ -151,6 +149,14 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, told: Told) -> None:
     if len(panel.lines) > len(colours):
         remainder = f"and {len(panel.lines) - len(colours)} smaller ones (grey)"
         axes.set_title(remainder, fontsize=7.5, loc="right", color=CONTROL, y=1.0, pad=4)
+
+
+def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
+    """Return the index of a colour for each line; of many lines, only for those that are largest at the trusted samples (k,)."""
+    if len(panel.lines) <= NAMED:
+        return {x: x.colour for x in panel.lines}
+    largest = sorted(panel.lines, key=lambda x: -float(np.abs(x.values[sure]).max(initial=0.0)))[:NAMED]
+    return {x: i for i, x in enumerate(x for x in panel.lines if x in largest)}
 
 
 def _limits(values: Sequence[Array]) -> tuple[float, float]:

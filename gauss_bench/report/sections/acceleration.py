@@ -11,7 +11,7 @@ from gauss_bench.report.rows import (
     acceleration_rows,
     chose_steps,
     end_error,
-    group_rows,
+    group_by,
     has_ended,
     is_known,
     measured_name,
@@ -35,7 +35,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
     """Yield the engines that return the reference's acceleration at the same state, with their errors."""
-    engines = group_rows(rows, lambda r: f"`{r['engine']}` {setting_words(r, 'settings')}".strip())
+    engines = group_by(rows, lambda r: f"`{r['engine']}` {setting_words(r, 'settings')}".strip())
     worst = {name: max(r[ERROR] for r in group) for name, group in engines.items()}
     same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
     if same:
@@ -50,7 +50,7 @@ def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
     """Yield the engines that compute another acceleration, and whether a smaller step helps."""
-    for (name, settings), group in group_rows(rows, "engine", "settings").items():
+    for (name, settings), group in group_by(rows, "engine", "settings").items():
         off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
         if off:
             span = range_text([row[ERROR] for row in off], error_text)
@@ -66,7 +66,7 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> str:
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]
     flat = []
-    for (mechanism, _, engine, settings, *_), group in group_rows(rows, "mechanism", "scenario", *METHOD).items():
+    for (mechanism, _, engine, settings, *_), group in group_by(rows, "mechanism", "scenario", *METHOD).items():
         stepped = sorted(group, key=lambda r: -r["step"])
         wide = stepped[0]["step"] >= 4 * stepped[-1]["step"]
         if (mechanism, engine, settings) in models and wide and end_error(stepped[-1]) > 0:
@@ -85,7 +85,7 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> str:
 def find_controls(run: Run) -> Iterator[Finding]:
     """Yield for each negative control that it satisfies its constraints, and whether the gate still rejects it."""
     rows = [row for row in run.results if row["control"] and has_ended(row)]
-    for name, group in group_rows(rows, "engine").items():
+    for name, group in group_by(rows, "engine").items():
         residuals = [row["acceleration_residual"] for row in with_number(group, "acceleration_residual")]
         errors = [row[ERROR] for row in with_number(group, ERROR)]
         if not errors:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from gauss_bench.report.content import Finding, Section, blocks_of, count, itemise, list_unmeasured, range_text, ratio_text
-from gauss_bench.report.rows import Row, Run, cost_rows, group_rows, is_unstabilised, number, with_number
+from gauss_bench.report.rows import Row, Run, cost_rows, group_by, is_unstabilised, number, with_number
 
 PLACE = 20
 RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step in a batch"}  # start of columns -> in words
@@ -27,7 +27,7 @@ def findings(run: Run) -> Iterator[Finding]:
         return
     verdicts = {r.get(f"{race}verdict", "") for r in rows for race in RACES} - {""}
     answer = "Yes" if verdicts == {"holds"} else "In part" if "holds" in verdicts else "No"
-    groups = group_rows(rows, lambda r: number(r, "unknowns_gauss") > 1)
+    groups = group_by(rows, lambda r: number(r, "unknowns_gauss") > 1)
     parts = [f"with {_count_freedoms(some)} {_compare_races(some)}" for _, some in sorted(groups.items())]
     processes = range_text([number(r, "processes") for r in rows]).replace(".00", "")
     text = (
@@ -72,7 +72,7 @@ def _compare_races(rows: Sequence[Row]) -> str:
         raced = with_number(rows, f"{race}ratio")
         if not raced:
             continue
-        on = group_rows(raced, f"{race}verdict")
+        on = group_by(raced, f"{race}verdict")
         details = [f"ratio {range_text([r[f'{race}ratio'] for r in raced])}"]
         for verdict, how in (("open", "no difference"), ("reversed", "slower")):
             if verdict in on:

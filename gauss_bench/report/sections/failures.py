@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from gauss_bench.report.content import Finding, Section, Table, Text, blocks_of, count, itemise, lay_out
-from gauss_bench.report.rows import Row, Run, group_rows, has_ended, is_known
+from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known
 
 PLACE = 80
 NUMBER = re.compile(r"\d[\d.e+-]*")
@@ -32,7 +32,7 @@ def section(run: Run) -> Section:
 def list_reasons(title: str, rows: Sequence[Row]) -> Table:
     """Return a table with one line per engine, status and sentence; sentences that differ only in numbers are one."""
     lines = []
-    for group in group_rows(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).values():
+    for group in group_by(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).values():
         first = group[0]
         message = first["message"] + (" (numbers of the first)" if len({r["message"] for r in group}) > 1 else "")
         tone = "warn" if first["status"] == "skip" else "bad"
@@ -54,7 +54,7 @@ def findings(run: Run) -> Iterator[Finding]:
     """Yield the number of failed cases, with an example for each engine and kind of failure."""
     rows = [row for row in run.results if not has_ended(row) and row["status"] != "skip"]
     parts = []
-    for (name, status), group in group_rows(rows, "engine", "status").items():
+    for (name, status), group in group_by(rows, "engine", "status").items():
         row = group[0]
         sentence = " ".join(row["message"].split()).rstrip(".").replace("`", "") or "no message"
         example = f'{row["mechanism"]} {row["scenario"]} ("{sentence}")'

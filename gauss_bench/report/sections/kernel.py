@@ -20,7 +20,7 @@ from gauss_bench.report.content import (
     range_text,
     ratio_text,
 )
-from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, spread, with_number
+from gauss_bench.report.rows import Row, Run, group_by, is_known, number, spread, with_number
 from gauss_bench.report.site.charts import points
 
 PLACE = 30
@@ -41,7 +41,7 @@ FACTS = ("cpu", "cores", "python", "date", "commit")
 
 def section(run: Run) -> Section | None:
     """Return the chapter, with a section for each table that the run filled."""
-    agreement = group_rows(run.table("kernel_agreement"), lambda r: (r.get("mechanism"), r.get("formulation")))
+    agreement = group_by(run.table("kernel_agreement"), lambda r: (r.get("mechanism"), r.get("formulation")))
     shown = {
         "kernel_steps": [r for r in run.table("kernel_steps") if r.get("settings") != "default"],
         "kernel_rhs": [r for r in run.table("kernel_rhs") if _asked(r) in (IN_LOOP, CALLED) or r["status"] != "ok"],
@@ -157,8 +157,8 @@ def find_failures(run: Run) -> Iterator[Finding]:
 def find_steps(run: Run) -> Iterator[Finding]:
     """Yield how many times faster a step is than MuJoCo's at its fastest setting."""
     asked = [r for r in run.table("kernel_steps") if r.get("formulation") == "gauss"]
-    for stabilization, group in group_rows(with_number(asked, "ratio"), "stabilization").items():
-        least = [min(some, key=lambda r: number(r, "ratio")) for some in group_rows(group, "mechanism").values()]
+    for stabilization, group in group_by(with_number(asked, "ratio"), "stabilization").items():
+        least = [min(some, key=lambda r: number(r, "ratio")) for some in group_by(group, "mechanism").values()]
         how = "with projection" if stabilization == "projection" else "without stabilisation"
         text = f"A compiled Runge-Kutta step {how} is this many times faster than MuJoCo's at the faster of its settings"
         rest = list_unmeasured([r for r in asked if r["stabilization"] == stabilization], "ratio")
@@ -181,7 +181,7 @@ def describe_batch(rows: Sequence[Row]) -> str:
 
 def describe_right_hand_sides(rows: Sequence[Row]) -> str:
     """Compare right-hand sides with Pinocchio's: in its own loop, and called from Python."""
-    ways = group_rows(rows, _asked)
+    ways = group_by(rows, _asked)
     if IN_LOOP not in ways or CALLED not in ways:
         return ""
     inner, outer = (range_text([r["ratio"] for r in ways[x]]) for x in (IN_LOOP, CALLED))
@@ -233,7 +233,7 @@ def describe_kinematics(rows: Sequence[Row]) -> str:
 
 def describe_limits(rows: Sequence[Row]) -> str:
     """Return which share of the processor's possible speed the kernel reaches."""
-    groups = group_rows(rows, "quantity")
+    groups = group_by(rows, "quantity")
     shares = itemise(f"{_percent([r['share'] for r in some])} for {what}" for what, some in groups.items())
     return f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {shares}."
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, count, error_text, itemise, layouts
-from gauss_bench.report.rows import Row, Run, group_rows
+from gauss_bench.report.rows import Row, Run, group_by
 
 PLACE = 70
 VERDICTS = {
@@ -20,7 +20,7 @@ def section(run: Run) -> Section:
     if not audit:
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
     blocks: list[Block] = [Text(layouts()["audit"]["introduction"]), Text(summarise(audit))]
-    for paper, rows in group_rows(audit, "paper").items():
+    for paper, rows in group_by(audit, "paper").items():
         fine = [row for row in rows if row["verdict"] == "ok" and row["stands"]]
         off = [row for row in rows if row not in fine]
         source = [rows[0][key] for key in ("cited", "assumed") if rows[0].get(key)]
@@ -34,7 +34,7 @@ def section(run: Run) -> Section:
 
 def summarise(rows: Sequence[Row]) -> str:
     """Count the verdicts of each paper's lines, with their causes; name each verdict that its measurement contradicts."""
-    papers = group_rows(rows, "paper")
+    papers = group_by(rows, "paper")
     parts = [f"{paper}: {count(len(group), 'line')}; {count_verdicts(group)}." for paper, group in papers.items()]
     contradicted = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
     if contradicted:
@@ -59,13 +59,13 @@ def list_causes(rows: Sequence[Row]) -> list[Row]:
 
 def group_causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
     """Return (paper, cause) -> its lines; lines without a cause are left out."""
-    return group_rows((row for row in rows if row.get("cause")), "paper", "cause")
+    return group_by((row for row in rows if row.get("cause")), "paper", "cause")
 
 
 def count_verdicts(rows: Iterable[Row]) -> str:
     """Count lines by verdict, with their causes: "3 right as printed, 4 misprinted (2 causes)"."""
     parts = []
-    for verdict, group in group_rows(rows, "verdict").items():
+    for verdict, group in group_by(rows, "verdict").items():
         causes = len(group_causes(group))
         parts.append(f"{len(group)} {VERDICTS.get(verdict, verdict)}" + (f" ({count(causes, 'cause')})" if causes else ""))
     return itemise(parts)

@@ -16,7 +16,7 @@ from gauss_bench.report.content import (
     itemise,
     layouts,
 )
-from gauss_bench.report.rows import Row, Run, group_rows, is_known, number
+from gauss_bench.report.rows import Row, Run, group_by, is_known, number
 from gauss_bench.report.site.charts import over_time, place_names
 
 PLACE = 60
@@ -41,7 +41,7 @@ def section(run: Run) -> Section:
         for row in table
         if row["group"] in GROUPS
     ]
-    groups = group_rows(table, "group")
+    groups = group_by(table, "group")
     blocks: list[Block] = [*describe_example(rows), Text(layouts()["reproduction"]["why"])]
     blocks += paper_figures(run.table("paper_motion"))
     blocks += blocks_of("reproduction_claims", groups.get("claims", ()))

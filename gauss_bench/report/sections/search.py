@@ -23,7 +23,7 @@ from gauss_bench.report.content import (
     ratio_text,
 )
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import Row, Run, first_number, group_rows, is_known, number, search_span, spread, with_number
+from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
 from gauss_bench.report.site.settings import race_multiples
 
 PLACE = 15
@@ -42,7 +42,7 @@ def section(run: Run) -> Section | None:
         "reached within these limits, by these variants and adapters."
     )
     blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope)]
-    for kind, group in group_rows(rows, "required").items():
+    for kind, group in group_by(rows, "required").items():
         winners = list_winners(run, group)
         blocks.append(lay_out("search", winners, kind=ERRORS.get(kind, kind), folded=kind not in ("position", "end")))
     space = run.table("search_space")
@@ -97,12 +97,12 @@ def findings(run: Run) -> Iterator[Finding]:
     if lost_races:
         text = f"The race of {count(len(lost_races), 'linkage')} was lost: {'; '.join(lost_races)}."
         yield Finding("Not searched", text, "bad")
-    groups = group_rows((r for r in rows if r["required"]), "required", "accuracy")
+    groups = group_by((r for r in rows if r["required"]), "required", "accuracy")
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
         group = over_the_cheaper(groups[kind, accuracy])
         lost = [*name_faster(run, group), *name_unreached(run, group), *name_missed_targets(run, group)]
         rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
-        races = [f"`{engine}` {itemise(_multiple(run, r) for r in some)}" for engine, some in group_rows(rivals, "engine").items()]
+        races = [f"`{engine}` {itemise(_multiple(run, r) for r in some)}" for engine, some in group_by(rivals, "engine").items()]
         if races:
             ours = itemise(dict.fromkeys(f"`{r['engine']}`" for r in group if r.get("ours")))
             text = (
@@ -147,7 +147,7 @@ def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield the linkages on which none of our compiled engines holds the requirement, and the engines that do."""
-    for place, rows in sorted(group_rows(group, "mechanism").items()):
+    for place, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
         if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
             continue
@@ -166,7 +166,7 @@ def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
 def name_left_out(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield what the figures leave out: engines that do not run a linkage, and linkages that were not searched."""
     missing = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
-    for words, rows in group_rows(missing, lambda r: answer_of(run, r).words).items():
+    for words, rows in group_by(missing, lambda r: answer_of(run, r).words).items():
         engines = itemise(dict.fromkeys(f"`{r['engine']}`" for r in rows))
         yield f" Left out: {engines} on {itemise(sorted({r['mechanism'] for r in rows}))} ({words})."
     if rest := sorted(set(run.linkages) - {r["mechanism"] for r in group}):

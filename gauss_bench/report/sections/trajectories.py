@@ -14,7 +14,7 @@ from gauss_bench.report.rows import (
     end_bar,
     end_error,
     error_bar,
-    group_rows,
+    group_by,
     has_ended,
     is_below_reference,
     is_known,
@@ -51,7 +51,7 @@ def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
         return (False, 0.0, step) if is_below_reference(row) else (True, end_error(row), step)
 
     usable = [row for row in rows if may_rank(row) and is_known(end_error(row))]
-    least = [min(group, key=rank) for group in group_rows(usable, "engine", "settings").values()]
+    least = [min(group, key=rank) for group in group_by(usable, "engine", "settings").values()]
     title = f"Most accurate case of each engine and setting, {scenario}"
     return replace(all_cases(name, scenario, least), title=title, folded=False, note=layouts()["notes"]["below"])
 
@@ -68,12 +68,12 @@ def findings(run: Run) -> Iterator[Finding]:
 def find_best(run: Run, name: str) -> Iterator[Finding]:
     """Yield the most accurate engine of each scenario of a linkage, and the cheapest at each of TARGETS."""
     usable = [row for row in run.of(name) if may_rank(row) and is_known(end_error(row))]
-    for scenario, rows in group_rows(usable, "scenario").items():
+    for scenario, rows in group_by(usable, "scenario").items():
         sentences = [_name_most_accurate(rows)]
         for target in TARGETS:
             reached = [r for r in rows if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
             # compiled and interpreted loops are not compared with each other
-            for loop, some in sorted(group_rows(reached, _name_loop).items()):
+            for loop, some in sorted(group_by(reached, _name_loop).items()):
                 sentences.append(f"Cheapest within {target:.0e} {measured_unit(some)}: {_name_cheapest(some, loop)}.")
         yield Finding(f"{name}, {scenario}", " ".join(sentences))
 
@@ -133,7 +133,7 @@ def find_invalid(run: Run) -> Iterator[Finding]:
     """Yield the number of invalid cases of each engine, with the judge's reasons."""
     rows = [row for row in run.results if has_ended(row) and not row["valid"] and not row["control"]]
     if rows:
-        engines = group_rows(rows, "engine").items()
+        engines = group_by(rows, "engine").items()
         reasons = itemise(f"`{name}` {len(group)} ({_list_flags(group)})" for name, group in engines)
         yield Finding(
             "Ran, but not valid",

@@ -11,7 +11,7 @@ from statistics import median
 from typing import Any
 
 from gauss_bench.report.content import Chart, count, error_text, ratio_text
-from gauss_bench.report.rows import Row, Run, group_rows, has_ended, is_unstabilised, with_number
+from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_unstabilised, with_number
 from gauss_bench.report.site.charts import FLOOR, bars
 
 HOLDS = 1e-4  # [m, rad] a loop that opens by less counts as held: a tenth of a millimetre
@@ -54,7 +54,7 @@ def drift_as_shipped(run: Run) -> dict[str, Row]:
         if has_ended(r) and not r["control"] and r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9
     ]
     worst: dict[str, Row] = {}
-    for (engine, _), some in group_rows(rows, "engine", "integrator").items():
+    for (engine, _), some in group_by(rows, "engine", "integrator").items():
         row = max(some, key=itemgetter("position_drift"))
         if engine not in worst or row["position_drift"] < worst[engine]["position_drift"]:
             worst[engine] = row

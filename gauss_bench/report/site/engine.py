@@ -8,7 +8,7 @@ from gauss_bench.reach import ERRORS
 from gauss_bench.report.content import Table, count, error_text, itemise, lay_out, limit_text, ratio_text
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import Row, Run, group_rows, has_ended, is_known, number, setting_words, with_number
+from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, number, setting_words, with_number
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
@@ -56,7 +56,7 @@ def engine_page(run: Run, name: str) -> Page:
 
 def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the most accurate case of each linkage, setting and integrator, with its outcome."""
-    for group in group_rows(rows, "mechanism", "settings", "integrator").values():
+    for group in group_by(rows, "mechanism", "settings", "integrator").values():
         row = min(group, key=_inaccuracy)
         outcome = "valid" if row["valid"] else row.get("flag") or row["message"] or row["status"]
         yield {**row, "outcome": outcome, "outcome_tone": "good" if row["valid"] else "bad"}

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -14,7 +14,18 @@ from gauss_bench.report.content import Chart, Table, count, lay_out, ratio_text
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import Row, Run, group_rows, has_ended, is_known, is_unstabilised, number, setting_words, with_number
+from gauss_bench.report.rows import (
+    Item,
+    Row,
+    Run,
+    group_by,
+    has_ended,
+    is_known,
+    is_unstabilised,
+    number,
+    setting_words,
+    with_number,
+)
 from gauss_bench.report.sections.trajectories import all_cases, best_cases
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
 from gauss_bench.report.site.motion import draw_turn
@@ -38,7 +49,6 @@ SAMPLES = 50  # drawn points of a line in a figure
 BETTER = 0.98  # a costlier setting is on the front if its error is below this share of the last one's
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
-Item = TypeVar("Item")
 
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
@@ -76,7 +86,7 @@ def rows_name(name: str) -> str:
 
 def rows_page(run: Run, name: str) -> Page | None:
     """Return the page with every case of a linkage."""
-    scenarios = group_rows(run.of(name), "scenario")
+    scenarios = group_by(run.of(name), "scenario")
     if not scenarios:
         return None
     tables = [all_cases(name, scenario, rows) for scenario, rows in scenarios.items()]
@@ -135,8 +145,8 @@ def list_leaders(run: Run, name: str) -> Table | None:
 def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
     """Return the chart of error against time, with the Pareto front of each engine's settings."""
     rows = []
-    for some in group_rows(map(vars, settings), "engine").values():
-        for x in pareto_front([Setting(**x) for x in some], lambda x: x.seconds, lambda x: x.position):
+    for some in group_by(settings, lambda x: x.engine).values():
+        for x in pareto_front(some, lambda x: x.seconds, lambda x: x.position):
             rows.append(chart_row(x.engine, f"{x.engine} {x.words}", x.seconds, 1e3 * x.position, 1e3 * FLOOR))
     if not rows:
         return None
@@ -174,7 +184,7 @@ def force_chart(run: Run, name: str) -> Chart | None:
     """Return the chart of joint-force errors against the number of steps, with the Pareto front of each engine."""
     ladder = [r for r in run.table("search_ladder") if r["mechanism"] == name and r["status"] == "ok" and number(r, "steps") > 0]
     rows = []
-    for engine, some in group_rows(with_number(ladder, "force_error"), "engine").items():
+    for engine, some in group_by(with_number(ladder, "force_error"), "engine").items():
         for r in pareto_front(some, itemgetter("steps"), itemgetter("force_error")):
             rows.append(chart_row(engine, f"{engine} {r['settings']}", r["steps"], r["force_error"]))
     if not rows:
@@ -191,11 +201,11 @@ def force_chart(run: Run, name: str) -> Chart | None:
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     """Return one line per engine over time: its plainest case with a step nearest to STEP. Engines in FIRST come first."""
     cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
-    series = group_rows((r for r in with_number(run.table("series"), column) if r["mechanism"] == name), _case)
+    series = group_by((r for r in with_number(run.table("series"), column) if r["mechanism"] == name), _case)
     chosen = [row for key, row in cases.items() if key in series]
     lines = []
     places = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]
-    engines = group_rows(chosen, "engine")
+    engines = group_by(chosen, "engine")
     for engine in sorted(engines, key=places.index):
         row = min(engines[engine], key=_plainness)
         samples = sorted(series[_case(row)], key=itemgetter("t"))

@@ -27,7 +27,7 @@ from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import document_in
 from gauss_bench.report.palette import inline
-from gauss_bench.report.rows import KEYS, Row, Run, group_rows, number, setting_words
+from gauss_bench.report.rows import KEYS, Row, Run, group_by, number, setting_words
 from gauss_bench.report.site.motion import Turn, draw_numbered, find_turn, in_pixels, list_frames
 from gauss_bench.terms import Array
 
@@ -95,7 +95,7 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
     """Return the stored runs with poses, sorted by engine, default settings first."""
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     stored = []
-    for key, rows in group_rows(run.table("poses"), *KEYS).items():
+    for key, rows in group_by(run.table("poses"), *KEYS).items():
         poses = Poses(rows, links)
         if key in cases and poses.times:
             row = cases[key]

@@ -23,7 +23,7 @@ from gauss_bench.report.rows import (
     Run,
     chose_steps,
     first_number,
-    group_rows,
+    group_by,
     is_known,
     may_rank,
     number,
@@ -121,7 +121,7 @@ def describe_setting(run: Run, x: Setting) -> str:
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
     """Return METHOD of each variant -> its options that differ from the engine's first variant, in words."""
     words: dict[tuple[str, ...], list[str]] = {}
-    for rows in group_rows(run.table("search_space"), "engine").values():
+    for rows in group_by(run.table("search_space"), "engine").values():
         first = json.loads(rows[0]["options"])
         for row in rows:
             options = json.loads(row["options"]).items()
@@ -135,7 +135,8 @@ def _describe_option(name: str, value: Any) -> str:
     if isinstance(value, bool):
         value = "on" if value else "off"
     values = value if isinstance(value, list) else [value]
-    return f"{name} {' '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in values)}"
+    words = [f"{v:g}" if isinstance(v, float) else str(v) for v in values]
+    return " ".join([name, *words])
 
 
 def variant_of(row: Row) -> tuple[str, ...]:
@@ -165,16 +166,13 @@ def race_time(row: Row) -> dict[str, float]:
 def all_settings(run: Run) -> dict[str, list[Setting]]:
     """Return linkage -> its settings with known errors, with or without a time."""
     searched = {r["mechanism"] for r in run.table("search_ladder")}
-    settings: dict[str, list[Setting]] = {}
-    for one in (*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)):
-        settings.setdefault(one.mechanism, []).append(one)
-    return settings
+    return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
 
 
 def _search(run: Run) -> Iterator[Setting]:
     """Yield the settings of the searched linkages, each with its raced or estimated time."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
-    races = group_rows(raced, variant_of)
+    races = group_by(raced, variant_of)
     at_place = {place_of(r): r for r in reversed(raced)}
     steps_at = {place_of(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
@@ -244,7 +242,7 @@ def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
     """Return (linkage, kind of error, accuracy, engine) -> time of the race over that of the fastest engine."""
     over: dict[tuple[str, str, float, str], float] = {}
     timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
-    for race, rows in group_rows(timed, "mechanism", "required", "accuracy").items():
+    for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
         least = min(r["seconds"] for r in rows)
         over |= {(*race, r["engine"]): r["seconds"] / least for r in rows}
     return over
@@ -308,11 +306,9 @@ def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) ->
     """Return the reach of an engine from its cases of the accuracy suite."""
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
-    ladders: dict[tuple[str, ...], list[Trial]] = {}
-    for x in cases:
-        trial = Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps))
-        ladders.setdefault((x.settings, x.integrator, x.stabilization), []).append(trial)
-    return reach(ladders.values(), wanted)
+    variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()
+    trials = [[Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps)) for x in some] for some in variants]
+    return reach(trials, wanted)
 
 
 def scenarios(run: Run) -> dict[str, str]:
