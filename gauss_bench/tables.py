@@ -25,14 +25,14 @@ from gauss_bench.untrusted import BadInput
 
 FORMAT = 5
 APART = 4  # the first format with timed columns in files of their own
-BASELINE_FORMAT = 3  # of the accuracy gate's baseline, which has a column for it
+BASELINE_FORMAT = 3  # format of the accuracy gate's baseline, which is stored in a column
 TIMES = "times"  # the folder of timed columns
 SCHEMA_FILE = "tables.json"
-ENVIRONMENT = "environment.json"  # where, when and with what a run was made
-DIGITS = 10  # of a number in a CSV file: the first digits of an error count, and two runs differ only where a number does
-CURVE_DIGITS, CURVE_BITS = 4, 13  # of a point of a curve in CSV and in Parquet: 1.2e-4 of it, where a pen's width is 1e-3
-ENDS = ("", "_low", "_high")  # of the names of a value and its spread
-FLAGS = {"": None, "true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}  # in a file
+ENVIRONMENT = "environment.json"  # machine, date and versions of a run
+DIGITS = 10  # digits of a number in a CSV file, far more than the first ones of an error that matter
+CURVE_DIGITS, CURVE_BITS = 4, 13  # digits and bits of a point of a curve: 1.2e-4 of it, less than a line is wide
+ENDS = ("", "_low", "_high")  # endings of the columns of a value and its spread
+FLAGS = {"": None, "true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}  # text in a file -> flag
 
 Row = Mapping[str, Any]
 
@@ -255,7 +255,7 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
         "compression_level": 19,
         "use_dictionary": [n for n in arrays if n not in measured],
         "use_byte_stream_split": measured,
-        "write_statistics": False,  # for readers that skip parts of large files; they would be half of a small file
+        "write_statistics": False,  # statistics let readers skip parts of large files; they would be half of a small one
     }
     atomically(path, lambda part: pq.write_table(content, part, **options))
 
@@ -374,7 +374,7 @@ def read_file(
     """
     table = TABLES[name]
     head, lines = read_lines(path)
-    if not head:  # a table without rows has its columns
+    if not head:  # even a table without rows has the names of its columns
         raise TableError(f"{path}: table {name}: is empty, without the names of its columns; it was cut off or never written")
     if version is None:
         try:
@@ -406,9 +406,9 @@ def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]
     fresh = {names.get(k, k): x for k, x in line.items()}
     if "measured" in TABLES[name].names:
         fresh = SCHEMA["always"] | fresh
-    if name == "samples":  # which were of a single process before format 5
+    if name == "samples":  # samples were of a single process before format 5
         fresh = {"process": 0} | fresh
-    if name == "baseline":  # whose rows name columns
+    if name == "baseline":  # a row of the baseline names a column
         fresh["metric"] = names.get(fresh.get("metric", ""), fresh.get("metric", ""))
     stale: tuple[str, ...] = ()
     if name == "results" and version < 3:  # builds did not include the first step before format 3

@@ -18,7 +18,10 @@ from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign, write_text
 from gauss_bench.untrusted import BadInput
 
-HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"  # identify pages of this suite
+HEADING, TITLE = (
+    "# Closed-loop planar linkages, engines side by side",
+    "gauss_bench</title>",
+)  # texts by which pages of this suite are recognised
 
 
 class NoRun(BadInput, ValueError):

@@ -26,7 +26,7 @@ TONES = {
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
     **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
 }
-ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells without numbers
+ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells whose columns are aligned as text
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from gauss_bench.report.pages import markdown_cell
 from gauss_bench.report.rows import Row, Run, group_by, search_span
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest, cheapest_stored, multiples
 
-FIRST = 1e-6  # [m]
-SHOWN = ("four_bar", "six_bar")  # in full: one loop, and two
+FIRST = 1e-6  # [m] accuracy of the first table
+SHOWN = ("four_bar", "six_bar")  # linkages with all figures, of one loop and of two
 BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the first table -->"
 EXPLAINED = (
     "For each engine the table has the cheapest setting that holds this accuracy, with its error and processor time. The multiple "

@@ -8,7 +8,7 @@ import jinja2
 from gauss_bench.report.content import Cell, Section
 from gauss_bench.report.rows import Run
 
-SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")  # between two of a finding
+SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")  # the space between two sentences of a finding
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 
 
@@ -53,7 +53,7 @@ def facts(run: Run) -> list[str]:
 
 def markdown_page(run: Run, content: Sequence[Section]) -> str:
     """Return a page of Markdown with the facts of a run and sections."""
-    environment = make_environment("gauss_bench.report", autoescape=False)  # what Markdown needs is escaped by `plain`
+    environment = make_environment("gauss_bench.report", autoescape=False)  # the filter `plain` escapes texts for Markdown
     environment.filters |= {"plain": plain, "md_cell": markdown_cell}
     text = environment.get_template("page.md").render(sections=content, facts=facts(run))
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"

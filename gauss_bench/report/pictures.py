@@ -35,18 +35,18 @@ from gauss_bench.report.site.settings import Setting, all_settings, cheapest
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
-FOLDER = "reports/pictures"  # beside README
+FOLDER = "reports/pictures"  # relative to README
 LINKAGE, SCENARIO = "four_bar", "torque"
-PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # the runs shown, left and right: both at a step of 1 ms
+PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # labels of the runs on the left and on the right, both at a step of 1 ms
 NAMES = ("gauss-native", "MuJoCo, loops as shipped")
 UNTIL = 1.0  # [s] of the stored runs
 WIDER = 100.0  # magnification of loop openings, the same in both runs
 SPACING = math.radians(8)  # of the crank between two drawn poses
-OPEN = 1.0  # [px] from which a joint is drawn open
+OPEN = 1.0  # [px] a joint whose ends are farther apart is drawn open
 RED = "#c62828"
-GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # between the halves, above them, a line of words, and all words [px]
+GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # [px] between the halves, above them, of a line of text, and of all text
 COARSEST = 1e-2  # [m] larger errors are not drawn: the linkage is half a metre long
-# [px] on the right more: readers whose Arial is wider than that of the measured text see the legend whole
+# [px] more on the right, so that the legend fits where Arial is wider than the font in which it was measured
 PADDING = {"left": 16, "top": 16, "right": 52, "bottom": 16}
 LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "var(--ink)", "labelFontSize": 13, "labelLimit": 260}}
 
@@ -94,7 +94,7 @@ def spread_times(times: Array, crank: Array) -> Array:
     """Return times up to UNTIL between which the crank turns by about SPACING, whatever its speed."""
     path: Any = PchipInterpolator(times, crank)
     fine = np.linspace(0.0, UNTIL, 2001)
-    # invert the angle travelled, which grows monotonically, at equal parts of it
+    # the travelled angle grows monotonically: interpolate time at equal parts of it
     turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path(fine))))])
     return np.interp(np.linspace(0.0, turned[-1], 1 + math.ceil(turned[-1] / SPACING)), turned, fine)
 
@@ -104,7 +104,9 @@ def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Ar
     closed, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))
     crank = PchipInterpolator(times, crank_angles(turn.mechanism, reference + closed))(t)
     states = turn.at(crank)
-    angle = crank_angles(turn.mechanism, states)  # a view: the other links only swing, and keep their angles
+    angle = crank_angles(
+        turn.mechanism, states
+    )  # a view, so that the states change; the other links only swing and keep their angles
     angle += 2 * np.pi * np.round((crank - angle) / (2 * np.pi))
     return np.asarray(states + WIDER * PchipInterpolator(times, gap, axis=0)(t))
 

@@ -19,13 +19,13 @@ Key = TypeVar("Key", bound=Hashable)
 KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end")
 METHOD = ("engine", "settings", "integrator", "stabilization")
 MEASURED_ERRORS = ("measured_error_t05", "measured_error_t1", "measured_error_t2")  # after 0.5, 1 and 2 s
-SAME_ACCELERATION = 1e-6  # median: 100 times what numerical differentiation loses (1e-8), far below a soft loop (1e-2)
-VALID_ACCELERATION = 1e-2  # median: the validity gate, where a run does not record its own
-OWN_ENGINES = (  # default, for runs that do not record them
+SAME_ACCELERATION = 1e-6  # median: 100 times the error of numerical differentiation (1e-8), far below that of a soft loop (1e-2)
+VALID_ACCELERATION = 1e-2  # median: the validity gate of runs that do not record it
+OWN_ENGINES = (  # of runs that do not record them
     *("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16"),
     *("gauss-native", "lagrange-native", "minimal", "by_hand"),
 )
-OWN_STEPS = 0.02  # relative: if the number of steps differs more from duration / step, the integrator chose its steps
+OWN_STEPS = 0.02  # relative difference of the number of steps from duration / step, beyond which the integrator chose its steps
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ COMPONENTS: Mapping[str, Mapping[str, Any]] = {
     "x": {"color": BODY_EDGE, "linestyle": "-"},
     "y": {"color": CRANK_EDGE, "linestyle": "--"},
 }
-ARROW = 0.15  # place of the arrow on a path: this share of the path's extent after its start
+ARROW = 0.15  # distance of the arrow from the start of a path, as a share of the path's extent
 
 
 def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:

@@ -25,9 +25,9 @@ from gauss_bench.terms import Array
 
 WIDTH, LONGEST = 640.0, 500.0  # page width and largest drawing height [px]
 BAR = 13.0  # width of a link [px]
-BEYOND = 36.0  # length of a guide beyond what its block travels [px]
-FLAT = 1e-6  # of a link's length: points closer to one line have no hull
-ON_PIN = 0.5  # [px] a point that stays as near to a pin is drawn inside it
+BEYOND = 36.0  # length of a guide beyond the travel of its block [px]
+FLAT = 1e-6  # relative to a link's length: points that are closer to one line have no hull
+ON_PIN = 0.5  # [px] a point that stays this near to a pin is drawn inside the pin
 ROUND = (1e-3, 1e-2, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # lengths of the scale bar [m]
 PIN = f'<circle r="4.5" fill="{PAPER}" stroke="{INK}" stroke-width="1.6"/>'
 BLOCK = f'<rect x="-19" y="-11" width="38" height="22" rx="3" fill="{BODY}" stroke="{BODY_EDGE}" stroke-width="1.5"/>'

@@ -45,8 +45,13 @@ KEPT = 'vector-effect="non-scaling-stroke"'
 LINE = f'fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round" stroke-linecap="round" {KEPT}'
 PUSH = f'fill="none" stroke="{CRANK_EDGE}" stroke-width="2" stroke-linecap="round"'
 LEAD = 0.14  # share of the length at either end before spring and damper separate
-COILS = np.stack([np.linspace(0.2, 0.8, 29)[1::2], WIDE * (-1.0) ** np.arange(14)], axis=-1)  # (14, 2): part of the length, px
-POT = (((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)), ((0.52, -4), (0.52, 4)))  # of a damper, at parts of its length
+COILS = np.stack(
+    [np.linspace(0.2, 0.8, 29)[1::2], WIDE * (-1.0) ** np.arange(14)], axis=-1
+)  # (14, 2) points as (part of the length, px)
+POT = (
+    ((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)),
+    ((0.52, -4), (0.52, 4)),
+)  # the pot of a damper: points as (part of the length, px)
 RING = f'<circle r="9" fill="none" stroke="{BODY_EDGE}" stroke-width="2.4" stroke-dasharray="2.2 2.5"/>'
 MOTOR = f'<circle r="9" {PUSH}/>'
 SPIRAL = np.linspace(6.5, 13.5, 40)[:, None] * direction(-np.linspace(0, 4.5 * np.pi, 40))  # radius from 6.5 to 13.5 px

@@ -19,12 +19,12 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Told
 
 WIDTH, PANEL, HEAD, FOOT = 6.0, 1.12, 0.38, 0.5  # [inch]: width; heights of a panel, its title, the time axis
-MORE, FEW = 0.13, 4  # [inch] for each line beyond FEW
-LEFT, RIGHT = 0.72, 1.5  # [inch] beside the panels: numbers, names
+MORE, FEW = 0.13, 4  # [inch] of further height for each line beyond FEW
+LEFT, RIGHT = 0.72, 1.5  # [inch] at the sides of the panels, for numbers and names
 NAMED = 8  # lines of a panel that have a colour and a name; the others are grey
-SAMPLES = 800  # drawn samples of a curve: more than its width in pixels
+SAMPLES = 800  # largest number of drawn samples of a curve, more than its width in pixels
 LETTERS = 78  # characters in a line of the head
-GAP = 10.5  # [pt] between names
+GAP = 10.5  # [pt] smallest distance of two names
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 def move_apart(wanted: Array, gap: float, tall: float) -> Array:
     """Return places (k,) nearest to the wanted ones in least squares, in the same order and at least `gap` apart."""
-    # with x_i = y_i + i gap the spacing becomes monotonicity of y: isotonic regression
+    # for x_i = y_i + i gap, the distance of the x_i means that the y_i increase: this is isotonic regression
     order = np.argsort(wanted, kind="stable")
     offsets = gap * np.arange(len(wanted))
     flat = isotonic_regression(wanted[order] - offsets).x if len(wanted) else np.zeros(0)

@@ -12,12 +12,16 @@ from gauss_bench.report.palette import CRANK_EDGE, INK, MUTED
 from gauss_bench.terms import Array
 
 LETTER = 6.6  # mean width of a letter at 13 px
-WIDTHS = {"il.,'|j": 3.6, "frtI-()": 5.0, "mwMW_": 11.0}  # [px] of letters at 13 px, in the widest of the fonts asked for; else 8.3
-TALL = 13.0  # [px] of a name
-FAR = 22.0  # [px] clearance of a link's name that is enough: larger ones count the same
-NEAR = 8.0  # [px] the same for names of points and forces, which must stay near
-EDGE = 3.0  # [px] between a name and the picture's edge, or another name
-AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2), upwards first
+WIDTHS = {
+    "il.,'|j": 3.6,
+    "frtI-()": 5.0,
+    "mwMW_": 11.0,
+}  # letters -> width [px] at 13 px in the widest of the fonts; others have 8.3
+TALL = 13.0  # [px] height of a name
+FAR = 22.0  # [px] clearance of a link's name beyond which no place is better
+NEAR = 8.0  # [px] the same for names of points and forces, which must stay near them
+EDGE = 3.0  # [px] smallest distance of a name from the edge of the picture, or from another name
+AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2) unit vectors
 
 
 def width_of(name: str, size: float = 13.0) -> float:
@@ -101,7 +105,7 @@ def _best(
         gaps = np.maximum(others[:, :2] - box[2:], box[:2] - others[:, 2:]).max(axis=1) - EDGE
         free = min(float(inside), float(gaps.min(initial=FAR)))
         if free < 0:
-            return 10 * free  # worse than any line
+            return 10 * free  # overlapping another name is worse than crossing a line
         return float(min(distance(place + spread, segments) - TALL / 2, enough))
 
     rooms = [round(room(place), 1) for place in places]

@@ -17,7 +17,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import History, Told, Trajectory
 
 RATE = 20.0  # [1/s] pictures of a GIF
-MOST = 160  # pictures of a GIF: a longer film runs faster
+MOST = 160  # largest number of pictures of a GIF; a longer film runs faster
 
 
 def picture(kind: str, told: Told, history: History) -> bytes:

@@ -6,7 +6,11 @@ from gauss_bench.report.content import Finding, Section, blocks_of, count, itemi
 from gauss_bench.report.rows import Row, Run, cost_rows, group_by, is_unstabilised, number, with_number
 
 PLACE = 20
-RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step in a batch"}  # start of columns -> in words
+RACES = {
+    "": "a step",
+    "projected_": "a step with projection",
+    "batch_": "a step in a batch",
+}  # prefix of the columns of a race -> its name
 
 
 def section(run: Run) -> Section:

@@ -35,7 +35,7 @@ WORDS = {
 MEASURED = (*WORDS, "kernel_claim", "kernel_bounds", "scaling")
 NAMES = ("mechanism", "formulation", "stabilization", "settings", "place", "method")  # columns that identify a row
 VALUES = ("ratio", "error", "rate", "velocity_drift")  # columns that may have a target, in order of preference
-IN_LOOP, CALLED = ("in its own loop", "less the call"), ("called from Python", "as called")  # how kernel and Pinocchio are asked
+IN_LOOP, CALLED = ("in its own loop", "less the call"), ("called from Python", "as called")  # how kernel and Pinocchio are called
 FACTS = ("cpu", "cores", "python", "date", "commit")
 
 

@@ -30,9 +30,9 @@ from gauss_bench.report.rows import (
 PLACE = 12
 TARGETS = (1e-3, 1e-6)  # errors of the measured coordinate [rad or m] at which costs are compared
 OWN = "gauss"
-NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # in the judge's words
+NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # numbers in the judge's sentences
 SHUT = 1e-4  # [m, rad] loops with a smaller gap look closed
-LOST = 1.0  # [rad or m] error beyond which the motion is another one
+LOST = 1.0  # [rad or m] a motion with a larger error is another motion
 TIED = 0.05  # relative difference within which engines are equally good
 
 

@@ -14,9 +14,9 @@ from gauss_bench.report.content import Chart, count, error_text, ratio_text
 from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_unstabilised, with_number
 from gauss_bench.report.site.charts import FLOOR, bars
 
-HOLDS = 1e-4  # [m, rad] a loop that opens by less counts as held: a tenth of a millimetre
-CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # words of each
-STEP = 1e-3  # [s] that engines are compared at as shipped
+HOLDS = 1e-4  # [m, rad] a loop that opens by less, a tenth of a millimetre, counts as closed
+CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # name of a card -> its texts
+STEP = 1e-3  # [s] step at which engines are compared as shipped
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from gauss_bench.report.rows import Row, is_known, number
 GRAMMAR: Mapping[str, Any] = json.loads((Path(__file__).parent / "assets" / "charts.json").read_text(encoding="utf-8"))
 VEGA_LITE = "6.4"  # version of the specifications
 MOST_LINES = 6  # largest number of lines that are named at their ends
-APART = 0.065  # share of the height: least distance of two names
+APART = 0.065  # smallest distance of two names, as a share of the height
 FLOOR = 1e-17  # a zero error is drawn here, since logarithmic axes have no zero
 
 

@@ -73,7 +73,7 @@ def bests(run: Run, name: str) -> Table:
     lines: list[Row] = []
     searched = [x for x in scenarios(run) if name in engines_of(run, x)]
     known = [x for x, settings in all_settings(run).items() if any(one.engine == name for one in settings)]
-    # an engine that no setting is known of has nothing to show
+    # an engine without any known setting has no table
     for linkage in sorted({*searched, *known}) if known else ():
         for position in POSITIONS[1::2]:
             place = {"mechanism": linkage, "within": position}

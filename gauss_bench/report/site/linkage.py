@@ -46,7 +46,7 @@ from gauss_bench.report.site.settings import (
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
-BETTER = 0.98  # a costlier setting is on the front if its error is below this share of the last one's
+BETTER = 0.98  # a costlier setting is on the front if its error is smaller than the last one's by this factor
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
 

@@ -17,7 +17,7 @@ from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
-HEADLINE = 260  # largest number of characters of a finding before it is unfolded
+HEADLINE = 260  # largest number of characters of a finding that is not unfolded
 DASH = "A dash stands for a number that was not measured, or does not apply."
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
 

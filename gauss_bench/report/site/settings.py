@@ -33,11 +33,11 @@ from gauss_bench.report.rows import (
 )
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
-FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N]
-USUAL = 1e-4  # [m]
+FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] that can be required; infinity requires nothing
+USUAL = 1e-4  # [m] the accuracy that is chosen at first
 NUMBERS = ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")  # fields of a setting
 VARIANT = ("mechanism", "scenario", *METHOD)  # columns that are equal at all steps
-HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s], those within the stored run
+HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] times that can be chosen, up to the end of the stored run
 INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
 COMMENTS = ("remark",)  # options that are comments
 
@@ -216,7 +216,7 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
     leaders = cheapest(settings, position, force)
     if not math.isinf(force):
         return leaders
-    # times of different races do not compare; a race at this very requirement decides
+    # times of different races cannot be compared: a race at exactly this requirement decides
     for row in with_number(run.table("search_winners"), "seconds"):
         asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
         if asked and row["mechanism"] == mechanism and row["status"] == "ok":

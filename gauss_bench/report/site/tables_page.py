@@ -12,7 +12,9 @@ from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_p
 FOLDER = "tables"
 LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed
 HUGE = 150_000  # numbers and words: a larger table is published as Parquet alone, to keep the site below 8 MB
-PACKED = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "pb": 0}]  # text of numbers: no bytes are aligned
+PACKED = [
+    {"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "pb": 0}
+]  # parameters for text, whose bytes are not aligned
 
 
 def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path]:

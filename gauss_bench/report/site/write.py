@@ -39,7 +39,7 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
         programs: choices -> programs that run them; by default the first screen shows calls of this package.
     """
     folder = out / SITE
-    if (folder / "site.css").is_file():  # an earlier site: no other folder is ever emptied
+    if (folder / "site.css").is_file():  # only an earlier site is emptied, no other folder
         for old in folder.iterdir():
             if old.is_file():
                 old.unlink()
