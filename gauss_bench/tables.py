@@ -48,7 +48,7 @@ class Column:
     Attributes:
         name: the heading in files.
         kind: what its values are.
-        meaning: in words.
+        meaning: explanation for a reader.
         unit: "" for texts, flags, counts and ratios.
         exact: whether a number keeps all its digits in a CSV file.
         timed: whether it depends on measured time: it is then stored apart, and rounded.
@@ -191,7 +191,7 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGIT
 
 
 def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...]:
-    """Write a table of the schema into a folder, in as many files and of such a kind as the schema has it; each atomically.
+    """Write a table of the schema into a folder, each of its files atomically.
 
     Equal rows give equal bytes. Files of this table that an earlier format wrote elsewhere are removed.
 

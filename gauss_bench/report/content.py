@@ -93,7 +93,7 @@ class Chart:
     """A figure with its data.
 
     Attributes:
-        description: one sentence on what it shows.
+        description: one sentence about its content.
         spec: Vega-Lite specification, without data.
         head: column of `rows` -> heading in the table of its numbers.
         toggles: engines that a reader may hide and show.

@@ -71,7 +71,7 @@ def panels_of(history: History) -> list[Panel]:
 
 
 def _lines(curves: Iterable[Curve], by_key: bool = False) -> tuple[Line, ...]:
-    """Return a line for each curve, named by its key or by what it is a curve of."""
+    """Return a line for each curve, named by its key, or by the link, point, joint or motor that it describes."""
     return tuple(Line(x.key if by_key else x.of, x.values, i) for i, x in enumerate(curves))
 
 

@@ -25,7 +25,7 @@ AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2) un
 
 
 def width_of(name: str, size: float = 13.0) -> float:
-    """Estimate the width [px] of a name, on the wide side."""
+    """Estimate the width [px] of a name, rather too large than too small."""
     return size / 13 * sum(next((width for letters, width in WIDTHS.items() if x in letters), 8.3) for x in name)
 
 

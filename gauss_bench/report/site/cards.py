@@ -1,4 +1,4 @@
-"""The four questions on the first screen, each answered by a sentence, a number and a small figure from stored rows."""
+"""The four questions on the first screen, each with a sentence, a number and a small figure from stored rows as its answer."""
 
 import math
 import tomllib

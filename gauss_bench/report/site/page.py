@@ -27,11 +27,10 @@ class Page:
     """One page.
 
     Attributes:
-        name: of its file, without suffix.
-        title: of the page.
+        name: name of its file, without suffix.
         lead: the sentence below the title.
         body: HTML content.
-        data: of its scripts, such as charts by name.
+        data: data of its scripts, such as charts by name.
         scripts: further scripts that it needs.
         later: name -> data that a script loads only on demand.
         group: its group in the table of contents; empty for pages that are only linked from others.

@@ -1,16 +1,16 @@
 """Two engines' runs of a linkage, played side by side with magnified differences from the reference.
 
-Tables `motions` and `poses` store the pose of a link in a run as truth + ahead + gap. `ahead` is the part of the difference that
-leaves all loops closed; it is magnified along the motion of the linkage, so that a late crank is drawn later together with all
-other links. `gap` is the rest, which opens loops; it is magnified in a straight line. At a factor of one, links are drawn where the
-run has them.
+Tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap. `ahead` is the part of the difference
+that leaves all loops closed. It is magnified along the motion of the linkage, so that a late crank is drawn later together with all
+other links. `gap` is the rest, which opens loops. It is magnified in a straight line. At a factor of one, links are drawn at their
+stored poses.
 
 If the crank can turn fully, the magnified pose is taken from the states of a turn. With the reference angle c of the crank, the
 angle a by which the run is ahead, and the factor f,
 
-    pose(f) = turn(c + f a) + rest + f gap,    rest = truth + ahead - turn(c + a),
+    pose(f) = turn(c + f a) + rest + f gap,    rest = reference + ahead - turn(c + a),
 
-where the rest is zero unless the run has changed to another assembly. Without a full turn, pose(f) = truth + f (ahead + gap).
+where the rest is zero unless the run has changed to another assembly. Without a full turn, pose(f) = reference + f (ahead + gap).
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""The page that searches the site and the documentation: a list of their headings, which a script narrows to what is asked for."""
+"""The page that searches the site and the documentation: a list of headings, which a script reduces to the matching ones."""
 
 import json
 import re
@@ -15,7 +15,7 @@ INDEX = "search/search_index.json"  # the headings of the documentation, written
 
 
 def search_page(pages: Sequence[Page], guide: Path) -> Page:
-    """Return the page; `guide` is the folder of the documentation, which need not be there."""
+    """Return the search page; `guide` is the folder of the documentation, which need not be there."""
     found = list(dict.fromkeys((*page_headings(pages), *guide_headings(guide))))
     lead = "All pages and headings of this site and its documentation; type words to narrow the list."
     return replace(plain_page("search", "Search", lead, "Search", found=found), scripts=("search.js",))

@@ -72,7 +72,7 @@ class Setting:
     until: float
 
     def holds(self, position: float, force: float = math.inf) -> bool:
-        """Tell whether both errors are known to be within what is required; an infinite force requires nothing."""
+        """Tell whether both errors are known to be within the requirement; an infinite force requires nothing."""
         return self.position <= position and (math.isinf(force) or self.force <= force)
 
     @property
