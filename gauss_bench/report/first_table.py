@@ -6,6 +6,7 @@ authors are marked. README has the table between two marker lines; `make publish
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from statistics import median
 
 from gauss_bench.reach import Requirement, reach, trial_of
@@ -49,32 +50,53 @@ def mark_own(run: Run, loop: str) -> str:
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
+@dataclass(frozen=True)
+class Answers:
+    """What holding an accuracy costs on one linkage; keys are engines with their kind of loop.
+
+    Attributes:
+        leaders: cheapest settings that hold.
+        multiples: their times over that of the fastest engine.
+        ladders: rows of `search_ladder`.
+    """
+
+    leaders: dict[str, Setting]
+    multiples: dict[str, float]
+    ladders: dict[str, list[Row]]
+
+    def cells(self, loop: str, position: float) -> list[Cell]:
+        """Return error, time and multiple of an engine, or why it has none."""
+        one = self.leaders.get(loop)
+        if one is None:
+            return [text_cell(explain_missing(self.ladders.get(loop, []), position)), Cell(NOTHING), Cell(NOTHING)]
+        multiple = self.multiples.get(loop, math.nan)
+        error, time = Cell(error_text(one.position), one.position), Cell(time_text(one.seconds), one.seconds)
+        return [error, time, Cell(ratio_text(multiple), multiple)]
+
+
+def answers_of(run: Run, mechanism: str, ladder: Iterable[Row], position: float) -> Answers:
+    """Return the answers of all engines on a linkage from its rows of `search_ladder`."""
+    leaders = cheapest_loops(run, mechanism, position)
+    over = multiples({loop: one.seconds for loop, one in leaders.items()})
+    return Answers(leaders, over, group_by(ladder, lambda r: loop_of(r["engine"], r["settings"])))
+
+
 def first_table(run: Run, position: float = FIRST) -> Table | None:
     """Return a row per engine: error, time and multiple on the linkages SHOWN, and the range of its multiples on all linkages."""
     modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
-    ladder = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
-    leaders = {x: cheapest_loops(run, x, position) for x in ladder}
-    if not any(leaders.values()):
+    ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
+    answers = {name: answers_of(run, name, rows, position) for name, rows in ladders.items()}
+    if not any(x.leaders for x in answers.values()):
         return None
-    over = {x: multiples({loop: one.seconds for loop, one in some.items()}) for x, some in leaders.items()}
-    tried = {x: group_by(rows, lambda r: loop_of(r["engine"], r["settings"])) for x, rows in ladder.items()}
-    shown = [x for x in SHOWN if x in leaders] or list(leaders)[:2]
-    names = set().union(*tried.values(), *leaders.values())
-    ranges = {loop: [x[loop] for x in over.values() if loop in x] for loop in names}
+    shown = [x for x in SHOWN if x in answers] or list(answers)[:2]
+    loops = {loop for x in answers.values() for loop in (*x.ladders, *x.leaders)}
+    ranges = {loop: [x.multiples[loop] for x in answers.values() if loop in x.multiples] for loop in loops}
     lines = []
     for loop in sorted(ranges, key=lambda x: (median(ranges[x] or [math.inf]), x)):
-        cells = [text_cell(mark_own(run, loop))]
-        for name in shown:
-            one = leaders[name].get(loop)
-            if one is None:
-                cells += [text_cell(explain_missing(tried[name].get(loop, []), position)), Cell(NOTHING), Cell(NOTHING)]
-            else:
-                multiple = over[name].get(loop, math.nan)
-                cells += [Cell(error_text(one.position), one.position), Cell(time_text(one.seconds), one.seconds)]
-                cells.append(Cell(ratio_text(multiple), multiple))
-        cells.append(Cell(f"{sum(loop in x for x in leaders.values())} of {len(leaders)}"))
-        cells.append(Cell(range_text(ranges[loop]) if ranges[loop] else NOTHING))
-        lines.append(cells)
+        cells = [cell for name in shown for cell in answers[name].cells(loop, position)]
+        holds = f"{sum(loop in x.leaders for x in answers.values())} of {len(answers)}"
+        over = range_text(ranges[loop]) if ranges[loop] else NOTHING
+        lines.append([text_cell(mark_own(run, loop)), *cells, Cell(holds), Cell(over)])
     figures = (f"{x}: {y}" for x in shown for y in ("error [m]", "time", "multiple"))
     head = ("engine", *figures, "holds on", "multiples")
     title = f"Within {limit_text(position)} m of position {search_span(run)}"
