@@ -127,30 +127,39 @@ def linkage_parts(
         trace: states (l, n) that give the length of guides on the ground, if they differ from the drawn states.
         letters: observed point -> an SVG text that moves with it.
     """
-    slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic)]
+    yield from ground_parts(mechanism, states if trace is None else trace, canvas)
+    blocks = {joint.block.link for joint in mechanism.joints if isinstance(joint, Prismatic)}
+    for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
+        yield link_part(mechanism, i, states, canvas)
+    if forces:
+        yield from force_parts(mechanism, states, canvas)
+    yield from point_parts(mechanism, states, canvas, letters)
+
+
+def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
+    """Yield the feet of pins on the ground, and guides on the ground along the travel of their blocks over states (k, n)."""
     pins = [joint for joint in mechanism.joints if isinstance(joint, Revolute)]
     held = [p for p in (*(p for j in pins for p in (j.a, j.b)), *attachments(mechanism)) if p.link == GROUND]
     for where in dict.fromkeys(tuple(p.local.tolist()) for p in held):
         shapes = (FOOT, *hatch(np.array([-20.0, 22.0]), np.array([20.0, 22.0])))
         yield make_part(shapes, canvas.at(np.array(where)), reach=np.array([[(0.0, 0.0), (x, 26.0)] for x in (-14.0, 0.0, 14.0)]))
-    for joint in slides:
-        if joint.guide.link == GROUND:
-            ends = guide_ends(joint, states if trace is None else trace, BEYOND / canvas.scale)
-            line = np.array([canvas.at(end.local) for end in ends])
+    for joint in mechanism.joints:
+        if isinstance(joint, Prismatic) and joint.guide.link == GROUND:
+            line = np.array([canvas.at(end.local) for end in guide_ends(joint, states, BEYOND / canvas.scale)])
             yield make_part([*hatch(*lines_beside(line)[0]), stroke(GUIDE, line)], np.zeros(2), reach=lines_beside(line))
-    blocks = {joint.block.link for joint in slides}
-    for i in sorted(range(len(mechanism.links)), key=lambda i: (i not in blocks, i)):  # a block lies under the bar it slides on
-        yield link_part(mechanism, i, states, canvas)
-    if forces:
-        yield from force_parts(mechanism, states, canvas)
-    tracks = [(joint.a, canvas.at(position(states, joint.a))) for joint in pins]  # pixels (k, 2) of each pin
+
+
+def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Mapping[str, str]) -> Iterator[Part]:
+    """Yield pins and observed points with their letters at states (k, n)."""
+    pins = [joint.a for joint in mechanism.joints if isinstance(joint, Revolute)]
+    tracks = [canvas.at(position(states, pin)) for pin in pins]  # pixels (k, 2) of each pin
     # a pin through several links consists of several joints at one place: draw it once
-    distinct = {tuple(np.round(track[0], 1)): (point, track) for point, track in tracks}
-    for point, track in distinct.values():
-        yield make_part([PIN], track, link=point.link, local=canvas.offset(point.local))
+    distinct = {tuple(np.round(track[0], 1)): (pin, track) for pin, track in zip(pins, tracks, strict=True)}
+    for pin, track in distinct.values():
+        yield make_part([PIN], track, link=pin.link, local=canvas.offset(pin.local))
     for point in mechanism.observed_points:
         track = canvas.at(position(states, point))
-        on_pin = any(np.abs(track - other).max() < ON_PIN for _, other in tracks)
+        on_pin = any(np.abs(track - other).max() < ON_PIN for other in tracks)
         dot = f'<circle r="{2 if on_pin else 4}" fill="{TRACE}"/>'
         yield make_part([dot, letters.get(point.name, "")], track, link=point.link, local=canvas.offset(point.local))
 
