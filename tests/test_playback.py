@@ -65,13 +65,13 @@ def part(rows: list[dict[str, Any]], ends: str) -> Array:
     return np.array([[r[f"{axis}{ends}"] for axis in ("x", "y", "angle")] for r in rows]).reshape(-1, len(MECHANISM.links), 3)
 
 
-def test_a_run_that_is_late_is_late_and_nowhere_open() -> None:
+def test_poses_of_a_late_run_are_late_without_gaps() -> None:
     rows = poses(MECHANISM, run_of(AHEAD), truth())
     assert part(rows, "_ahead")[:, MECHANISM.crank, 2] == pytest.approx(LATE, abs=1e-12)
     assert np.abs(part(rows, "_gap")).max() < 1e-14
 
 
-def test_a_run_that_opens_is_open_by_what_it_was_pulled_and_all_parts_add_up_to_it() -> None:
+def test_the_gap_of_a_run_is_the_planted_opening_and_the_parts_add_up_to_its_pose() -> None:
     rows = poses(MECHANISM, run_of(opened()), truth())
     exact, ahead, gap = part(true_poses(MECHANISM, truth()), ""), part(rows, "_ahead"), part(rows, "_gap")
     shown = (exact + ahead + gap).reshape(len(exact), -1)
@@ -93,7 +93,7 @@ def test_a_run_that_ends_early_has_the_poses_that_it_reached() -> None:
     assert len(poses(MECHANISM, run_of(lost), truth())) == 10 * len(MECHANISM.links)
 
 
-def test_of_every_engine_the_default_and_the_most_exact_valid_run_are_kept() -> None:
+def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() -> None:
     """At the step nearest to a millisecond; no negative controls."""
     steps = (1e-2, 1e-3, 1e-4)
     cases = [Case("four_bar", "torque", "gauss", "default", i, "none", h, 0.5) for h in steps for i in ("rk4", "dop853", "euler")]

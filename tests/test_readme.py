@@ -92,7 +92,7 @@ def unwrapped(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_the_first_screen_says_what_the_rows_say(page: str) -> None:
+def test_numbers_of_the_first_screen_follow_from_the_rows(page: str) -> None:
     screen = page[: page.index("## Install")]
     lines = [x.strip("| ").split(" | ") for x in screen.splitlines() if x.startswith("| ")][2:]
     told = {x[0].removesuffix(" (own)"): x[-1] for x in lines}
@@ -139,7 +139,7 @@ def test_the_moving_pictures_runs_are_stored_and_only_one_opens() -> None:
     assert opened / 2 < said < 4 * opened
 
 
-def test_lengths_are_said_in_units() -> None:
+def test_lengths_have_a_unit() -> None:
     assert [length_text(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
 
 
@@ -157,7 +157,7 @@ def test_commands_print_what_the_page_shows(page: str, verb: str) -> None:
         assert re.sub(r"[\d.]+(e-\d+)?( [num]?s)?\b", "#", line.rstrip()) in plain, f"{line}\n{done.stdout}"
 
 
-def test_own_engines_are_named_alike_by_the_report_and_by_the_engines() -> None:
+def test_the_report_and_the_engines_have_the_same_list_of_own_engines() -> None:
     assert Run().own_engines == AUTHORED
     assert Run({"own_engines": ["x"]}).own_engines == ("x",)
 
@@ -166,7 +166,7 @@ def test_every_verb_is_in_one_table(page: str) -> None:
     assert re.findall(r"^\| `([a-z]+)` \| [^|]+ \|$", page[page.index("| `gauss-bench` |") :], re.MULTILINE) == list(VERBS)
 
 
-def test_what_the_page_links_to_is_there(page: str) -> None:
+def test_links_of_the_page_lead_to_files(page: str) -> None:
     for target in re.findall(r"\]\(([^)#:]+)\)", page):
         assert target.startswith("../../actions/") or (ROOT / target).exists(), target
 

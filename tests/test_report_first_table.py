@@ -65,7 +65,7 @@ def test_readme_is_renewed_between_its_two_lines_alone() -> None:
         renew("no table", RUN)
 
 
-def test_what_is_said_to_be_over_the_cheaper_is_over_the_cheaper_though_rows_are_over_what_ties_with_it() -> None:
+def test_ratios_are_over_the_cheaper_of_our_engines_even_if_stored_over_one_that_ties() -> None:
     def stored(engine: str, ratio: float, ours: bool) -> dict[str, Any]:
         ends = {"ratio_low": 0.9 * ratio, "ratio_high": 1.1 * ratio}
         return {"mechanism": "six_bar", "engine": engine, "ours": ours, "ratio": ratio} | ends

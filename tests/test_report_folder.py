@@ -21,7 +21,7 @@ def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path: Path, ca
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_files_of_others_are_never_taken_away(tmp_path: Path) -> None:
+def test_files_that_gauss_bench_did_not_write_are_kept(tmp_path: Path) -> None:
     write_table("agreement", [ROW], tmp_path)
     write_schema(tmp_path)
     site = tmp_path / "site"

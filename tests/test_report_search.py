@@ -35,7 +35,7 @@ ROWS = (
 )
 
 
-def test_each_rival_is_told_on_every_linkage_with_the_limits_in_the_same_sentence() -> None:
+def test_a_sentence_names_each_rival_on_every_linkage_with_the_limits_of_the_search() -> None:
     (finding,) = search.findings(run(*ROWS))
     assert finding.title == "Within 1e-06 m of position over the whole run"
     (sentence,) = (x for x in finding.text.split(". ") if "`mujoco`" in x)
@@ -72,14 +72,14 @@ def test_a_defeat_stands_first(rows: list[dict[str, Any]], start: str) -> None:
     assert finding.tone == ("warn" if start.startswith("**") else "")
 
 
-def test_what_is_left_out_stands_beside_the_figures() -> None:
+def test_a_finding_names_what_it_leaves_out() -> None:
     skipped = winner("four_bar", "by_hand", None) | {"status": "skip", "message": "no C compiler"}
     cases = tuple({"mechanism": x, "engine": "gauss", "status": "ok"} for x in ("four_bar", "shaper"))
     (finding,) = search.findings(Run({}, {"search_winners": (*ROWS, skipped), "results": cases}))
     assert finding.text.endswith("Left out: `by_hand` on four_bar (not tried: no C compiler). Not searched: shaper.")
 
 
-def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
+def test_a_lost_race_is_a_finding_and_changes_no_other() -> None:
     lost = {"mechanism": "shaper", "scenario": "torque", "required": "", "status": "timeout", "message": "no answer within 600 s"}
     crashed = winner("six_bar", "exudyn", None) | {"status": "crashed", "message": "SIGSEGV"}
     crashed |= dict.fromkeys(("steps", "budget"), float("nan"))
@@ -89,7 +89,7 @@ def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
     assert search.section(run(lost)) is None
 
 
-def test_accuracies_are_told_apart_and_every_winner_is_a_line() -> None:
+def test_each_accuracy_is_a_finding_and_every_winner_a_line() -> None:
     finer = [r | {"accuracy": 1e-9} for r in ROWS]
     angles = [r | {"required": "angle", "unit": "rad"} for r in ROWS]
     findings = list(search.findings(run(*angles, *finer, *ROWS)))

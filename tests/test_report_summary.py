@@ -25,13 +25,13 @@ def tables(sections: Sequence[Section]) -> list[tuple[str, Table]]:
     return inside + [x for s in sections for x in tables(s.parts)]
 
 
-def test_what_is_published_is_the_summary_of_the_rows_beside_it(run: Run) -> None:
+def test_the_published_summary_follows_from_the_published_rows(run: Run) -> None:
     page = markdown_page(run, summary(run, all_findings(run)))
     assert (PUBLISHED / "README.md").read_text(encoding="utf-8") == page, "write it again: gauss-bench report --out reports"
     assert len(page.encode()) <= LIMIT
 
 
-def test_what_is_lost_is_said_first() -> None:
+def test_defeats_come_first_in_the_summary() -> None:
     found = [
         Finding("Fine", "All is well.", "good"),
         Finding("Odd", "Something is odd.", "warn"),

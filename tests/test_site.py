@@ -117,7 +117,7 @@ def test_the_first_screen_takes_the_cheapest_that_holds(run: Run) -> None:
     assert not cheapest(settings, 0.0)
 
 
-def test_where_it_was_raced_the_race_has_the_word(run: Run) -> None:
+def test_a_race_at_the_same_accuracy_replaces_the_estimate(run: Run) -> None:
     winners = table("search_winners").query("required == 'position' and status == 'ok'")
     for row in winners.dropna(subset=["seconds"]).itertuples():
         one = cheapest_stored(run, row.mechanism, row.accuracy)[row.engine]
@@ -145,7 +145,7 @@ VISIONS = {  # Machado, Oliveira and Fernandes (2009), severity 1
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_engines_are_told_apart_by_whoever_sees_no_red_or_green_and_are_legible(dark: bool) -> None:
+def test_colours_of_engines_differ_for_the_colour_blind_and_are_legible(dark: bool) -> None:
     colours = np.array([linear(pair[dark]) for pair in HUES.values()])
     for name, matrix in VISIONS.items():
         seen = np.cbrt(np.clip(colours @ np.transpose(matrix), 0, 1) @ np.transpose(TO_CONES)) @ np.transpose(TO_LAB)
@@ -156,7 +156,7 @@ def test_engines_are_told_apart_by_whoever_sees_no_red_or_green_and_are_legible(
     assert all((max(x, paper) + 0.05) / (min(x, paper) + 0.05) >= 3 for x in light)
 
 
-def test_engines_shown_together_share_neither_colour_nor_marker() -> None:
+def test_engines_of_a_figure_share_neither_colour_nor_marker() -> None:
     engines = [*list(HUES)[:7], "mine", "yours"]
     assert len(set(slots(engines).values())) == len(engines)
     assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
@@ -434,7 +434,7 @@ def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: P
 
 
 @pytest.mark.slow
-def test_what_moves_moves_and_what_toggles_toggles(browser: Any, out: Path) -> None:
+def test_the_player_moves_and_toggles_hide_lines(browser: Any, out: Path) -> None:
     page, wrong = opened(browser, (out / "site" / "linkage-eight_bar.html").as_uri())
     link = "#turn [data-link='0']"
     before = page.get_attribute(link, "transform")
