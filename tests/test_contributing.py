@@ -89,7 +89,6 @@ from gauss_bench.report.content import Finding, Section, Table, Text, text_cell
 from gauss_bench.report.rows import Run
 
 PLACE = 95
-TABLES = ("weather",)
 
 
 def findings(run: Run) -> Iterator[Finding]:
