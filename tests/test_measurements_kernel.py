@@ -178,7 +178,7 @@ def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race
 def test_every_linkage_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
     part = CLAIM.model_copy(update={"linkages": {"four_bar": "torque", "pendulums_2": "swing"}, "processes": 3})
     suite = SUITE.model_copy(update={"claim": (part,)})
-    tasks = claim.timed(suite, Context("", "stamp"), {})
+    tasks = claim.timing_tasks(suite, Context("", "stamp"), {})
     assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
         (name, k) for k in range(3) for name in ("four_bar", "pendulums_2")
     ]

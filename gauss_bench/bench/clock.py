@@ -168,8 +168,8 @@ class Measured:
         """
         return time_of(self.of(key))
 
-    def compared(self, own: Hashable, rival: Hashable) -> Row:
-        """`compared` of two entries.
+    def compare(self, own: Hashable, rival: Hashable) -> Row:
+        """Return the times of two entries and their ratio, as `compare` does for samples.
 
         Raises:
             Missing: one of them was not measured.

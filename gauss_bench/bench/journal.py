@@ -94,7 +94,7 @@ class Journal:
             said = f"{self.path}: {damaged} of {len(lines)} lines are not as they were written; what they told is run again"
             print(harmless(f"warning: {said}"), file=sys.stderr)
 
-    def finished(self, key: str, stamp: str) -> dict[str, Any] | None:
+    def find(self, key: str, stamp: str) -> dict[str, Any] | None:
         """The rows of a task, by table, if they were made under the same stamp."""
         entry = self.entries.get(key)
         return entry["tables"] if entry and entry["stamp"] == stamp else None

@@ -1,8 +1,11 @@
 """Runs a suite: untimed tasks in parallel workers, then timed tasks one by one, then the tables. Every stage is resumable.
 
-A measurement is a file in `measurements`. It may offer `exact(suite, context)`, tasks in whose answers no time counts;
-`timed(suite, context, tables)`, tasks that run one after the other, given the tables so far; `timed_again`, the same after all of
-those; and `complete(suite, tables)`, which fills in what follows from the rows of other tasks.
+A measurement is a file in `measurements`. It may have these functions:
+
+    exact_tasks(suite, context)                     tasks that measure no time; they run side by side
+    timing_tasks(suite, context, tables)            tasks that measure times, one after the other, given all rows so far
+    second_timing_tasks(suite, context, tables)     further timing tasks, which depend on the rows of the first ones
+    complete(suite, tables)                         fills in columns that depend on the rows of several tasks
 """
 
 import json
@@ -65,9 +68,9 @@ def run(
     stamp, asked = f"{fingerprint()}.{certificates_digest()}", tuple(steps) if steps else None
     context = Context(str(folder / ".run" / "references"), stamp, until=until, steps=asked, limit=limit)
     with Journal(folder / ".run" / "journal.jsonl") as journal:
-        tasks = [task for m in modules() if hasattr(m, "exact") for task in m.exact(suite, context)]
+        tasks = [task for m in modules() if hasattr(m, "exact_tasks") for task in m.exact_tasks(suite, context)]
         tables = gather(finish(tasks, jobs, "accuracy", journal).values())
-        for stage, label in (("timed", "times"), ("timed_again", "times again")) if costs else ():
+        for stage, label in (("timing_tasks", "times"), ("second_timing_tasks", "times again")) if costs else ():
             tasks = [task for m in modules() if hasattr(m, stage) for task in getattr(m, stage)(suite, context, tables)]
             for table, rows in gather(finish(tasks, 1, label, journal).values()).items():
                 tables.setdefault(table, []).extend(rows)

@@ -153,7 +153,7 @@ def close(times: Mapping[K, float]) -> list[K]:
     return [k for k, x in times.items() if x <= CLOSE * least]
 
 
-def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
+def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
     """Return the winner of a race, and all settings that tie with the fastest.
 
     `samples`: seconds (processes, rounds), or (rounds,) of one process, of everyone raced, in the order that breaks ties.

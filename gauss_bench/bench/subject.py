@@ -61,7 +61,7 @@ class Subject:
     before: float = field(default_factory=time.process_time)
 
     @property
-    def spent(self) -> float:
+    def processor_time(self) -> float:
         """Processor time [s] of this process and of the worker, with the compilers that it has started, so far."""
         return time.process_time() - self.before + time_of(self.worker.process.pid if self.worker.process else 0)
 
@@ -91,7 +91,7 @@ class Subject:
     ) -> Run:
         """A run of a linkage; with `again` the worker may keep its model for the next step or tolerance of the same."""
         wanted = sampling_at(choice.step, times)
-        if self.spent > LONGEST:
+        if self.processor_time > LONGEST:
             return Run(Status.SKIP, f"not asked: {LONGEST:g} s of the processor are spent", None, None, wanted)
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, 0.0, answers)
         return run_apart(request, mechanism, LIMIT, self.worker, again=again)

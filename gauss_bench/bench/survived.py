@@ -51,7 +51,7 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
     rows, lost = list_survivors(race_here, (entries, arguments, rounds), engines)
     for key, _ in entries(*arguments) if lost else ():
         if key.engine in lost:
-            rows.append(key._asdict() | lost[key.engine].told)
+            rows.append(key._asdict() | lost[key.engine].columns)
     return list(rows)
 
 

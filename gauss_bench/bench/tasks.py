@@ -55,13 +55,13 @@ class Task(NamedTuple):
     start: Mapping[str, Any] = {}
     limit: float = LIMIT
 
-    def lost(self, failure: WorkerFailure) -> Tables:
+    def rows_of_failure(self, failure: WorkerFailure) -> Tables:
         """The answer of a task whose worker was lost."""
-        told = failure.told
+        columns = failure.columns
         if "status" in TABLES[self.table].names:
-            return {self.table: [{**self.start, **told}]}
+            return {self.table: [{**self.start, **columns}]}
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
-        return {"lost": [{"table": self.table, **place, **told}]}
+        return {"lost": [{"table": self.table, **place, **columns}]}
 
     @property
     def stamp_if_lost(self) -> str:
@@ -84,7 +84,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
     done = {
         task.key: entry
         for task in tasks
-        if journal and (entry := journal.finished(task.key, task.stamp) or journal.finished(task.key, task.stamp_if_lost))
+        if journal and (entry := journal.find(task.key, task.stamp) or journal.find(task.key, task.stamp_if_lost))
     }
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
@@ -140,7 +140,7 @@ def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[A
                     answer = worker.call(task.function, task.arguments, task.limit)
                     answers.put((task.key, task.stamp_of(answer), answer))
                 except WorkerFailure as failure:
-                    answers.put((task.key, task.stamp_if_lost, task.lost(failure)))
+                    answers.put((task.key, task.stamp_if_lost, task.rows_of_failure(failure)))
     except BaseException as error:
         answers.put(error)
 

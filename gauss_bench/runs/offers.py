@@ -193,12 +193,12 @@ def _tell(name: str, answer: object) -> Offer:
     try:
         offer = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:
-        return _broken(name, TypeError("it does not describe itself"))
+        return _reject(name, TypeError("it does not describe itself"))
     words = (offer.version, offer.reason, *offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive)
     if odd := next((word for word in words if not word.isprintable()), ""):
-        return _broken(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
+        return _reject(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
-        return _broken(name, TypeError("it does not describe itself"))
+        return _reject(name, TypeError("it does not describe itself"))
     return replace(offer, name=name)
 
 
@@ -209,7 +209,7 @@ def describe(name: str) -> Offer:
     except ImportError as error:
         return Offer(name, "not installed", status=Status.SKIP, reason=not_installed(error))
     except Exception as error:
-        return _broken(name, error)
+        return _reject(name, error)
     try:
         lacking = [x for x in CALLED if not callable(getattr(engine, x, None))]
         if lacking:
@@ -232,7 +232,7 @@ def describe(name: str) -> Offer:
         )
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
-        return _broken(name, error)
+        return _reject(name, error)
     offer = Offer(name, "", settings, variants, integrators, stabilizations, adaptive, options, first, soft, unfinished, *loops)
     try:
         return replace(offer, version=_version(engine.version))
@@ -240,7 +240,7 @@ def describe(name: str) -> Offer:
         return replace(offer, version="not installed", status=Status.SKIP, reason=not_installed(error))
 
 
-def _broken(name: str, error: Exception) -> Offer:
+def _reject(name: str, error: Exception) -> Offer:
     return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {in_a_sentence(error)}")
 
 

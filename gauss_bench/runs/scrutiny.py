@@ -168,7 +168,7 @@ def evidence_of(
     off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off
     evidence = examine(Evaluator(mechanism), trajectory, truth, off)
     if truth is not None or (finer is not None and finer.trajectory is not None):  # else nothing would decide
-        evidence = replace(evidence, seen=seen(mechanism, trajectory, evidence))
+        evidence = replace(evidence, seen=measurable_gain(mechanism, trajectory, evidence))
     if truth is None or not truth.certified:  # one that is not is as good as the equations that it shares with the run
         evidence = replace(evidence, disagreement=disagreement(mechanism, trajectory))
     evidence = replace(evidence, steps_a_forcing=steps_a_forcing(mechanism, choice, adaptive))
@@ -197,7 +197,7 @@ def as_truth(trajectory: Trajectory) -> Reference:
     return Reference(trajectory.t, trajectory.q, trajectory.v, trajectory.a, none, none, none, none, none, none, "half the step")
 
 
-def seen(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
+def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
     """Energy gained beyond the work (k,) [J] as far as samples can tell it, where that changes what is said of it; else None.
 
     Samples further apart than the quickest damping takes to act do not see what it takes.

@@ -67,7 +67,7 @@ class WorkerFailure(RuntimeError):
         super().__init__(message)
 
     @property
-    def told(self) -> dict[str, str]:
+    def columns(self) -> dict[str, str]:
         """Return the failure as the columns of a row."""
         return {"status": str(self.status), "message": str(self)}
 
@@ -155,7 +155,7 @@ class Worker:
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
             if not isinstance(error, (EOFError, BrokenPipeError)):
                 raise
-            code = self._ended(process)
+            code = self._exit_code(process)
             said = self._last_words()
             self.stop()
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
@@ -168,7 +168,7 @@ class Worker:
         raise WorkerFailure(Status.ERROR, "the worker gave no answer")
 
     @staticmethod
-    def _ended(process: "subprocess.Popen[bytes]") -> int:
+    def _exit_code(process: "subprocess.Popen[bytes]") -> int:
         """Return the exit code of the process, which is ended first if it has only closed its pipe."""
         try:
             return process.wait(GRACE)
@@ -211,7 +211,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
     buffer = bytearray()
     needed, headed = HEADER.size, False
     while len(buffer) < needed:
-        left = clock.left()
+        left = clock.remaining()
         if not select.select([descriptor], [], [], min(POLL, max(0.0, left)))[0]:
             if process.poll() is not None and not select.select([descriptor], [], [], 0.0)[0]:
                 raise EOFError
@@ -242,9 +242,9 @@ class _Clock:
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
         self.path, self.limit, self.longest = f"/proc/{pid}/schedstat", limit, min(longest, BACKSTOP * limit)
-        self.start, self.waited = time.monotonic(), self._waited()
+        self.start, self.waited = time.monotonic(), self._waiting_time()
 
-    def _waited(self) -> float:
+    def _waiting_time(self) -> float:
         """Return the seconds that the process has waited for a processor."""
         try:
             with open(self.path, encoding="ascii") as file:
@@ -252,9 +252,9 @@ class _Clock:
         except (OSError, ValueError, IndexError):
             return 0.0
 
-    def left(self) -> float:
+    def remaining(self) -> float:
         gone = time.monotonic() - self.start
-        given = max(0.0, self._waited() - self.waited)
+        given = max(0.0, self._waiting_time() - self.waited)
         return min(self.limit - (gone - min(given, gone)), self.longest - gone)
 
 
@@ -355,7 +355,7 @@ def pack_answer(item: object) -> bytes:
     """
     parts: list[bytes] = []
 
-    def described(x: object) -> object:
+    def describe(x: object) -> object:
         if isinstance(x, np.generic):
             return x.item()
         if isinstance(x, np.ndarray) and x.dtype.kind in KINDS:
@@ -363,7 +363,7 @@ def pack_answer(item: object) -> bytes:
             return {ARRAY: [x.dtype.kind, x.shape]}
         raise NoAnswer(f"a worker cannot answer with {type(x).__name__}")
 
-    text = json.dumps(item, default=described).encode()
+    text = json.dumps(item, default=describe).encode()
     return b"".join((LENGTH.pack(len(text)), text, *parts))
 
 

@@ -26,7 +26,7 @@ from gauss_bench.mechanism.evaluate import Constraints, Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling_at
-from gauss_bench.runs.scrutiny import seen
+from gauss_bench.runs.scrutiny import measurable_gain
 from gauss_bench.runs.worker import Worker
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family, Varied, describe
@@ -168,7 +168,7 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
-            evidence = replace(evidence, seen=seen(mechanism(), motion, evidence))
+            evidence = replace(evidence, seen=measurable_gain(mechanism(), motion, evidence))
             verdict = judge(evidence)
     said = "; ".join(filter(None, (verdict.sentence, remark(evidence))))
     return str(Status.OK if verdict.valid else Status.INVALID), said

@@ -21,7 +21,7 @@ from gauss_bench.terms import Array
 JUDGING = 20.0  # [s] for what comes before and after a run that has its own limit: a reference, and what is found in the samples
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """The references first, which the cases then share."""
     chosen = as_asked(cases(suite), context.until, context.steps)
     return tasks(chosen, context, play(chosen))

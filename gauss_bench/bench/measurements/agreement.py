@@ -35,7 +35,7 @@ OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)
 SPEED = 10.0  # [rad/s] of the crank there
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.agreement, "kernel_agreement", agreement)
 

@@ -27,7 +27,7 @@ QUANTITY = "batch of different states"
 CHECKED = 32  # trajectories that are run again alone
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.batch, "kernel_batch", race_batch)
 
@@ -43,7 +43,7 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
     own, rival = keys = list_keys(part)
     processes = [race(entries, (linkage, scenario, part), part.rounds, [x.engine for x in keys]) for _ in range(part.processes)]
     measured = gather_rounds((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
-    found = row(start, lambda: measured.compared(own, rival) | measured.facts.get(own, {}))
+    found = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(found, "ratio", part.targets.get(mechanism.name))]}
 
 

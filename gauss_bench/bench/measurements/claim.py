@@ -41,7 +41,7 @@ def pairs(part: Claim) -> dict[str, list[Key]]:
     }
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Counts of operations on every linkage that both formulations race on."""
     places = [x for part in suite.claim for x in part.linkages.items()]
     return [context.task("kernel_claim", count, x, *x) for x in dict.fromkeys(places)]
@@ -62,7 +62,7 @@ def count(linkage: str, scenario: str) -> Tables:
     return {"kernel_claim": [start]}
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each linkage and process; those of a linkage lie apart in time."""
     tasks = [
         context.task("claim_races", race_claim, (*place, part.model_copy(update={"linkages": {}}), number), *place, process=number)
@@ -77,7 +77,7 @@ def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Call
     """The rows of one race, in a process of its own: how many times longer many unknowns take."""
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
     measured = gather_rounds(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
-    return {"claim_races": [row(start | {"what": what}, measured.compared, *pair) for what, pair in pairs(part).items()]}
+    return {"claim_races": [row(start | {"what": what}, measured.compare, *pair) for what, pair in pairs(part).items()]}
 
 
 def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Callable[[], Block]]]:

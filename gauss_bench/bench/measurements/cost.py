@@ -43,7 +43,7 @@ BATCH_STEPS = 200  # of each of them
 Make = Callable[[], Block]
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each linkage and process, of the engines that can share one: they have neither crashed nor hung on it.
 
     Those of a linkage lie apart in time, so that what disturbs the machine for a minute is in few of them.
@@ -135,7 +135,7 @@ def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables
         with Worker() as worker:
             sample = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
     except WorkerFailure as failure:
-        sample = failure.told
+        sample = failure.columns
     if "status" in sample:
         return {"untimed": [start | sample]}
     return {"samples": [start | {"step": step, "process": 0, "round": 0} | sample]}

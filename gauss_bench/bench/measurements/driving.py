@@ -23,7 +23,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.driving, "driving", driving)
 

@@ -30,7 +30,7 @@ FORMS = (
 Levels = tuple[Array, Array, Array]
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.geometry, "agreement", geometry)
 

@@ -44,7 +44,7 @@ TOO_LONG = {  # the largest size that is built, and what takes long beyond it
 }
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """A race for each process and size; those of a size lie apart in time."""
     tasks = [
         context.task("scaling_races", race_growth, (size, part.rounds, number), size=size, process=number)
@@ -90,11 +90,11 @@ def race_growth(size: int, rounds: int, number: int = 0, race: Callable[..., Any
     measured = gather_rounds(race(entries, (size,), rounds, [*CONTENDERS]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
 
-    def found(key: Key) -> Row:
+    def summarise(key: Key) -> Row:
         return spread("seconds", measured.of(key)) | measured.facts.get(key, {})
 
     keys = [Key(quantity, engine) for engine, (quantities, _) in CONTENDERS.items() for quantity in quantities]
-    return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, found, k) for k in keys]}
+    return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, summarise, k) for k in keys]}
 
 
 def entries(size: int) -> Iterator[tuple[Key, Callable[[], Block]]]:

@@ -28,7 +28,7 @@ ONE, MANY = "one trajectory", "a batch"
 QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flops")}
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Chain and operations of a compiled step on every linkage of the races."""
     if not suite.bounds:
         return []

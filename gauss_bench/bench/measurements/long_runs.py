@@ -25,7 +25,7 @@ SAMPLING = 1e-2  # [s]
 WINDOWS = 10  # in which the largest error of the energy is taken
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.long_runs, "kernel_long", long_run)
 

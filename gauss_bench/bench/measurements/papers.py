@@ -13,7 +13,7 @@ from gauss_bench.reference.store import load_stored
 from gauss_bench.suites.schema import Suite
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each table."""
     makers: dict[str, Callable[..., Tables]] = {
         "audit": audit,

@@ -46,7 +46,7 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
         own, rival = Key(NATIVE, engine, stabilization=stabilization), Key(NATIVE, part.rival, settings)
         aimed = formulation == next(iter(part.own))
         target = part.targets.get(stabilization, {}).get(place[0]) if aimed else None
-        rows.append(at_least(row(start, measured.compared, own, rival), "ratio", target))
+        rows.append(at_least(row(start, measured.compare, own, rival), "ratio", target))
     return rows
 
 

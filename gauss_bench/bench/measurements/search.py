@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
-from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
+from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_of
 from gauss_bench.bench.ways import (
@@ -67,7 +67,7 @@ def over(linkage: str, scenario: str, part: Search) -> Run:
     return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One ladder for each linkage, engine and variant."""
     tasks = []
     for part, place in _races(suite):
@@ -79,12 +79,12 @@ def exact(suite: Suite, context: Context) -> list[Task]:
     return tasks
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """The first process of every race: what is worth it, given the ladders, and its times."""
     return [patient(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
-def timed_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """The further processes, of what the first one found to be near the fastest; each goes over all linkages before the next."""
     most = max((part.processes for part in suite.search), default=1)
     return [
@@ -280,7 +280,7 @@ def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailur
     for r in told:
         answer = {k: r[k] for k in ("round", "seconds", "status", "message") if k in r}
         rows.append(start | place(entry_of(r)) | {"status": str(Status.OK), "message": ""} | answer)
-    return rows + [start | {"engine": e} | failure.told for e, failure in lost.items()]
+    return rows + [start | {"engine": e} | failure.columns for e, failure in lost.items()]
 
 
 def race_found(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
@@ -363,7 +363,7 @@ def winner_row(
     near = near_ways(passing, measured)
     if not near:
         return told | not_won(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
-    winner, tied = won({way: measured.samples[way] for way in near})
+    winner, tied = pick_winner({way: measured.samples[way] for way in near})
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
     told |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
     told |= {
@@ -392,7 +392,7 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     """
     ended = [r for r in rows if r["status"] == Status.OK]
     ours = {way_of(r): r for r in ended if r["engine"] in part.own}
-    level = won({way: measured.of(way) for way in ours})[1] if ours else []
+    level = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []
     own = min(ours, key=measured.time, default=None)  # the cheaper, whatever ties with it
     fastest = [way for x in level for way in ours[x]["ties"]]
     told = []

@@ -27,7 +27,7 @@ PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all 
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
