@@ -1,4 +1,4 @@
-"""Runs a suite: untimed tasks in parallel workers, then timed tasks one by one, then the tables. Every stage is resumable.
+"""Run a suite: tasks without times in parallel, then timing tasks one by one, then the tables. A killed run can be resumed.
 
 A measurement is a file in `measurements`. It may have these functions:
 
@@ -35,7 +35,7 @@ from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table, write_text
 
-ORDER = ("accuracy", "cost")  # what others are worked out from comes first
+ORDER = ("accuracy", "cost")  # these come first, because others depend on their rows
 
 
 def modules() -> list[ModuleType]:
@@ -54,13 +54,13 @@ def run(
     steps: Sequence[float] | None = None,
     limit: float = CASE_LIMIT,
 ) -> Tables:
-    """Run what is not finished yet, write every table that the suite fills into `folder`, and return them.
+    """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return their rows.
 
     Args:
-        costs: whether anything is timed.
-        name: of the suite, for the report.
-        until, steps: [s] of the accuracy cases, instead of the suite's.
-        limit: [s] that one of them may take.
+        costs: whether timing tasks are run.
+        name: the name of the suite, for the report.
+        until, steps: end and steps [s] of the accuracy cases, instead of the suite's.
+        limit: the longest time [s] of one accuracy case.
 
     Raises:
         Busy: another run writes into the same folder.
@@ -83,7 +83,7 @@ def run(
 
 
 def complete_rows(suite: Suite, tables: Tables) -> None:
-    """Fill in what follows from several tasks together."""
+    """Fill in the columns that depend on the rows of several tasks."""
     for module in modules():
         if hasattr(module, "complete"):
             module.complete(suite, tables)
@@ -92,9 +92,9 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 def measure_all(
     cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Accuracy rows and references of the cases, without costs and without a journal; only references are kept in `folder`.
+    """Return the accuracy rows and the references of cases, without costs and without a journal.
 
-    `alter` plants a fault in what the engines are given.
+    Only the references are kept in `folder`. `alter` changes the mechanism that engines are given, to plant a fault.
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
     tables = gather(finish(accuracy.tasks(cases, context), jobs, "accuracy").values())
@@ -103,12 +103,12 @@ def measure_all(
 
 
 def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """Rows of a table with all its columns, for whoever calculates with them."""
+    """Return rows of a table as a data frame with all columns of the table."""
     return pd.DataFrame([row_of(TABLES[name], row) for row in rows], columns=list(TABLES[name].names))
 
 
 def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
-    """Describe a run for the report: place, time, and version and settings of its engines."""
+    """Describe a run for the report: machine, date, suite, and the versions and settings of its engines."""
     engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
     return environment() | {
         "suite": name,
@@ -123,6 +123,6 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def own_files(suite: Suite) -> dict[str, str]:
-    """Name -> text of the linkage files that do not come with the suite, so that a report can draw them wherever it is written."""
+    """Return name -> text of the linkage files that are not built in, so that a report can draw them without the files."""
     paths = [Path(x) for x in linkages_of(suite) if x not in built_in()]
     return {load(x).name: x.read_text(encoding="utf-8") for x in paths if x.is_file()}
