@@ -15,7 +15,7 @@ PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudy
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of what computes; engines that are not installed are left out."""
+    """Return the versions of libraries and engines; those that are not installed are left out."""
     versions = {}
     for name in PACKAGES:
         try:
@@ -26,7 +26,7 @@ def package_versions() -> dict[str, str]:
 
 
 def check_publishable(folder: Path) -> None:
-    """Refuse a run that others could not trace: of code that was changed or is not named, or timed on a machine without a name.
+    """Check that a run can be traced: its commit is known, its code unchanged, and the processor of its times named.
 
     Raises:
         TableError: the run may not be published.

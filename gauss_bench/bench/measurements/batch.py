@@ -1,8 +1,8 @@
-"""Thousands of trajectories on one core, each from a state of its own: lanes of the kernel against MuJoCo's rollout on one thread.
+"""Time thousands of trajectories on one core: the vector lanes of the kernel against MuJoCo's rollout on one thread.
 
-The states are random ones on the constraints, crank speeds up to 30 rad/s either way. MuJoCo is given the same states and fewer
-steps of each, which changes nothing in the time of one. That the lanes do not disturb each other is checked against runs of single
-trajectories, by other code: the same arithmetic with one lane.
+The trajectories start at random states on the constraints, with crank speeds up to 30 rad/s in either direction. MuJoCo takes fewer
+steps from the same states, which does not change the time of a step. Some trajectories are run again by the kernel for a single
+trajectory, to check that lanes do not affect each other.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
 
 QUANTITY = "batch of different states"
-CHECKED = 32  # trajectories that are run again alone
+CHECKED = 32  # trajectories that are run again one by one
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
@@ -33,9 +33,9 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any] = race_survivors) -> Tables:
-    """The row of a linkage, over several processes; a ratio is per step of one trajectory.
+    """Return the row of a linkage, over several processes; a time is that of one step of one trajectory.
 
-    Where an engine crashes or hangs in a process, that is the reason.
+    If an engine crashes or hangs in a process, the row has that reason instead of times.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
@@ -52,7 +52,7 @@ def list_keys(part: Batch) -> tuple[Key, Key]:
 
 
 def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Both, from the same states in a random order, the same each time: neighbours in angle would make lanes too much alike."""
+    """Yield both entries, from the same states in a fixed random order: in order of the angle, adjacent lanes would be alike."""
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
     order = np.random.default_rng(1).permutation(len(states.q))
@@ -67,7 +67,7 @@ def make(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps:
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
-    """Largest difference of positions in lanes and alone [m, rad], and trajectories that were lost in lanes."""
+    """Return the largest difference between positions in lanes and alone [m, rad], and how many trajectories failed in lanes."""
     ends = model.batch(q, v, steps)()
     lost = model.kernel.lost
     some = np.linspace(0, len(q) - 1, min(CHECKED, len(q))).astype(int)
