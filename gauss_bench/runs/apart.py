@@ -1,8 +1,8 @@
-"""A run in a process of its own: the request to the engine's process, and the checks on its answer.
+"""Run an engine in a process of its own: the request to that process, and the checks of its answer.
 
-Everything but the suite's own formulations runs apart. The answer holds samples and sentences; they are checked on this side of the
-pipe, by code that the engine's process cannot reach. That process imports this file before anything else, so this file avoids
-modules that read linkages or keep journals, which import slowly; a mechanism is sent as data.
+All engines but the suite's own formulations run in such a process. Its answer, samples and sentences, is checked in the parent,
+whose code the engine cannot change. The process imports this file first. Therefore this file imports no modules that read linkages
+or keep journals, which are slow to import, and a mechanism is sent as data.
 """
 
 import math
@@ -32,13 +32,13 @@ def is_unaltered(mechanism: Mechanism) -> Mechanism:
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A run of an engine by name, as `one_run` takes it.
+    """A request for a run: the arguments of `one_run`, with the engine given by name.
 
     Attributes:
-        linkage, scenario: of the mechanism, by which the engine's process knows one that it has had before.
-        engine, choice, wanted, ask, shortest: as in `one_run`; `ask` is a function that can be found by its name.
-        answers: numbers that the answer to `ask` has at most.
-        alter: a fault that is planted in what the engine is given.
+        linkage, scenario: names of the mechanism; the engine's process may keep a model under them.
+        engine, choice, wanted, ask, shortest: as in `one_run`; `ask` must be picklable.
+        answers: the largest count of numbers in the result of `ask`.
+        alter: plants a fault in the mechanism that the engine is given.
     """
 
     linkage: str
@@ -52,7 +52,7 @@ class Request:
     alter: Alteration = is_unaltered
 
     def largest(self, n: int) -> int:
-        """Return the size of an answer [bytes]: t, and q, v, a of n coordinates at every sample."""
+        """Return the largest size of an answer [bytes]: t, and q, v, a of n coordinates at every sample."""
         return 8 * (len(self.wanted.times) * (1 + len(LEVELS) * n) + self.answers) + TEXT
 
 
@@ -60,9 +60,9 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
     """Carry out a requested run: own formulations in this process, everything else in a worker.
 
     Args:
-        mechanism: that the request names, as read in this process.
+        mechanism: the mechanism that the request names.
         limit: [s] after which a worker is stopped.
-        worker: to use; the one that is kept for the engine where not given.
+        worker: the worker to use; if not given, the one that is kept for the engine.
         again: whether the process may keep the model for the next request.
     """
     if is_isolated(request.engine):
@@ -74,11 +74,12 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
 def run_apart(
     request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False, longest: float = math.inf
 ) -> Run:
-    """Carry out a requested run in a worker, and stop it after `limit` [s] without the waits for a processor.
+    """Carry out a requested run in a worker.
 
-    It is also stopped after `longest` seconds of elapsed time.
-
-    `again` says that the worker may keep the model for the next request: then the run has no build time.
+    Args:
+        limit: [s] after which the run is stopped; waits for a processor do not count.
+        again: whether the worker may keep the model for the next request, whose build time is then near 0.
+        longest: [s] of elapsed time after which the run is stopped too.
     """
     try:
         answer = worker.call(
@@ -90,12 +91,12 @@ def run_apart(
 
 
 def perform_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """Run in the engine's process and return plain data; anything that is no sample is left out."""
+    """Carry out a request in the engine's process, and return the run as plain data."""
     return plain_run(_run(request, get(request.engine), request.alter(mechanism)))
 
 
 def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """As `perform_there`, with the model of the last request if the two differ only in step, tolerance and samples."""
+    """Carry out a request as `perform_there`, with the last model if only step, tolerance and samples differ."""
     return plain_run(_run_again(request, request.alter(mechanism)))
 
 
@@ -153,7 +154,7 @@ def plain_run(run: Run) -> dict[str, Any]:
 
 
 def outcome_of(answer: object) -> Outcome:
-    """Read numbers and sentences from a worker's answer; anything else makes the run an error."""
+    """Return the outcome that a worker's answer holds; an answer of another form is an error."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             told = rest.get("answer")
@@ -177,9 +178,9 @@ def _trajectory(x: object) -> Trajectory | None:
 
 
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
-    """Build what an engine needs for any of its settings and is not there yet, once for a user, before it is run or searched.
+    """Build the libraries that the settings of an engine need and that are not built yet; `told` is called with sentences.
 
-    It is built in a worker, which ends its compilers when its parent dies. A failure here is ignored: the engine reports it again.
+    They are built in a worker, which ends its compilers when its parent dies. A failure is only reported: the run reports it again.
     """
     if engine not in FOREIGN or not hasattr(get(engine), "build_once"):
         return
