@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.bench.clock import Block, Race
+from gauss_bench.bench.clock import Block, Measured, Race, gather_rounds
 from gauss_bench.bench.tasks import LIMIT, LOST, Rows
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
@@ -53,6 +53,16 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
         if key.engine in lost:
             rows.append(key._asdict() | lost[key.engine].columns)
     return list(rows)
+
+
+def race_processes(
+    race: Callable[..., Rows], entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str], processes: int
+) -> Measured:
+    """Race several times by `race`; an engine that crashes or hangs in one of the processes has that reason and no times."""
+    rows: Rows = []
+    for number in range(processes):
+        rows += [row | {"process": number} for row in race(entries, arguments, rounds, engines)]
+    return gather_rounds(rows, strict=True)
 
 
 def list_survivors(

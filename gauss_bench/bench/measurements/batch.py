@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, at_least, gather_rounds, lasting, row
-from gauss_bench.bench.survived import race_survivors
+from gauss_bench.bench.clock import Block, Key, Row, at_least, lasting, row
+from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -41,8 +41,8 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     own, rival = keys = list_keys(part)
-    processes = [race(entries, (linkage, scenario, part), part.rounds, [x.engine for x in keys]) for _ in range(part.processes)]
-    measured = gather_rounds((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
+    engines = [x.engine for x in keys]
+    measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, engines, part.processes)
     found = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(found, "ratio", part.targets.get(mechanism.name))]}
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, gather_rounds, lasting, row, spread
+from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, lasting, row, spread
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
-from gauss_bench.bench.survived import race_survivors
+from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.closure import Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
@@ -34,8 +34,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
     """Return a row for each method, over several processes; one that crashes or hangs in a process has the reason in its row."""
-    processes = [race(entries, (linkage, scenario, part), part.rounds, METHODS) for _ in range(part.processes)]
-    measured = gather_rounds((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
+    measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
     start = place_of(load(linkage, scenario))
     return {"kernel_kinematics": [turn_row(start, part, method, measured) for method in METHODS]}
 
