@@ -12,7 +12,7 @@ import pytest
 from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, ratio, spread, time_of
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import first_race, further_race, ladder, over, race_found, requirements
+from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, requirements, winners_and_times
 from gauss_bench.bench.search import (
     Scale,
     close,
@@ -340,7 +340,7 @@ def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
     races = first_race("four_bar", "torque", PART, told)["search_races"]
     for number in range(1, PART.processes):
         races = races + further_race("four_bar", "torque", PART, told, races, number)["search_races"]
-    return {"search_ladder": rows, "search_races": races} | race_found("four_bar", "torque", PART, told, races)
+    return {"search_ladder": rows, "search_races": races} | winners_and_times("four_bar", "torque", PART, told, races)
 
 
 def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: Clock, tmp_path: Path) -> None:
@@ -519,7 +519,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     ]
     slower = asked([here[0] | {"seconds": 2e-5}, here[1], lost])
     assert [one.key == other.key for one, other in zip(tasks, slower, strict=True)] == [False, True, False, True]
-    (told,) = race_found("six_bar", "torque", part, [], [lost])["search_winners"]
+    (told,) = winners_and_times("six_bar", "torque", part, [], [lost])["search_winners"]
     assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 
 
@@ -555,7 +555,7 @@ def test_an_error_at_the_end_is_that_of_the_last_sample_alone() -> None:
     q[-1, 4] -= 1e-6
     ran = Ended(Status.OK, "", Trajectory(truth.t, q, truth.v, truth.a, 7), None, Sampling(truth.t, 1e-3, 100, 0))
     trial = judge_trial(
-        over("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran
+        motion_of("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran
     )
     assert trial.errors["position"] == pytest.approx(1e-3)
     assert trial.errors["end"] == pytest.approx(1e-6)

@@ -111,10 +111,12 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
 
 
 def _word(value: bool | str) -> str:
+    """Return a text as it is, and a boolean as yes or no."""
     return value if isinstance(value, str) else "yes" if value else "no"
 
 
 def _range(x: float, low: float, high: float) -> str:
+    """Return a ratio with its spread in words."""
     return f"{x:.3g} ({low:.3g}..{high:.3g})"
 
 

@@ -95,15 +95,18 @@ def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_order(figures: list[dict[Any, Any]], columns: list[str]) -> pd.DataFrame:
+    """Return figures as a data frame, sorted by the columns FIGURE."""
     frame = pd.DataFrame(figures, columns=columns).astype({"step": float, "t_end": float})
     return frame.sort_values(FIGURE, kind="stable", ignore_index=True)
 
 
 def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
+    """Return figures by the values of the columns FIGURE."""
     return {tuple(r[k] for k in FIGURE): r for r in figures.to_dict("records")}
 
 
 def _repeatable(row: Mapping[Any, Any]) -> bool:
+    """Tell whether the errors of a run are so small that its figures are the same on every machine."""
     lost = (("acceleration_error_median", OFF_ACCELERATION), ("position_drift", OFF_DRIFT), ("position_error", LOST))
     return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in lost)
 
@@ -217,6 +220,7 @@ def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) ->
 
 
 def failures(verdicts: list[Verdict]) -> Iterator[Verdict]:
+    """Yield the verdicts that fail."""
     return (v for v in verdicts if v.outcome == "fail")
 
 

@@ -121,7 +121,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
         return "every requirement is met"
     if not most or len(trials) <= STALLED or trials[-STALLED].steps < SETTLED:
         return ""
-    if all(_stall([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
+    if all(_has_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
         return f"no error fell in {STALLED} rungs"
     if all(convergence(trials, [w])[1] > HOPE * most for w in unmet):
         return f"errors fall too slowly for {most:,} steps".replace(",", " ")
@@ -129,10 +129,12 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
 
 
 def _is_undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
+    """Tell whether the required error is NaN in a trial, such as joint forces of redundant rows."""
     return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
 
 
-def _stall(errors: Sequence[float]) -> bool:
+def _has_stalled(errors: Sequence[float]) -> bool:
+    """Tell whether the last STALLED errors are all larger than FALLS times the least one before."""
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
     return after > FALLS * before or (math.isinf(before) and math.isinf(after))
 
@@ -168,11 +170,11 @@ def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
     """
     times = {k: time_of(x) for k, x in samples.items()}
     fastest = min(times, key=lambda k: times[k])
-    tied = [k for k in times if k == fastest or level(samples[k], samples[fastest])]
+    tied = [k for k in times if k == fastest or ties_with(samples[k], samples[fastest])]
     return tied[0], tied
 
 
-def level(samples: Array, fastest: Array) -> bool:
+def ties_with(samples: Array, fastest: Array) -> bool:
     """Tell whether a setting ties with the fastest: it took no longer in a quarter of the processes, or in LUCK of resamplings."""
     several = len(common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

@@ -93,7 +93,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
     for item in [*waiting.values(), *[None] * workers]:
         todo.put(item)
     for _ in range(workers):
-        threading.Thread(target=_serve, args=(todo, answers), daemon=True).start()
+        threading.Thread(target=_run_tasks, args=(todo, answers), daemon=True).start()
     for _ in describe_tasks(len(waiting), label):
         answer = answers.get()
         if isinstance(answer, BaseException):
@@ -131,7 +131,7 @@ def gather(answers: Iterable[Tables]) -> Tables:
     return tables
 
 
-def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
+def _run_tasks(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
     """Run tasks in one worker process until a None is taken; an unexpected error is passed on as the answer."""
     try:
         with Worker() as worker:

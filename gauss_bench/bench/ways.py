@@ -67,6 +67,7 @@ def loop_of(way: Way) -> str:
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
+    """Return the choice that a way stands for; its size is a tolerance if the integrator is adaptive, else a step [s]."""
     chosen = (way.settings, way.integrator, way.stabilization)
     return Choice(*chosen, step=until, tolerance=way.size) if adaptive else Choice(*chosen, step=way.size)
 
@@ -93,6 +94,7 @@ def sample(run: Run, steps: int, samples: int) -> Sampling:
 
 
 def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
+    """Return the request for a run of a way."""
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
@@ -108,6 +110,7 @@ def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: End
 
 
 def is_adaptive(way: Way) -> bool:
+    """Tell whether the integrator of a way chooses its steps, so that its size is a tolerance."""
     return way.integrator in offer(way.engine).adaptive
 
 

@@ -27,6 +27,7 @@ Alteration = Callable[[Mechanism], Mechanism]
 
 
 def is_unaltered(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism itself: no fault is planted."""
     return mechanism
 
 
@@ -101,6 +102,7 @@ def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _run_again(request: Request, mechanism: Mechanism) -> Run:
+    """Run with the kept model if it fits the request; else build one, and keep it if the run succeeds."""
     engine = get(request.engine)
     if not getattr(engine, "resizable", False):
         return _run(request, engine, mechanism)
@@ -165,10 +167,12 @@ def outcome_of(answer: object) -> Outcome:
 
 
 def _seconds(x: object) -> float:
+    """Return a time [s] of an answer, NaN if it is none."""
     return float(x) if isinstance(x, (int, float)) and x >= 0 else float("nan")
 
 
 def _trajectory(x: object) -> Trajectory | None:
+    """Return the trajectory of an answer, or None if it holds none."""
     match x:
         case {"steps": int(steps), "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
             samples = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
@@ -196,4 +200,5 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
 
 
 def build_there(engine: str) -> None:
+    """Build the libraries of an engine in this process."""
     get(engine).build_once()  # type: ignore[attr-defined]

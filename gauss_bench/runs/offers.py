@@ -175,7 +175,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 def _ask(worker: Worker, name: str) -> Offer:
     try:
-        return _tell(name, worker.call(_describe, (name,), LIMIT))
+        return _read_offer(name, worker.call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
         return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
 
@@ -185,7 +185,7 @@ def _describe(name: str) -> dict[str, Any]:
     return asdict(describe(name))
 
 
-def _tell(name: str, answer: object) -> Offer:
+def _read_offer(name: str, answer: object) -> Offer:
     """Return the offer in the answer of a worker; an answer that is not an offer becomes one that cannot be used."""
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
@@ -291,7 +291,7 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     return end
 
 
-def countable(step: float, t_end: float, spacing: float = 1e-3) -> None:
+def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
     """Check that a run of these steps, sampled about every `spacing` [s], is not too large.
 
     Raises:
@@ -305,7 +305,7 @@ def countable(step: float, t_end: float, spacing: float = 1e-3) -> None:
         raise ChoiceError(f"{samples:.2g} samples up to {t_end:g} s; {MOST_SAMPLES:.0e} are the most that are kept")
 
 
-def affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
+def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
     """Check that a run can end within its budget [s].
 
     Args:
@@ -314,7 +314,7 @@ def affordable(step: float, t_end: float, seconds_a_step: float, budget: float) 
     Raises:
         ChoiceError: the steps take longer; the message holds the least time.
     """
-    countable(step, t_end)
+    check_size(step, t_end)
     least = t_end / step * seconds_a_step
     if least > budget:
         raise ChoiceError(
@@ -332,7 +332,7 @@ def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
     for step in steps:
         if not (math.isfinite(step) and step > 0):
             raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
-        countable(step, t_end)
+        check_size(step, t_end)
         if step > t_end * (1 + 1e-12):
             raise ChoiceError(f"the step {step:g} s is longer than the run of {t_end:g} s")
     return tuple(sorted(set(steps), reverse=True))

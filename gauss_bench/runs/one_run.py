@@ -61,14 +61,14 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
     whole = int(np.floor(t_end / step * (1 + 1e-12)))
     each = max(1, round(spacing / step))
     grid = np.arange(whole // each + 1) * (each * step)
-    reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _on(x, step)]
+    reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
     return _sample(step, grid, [*reached, whole * step, t_end])
 
 
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
     """Return samples about `spacing` [s] apart and at every time of `at`; a shorter step meets a time that whole steps miss."""
     last = max(at)
-    rests = [k * step for x in at if not _on(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
+    rests = [k * step for x in at if not _is_multiple(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
     each = max(1, round(spacing / step))
     grid = np.arange(int(np.floor(last / step * (1 + 1e-12))) // each + 1) * (each * step)
     return _sample(step, grid, [*rests, *at])
@@ -79,7 +79,8 @@ def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
     return _sample(step, np.asarray(times, dtype=float), [])
 
 
-def _on(t: float, step: float) -> bool:
+def _is_multiple(t: float, step: float) -> bool:
+    """Tell whether a time is a multiple of the step, up to rounding."""
     return abs(t - round(t / step) * step) <= max(1e-9 * step, 1e-15 * t)
 
 

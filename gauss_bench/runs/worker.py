@@ -88,6 +88,7 @@ class Worker:
         self.log.close()
 
     def start(self) -> subprocess.Popen[bytes]:
+        """Start the process, or return the one that runs."""
         process = self.process  # which another thread may take away meanwhile
         if process is None or process.poll() is not None:
             environment = os.environ | dict.fromkeys(THREADS, "1") | {MARK: self.mark}
@@ -206,6 +207,12 @@ def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
 
 
 def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_Clock", largest: int) -> Any:
+    """Return the answer to a task.
+
+    Raises:
+        TimeoutError, EOFError: the limit is exceeded, or the process died.
+        SpoiltAnswer: the pipe holds something else.
+    """
     assert process.stdout is not None
     descriptor = process.stdout.fileno()
     buffer = bytearray()
@@ -387,7 +394,7 @@ def unpack_answer(content: bytes) -> Any:
         nonlocal left
         if table.keys() != {ARRAY}:
             return table
-        dtype, shape = _form(table[ARRAY])
+        dtype, shape = _read_type(table[ARRAY])
         size = math.prod(shape) * dtype.itemsize
         if size > len(left):
             raise NoAnswer("it holds less than its arrays need")
@@ -401,7 +408,7 @@ def unpack_answer(content: bytes) -> Any:
         raise NoAnswer(str(error)) from error
 
 
-def _form(told: object) -> tuple[np.dtype[Any], list[int]]:
+def _read_type(told: object) -> tuple[np.dtype[Any], list[int]]:
     """Read type and shape of an array from an answer."""
     match told:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:

@@ -48,6 +48,7 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
 
 
 def list_keys(part: Batch) -> tuple[Key, Key]:
+    """Return the keys of the own engine and of its rival."""
     return Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
 
 
@@ -61,6 +62,7 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 
 
 def make(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
+    """Return a block of `steps` steps of all trajectories from the states q, v (k, n)."""
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
     block = lasting(key, model.batch(q, v, steps), steps * len(q))
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block

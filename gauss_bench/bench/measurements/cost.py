@@ -118,6 +118,11 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
 
 
 def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
+    """Build a model.
+
+    Raises:
+        RunFailure: the engine refuses the mechanism.
+    """
     if reason := engine.skip(mechanism, choice):
         raise RunFailure(Status.SKIP, reason)
     return engine.build(mechanism, choice)

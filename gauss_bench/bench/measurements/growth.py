@@ -64,7 +64,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Right:
+class ExactState:
     """A mechanism at a state, with its exact accelerations."""
 
     mechanism: Mechanism
@@ -77,12 +77,12 @@ class Right:
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
-def right(size: int) -> Right:
+def exact_state(size: int) -> ExactState:
     """Return the N-four-bar of a size at the time MOMENT, with its accelerations in closed form."""
     mechanism = load(f"n_four_bar_{size}")
     motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
-    return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
+    return ExactState(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
 
 def race_growth(size: int, rounds: int, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
@@ -99,7 +99,7 @@ def race_growth(size: int, rounds: int, number: int = 0, race: Callable[..., Any
 
 def entries(size: int) -> Iterator[tuple[Key, Callable[[], Block]]]:
     """Yield every timed quantity of every engine, with the function that makes its block."""
-    wanted = right(size)
+    wanted = exact_state(size)
     for engine, (quantities, make) in CONTENDERS.items():
         most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
         blocks = cache(partial(make, wanted) if size <= most else partial(refuse, reason))
@@ -108,14 +108,16 @@ def entries(size: int) -> Iterator[tuple[Key, Callable[[], Block]]]:
 
 
 def refuse(reason: str) -> list[Block]:
+    """Raise the failure of a size that is not built."""
     raise RunFailure(Status.SKIP, reason)
 
 
 def pick(blocks: Callable[[], list[Block]], k: int) -> Block:
+    """Return the k-th of the blocks that a function makes."""
     return blocks()[k]
 
 
-def make_kernel(formulation: str, wanted: Right) -> list[Block]:
+def make_kernel(formulation: str, wanted: ExactState) -> list[Block]:
     """Return the blocks of a kernel: in its own loop, and called from Python."""
     try:
         kernel = compile_kernel(wanted.mechanism, formulation, cache=False)
@@ -128,7 +130,7 @@ def make_kernel(formulation: str, wanted: Right) -> list[Block]:
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
-def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted: Right) -> list[Block]:
+def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted: ExactState) -> list[Block]:
     """Return the block of a call of an engine's library."""
     start = time.perf_counter()
     prepared = asked(wanted.mechanism, wanted.q, wanted.v)
@@ -137,7 +139,7 @@ def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted
     return [replace(block, facts=lambda: facts)]
 
 
-CONTENDERS: dict[str, tuple[tuple[str, ...], Callable[[Right], list[Block]]]] = {
+CONTENDERS: dict[str, tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]] = {
     f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel, formulation)) for formulation in ("gauss", "lagrange")
 }
 for library, calls, quantity in (

@@ -45,6 +45,7 @@ def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
 
 
 def _loop(chains: int, lanes: int | None) -> Block:
+    """Return the block of a loop of so many chains, in vectors of `lanes` numbers, or of the widest kind."""
     if not native_code.available():
         raise RunFailure(Status.SKIP, "the loops that measure the processor need the package llvmlite")
     width = native_code.best_lanes() if lanes is None else lanes

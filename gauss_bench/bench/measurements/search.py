@@ -56,15 +56,17 @@ Asked = list[tuple[Way, int, float]]  # ways, each with its number of steps and 
 
 
 def requirements(part: Search) -> list[Requirement]:
+    """Return the requirements of a part, in the order of UNITS."""
     return [Requirement(kind, limit) for kind in UNITS for limit in getattr(part, kind)]
 
 
-def search_linkage(part: Search) -> list[Offer]:
+def engines_of(part: Search) -> list[Offer]:
     """Return the engines that a part of a suite searches."""
     return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
 
 
-def over(linkage: str, scenario: str, part: Search) -> Run:
+def motion_of(linkage: str, scenario: str, part: Search) -> Run:
+    """Return the motion that a part searches: to its end, or to that of the scenario if that is earlier."""
     mechanism = load(linkage, scenario or None)
     return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
@@ -74,7 +76,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     tasks = []
     for part, place in _races(suite):
         asked = part.model_copy(update={"linkages": {}, "engines": ()})
-        for engine in search_linkage(part):
+        for engine in engines_of(part):
             for variant in space(engine):
                 arguments = (*place, engine.name, variant, asked, context.store)
                 tasks.append(context.task("search_ladder", ladder, arguments, *place, **names_of(engine.name, variant)))
@@ -101,10 +103,12 @@ def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[
 
 
 def _races(suite: Suite) -> list[tuple[Search, tuple[str, str]]]:
+    """Return each part with each of its linkages and scenarios."""
     return [(part, place) for part in suite.search for place in part.linkages.items()]
 
 
 def _has_times(races: Rows) -> bool:
+    """Tell whether any way was timed."""
     return any(r["status"] == Status.OK for r in races)
 
 
@@ -128,9 +132,9 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Add the winners and times, and the tables of what was searched and of where each option is documented."""
     for part, place in _races(suite):
         ladders, races = (_here(tables, table, place) for table in ("search_ladder", "search_races"))
-        for table, rows in race_found(*place, part, ladders, races).items() if races else ():
+        for table, rows in winners_and_times(*place, part, ladders, races).items() if races else ():
             tables.setdefault(table, []).extend(rows)
-    engines = {x.name: x for part in suite.search for x in search_linkage(part) if x.usable}
+    engines = {x.name: x for part in suite.search for x in engines_of(part) if x.usable}
     if engines:
         tables["search_space"] = [space_row(x, variant) for x in engines.values() for variant in space(x)]
         tables["search_knobs"] = [
@@ -147,6 +151,7 @@ def names_of(engine: str, variant: Variant) -> dict[str, str]:
 
 
 def space_row(engine: Offer, variant: Variant) -> Row:
+    """Return the row of a variant in the table of what was searched."""
     size = "tolerance" if variant.integrator in engine.adaptive else "step"
     return names_of(engine.name, variant) | {"size": size, "options": json.dumps(dict(variant.options), sort_keys=True)}
 
@@ -161,7 +166,7 @@ def reference_of(linkage: str, scenario: str, until: float, store: str) -> Refer
 
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
     """Return a row for every evaluation of a variant; the last one has the reason why the search ended."""
-    run = over(linkage, scenario, part)
+    run = motion_of(linkage, scenario, part)
     names = names_of(engine, variant)
     way = Way(**names, size=0.0)
     start: Row = place_of(run.mechanism) | names | {"until": run.until}
@@ -199,9 +204,7 @@ def read_ladders(rows: Sequence[Row]) -> Ladders:
 
 def passing_ways(ladders: Ladders, part: Search) -> dict[tuple[Requirement, str], dict[Way, Trial]]:
     """Return (requirement, engine) -> way -> trial: each variant that meets the requirement, at the coarsest size that does."""
-    found: dict[tuple[Requirement, str], dict[Way, Trial]] = {
-        (w, e.name): {} for w in requirements(part) for e in search_linkage(part)
-    }
+    found: dict[tuple[Requirement, str], dict[Way, Trial]] = {(w, e.name): {} for w in requirements(part) for e in engines_of(part)}
     for (wanted, engine), ways in found.items():
         for variant, trials in ladders.items():
             trial = coarsest(trials, wanted)
@@ -218,7 +221,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
 
     `rows` are the ladders of the linkage.
     """
-    run, passing = over(linkage, scenario, part), passing_ways(read_ladders(rows), part)
+    run, passing = motion_of(linkage, scenario, part), passing_ways(read_ladders(rows), part)
     steps = {way: trial.steps for ways in passing.values() for way, trial in ways.items()}
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     rough, lost = race_apart(rough_entries, run, part, [(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
@@ -234,7 +237,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
 
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
     """Race the ways that may still win in one more process; `rows` are the ladders, `first` the rows of the first process."""
-    run, measured = over(linkage, scenario, part), gather_measured(first)
+    run, measured = motion_of(linkage, scenario, part), gather_measured(first)
     near: dict[Way, int] = {}
     for ways in passing_ways(read_ladders(rows), part).values():
         near |= {way: ways[way].steps for some in by_loop(ways) for way in near_ways(some, measured)}
@@ -247,7 +250,7 @@ def race_apart(
     entries: Entries, run: Run, part: Search, asked: Asked, rounds: int, lost: Collection[str] = (), *more: float
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
     """Race ways in a new process, without the engines in `lost`; return its rows, and the engines that crash or hang in it."""
-    names = [x.name for x in search_linkage(part) if x.name not in lost]
+    names = [x.name for x in engines_of(part) if x.name not in lost]
     left = [x for x in asked if x[0].engine not in lost]
     arguments = (run.linkage, run.mechanism.scenario, run.until, left, *more)
     told, gone = list_survivors(race_here, (entries, arguments, rounds), names)
@@ -291,14 +294,14 @@ def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailur
     return rows + [start | {"engine": e} | failure.columns for e, failure in lost.items()]
 
 
-def race_found(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
+def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
     """Return the winner of every engine for every requirement, and the times of all ways that raced.
 
     An engine that crashed or hung in one of the processes has a row with the reason instead of a winner.
     """
     if not _has_times(races):
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
-    run, ladders = over(linkage, scenario, part), read_ladders(ladder_rows)
+    run, ladders = motion_of(linkage, scenario, part), read_ladders(ladder_rows)
     measured, lost = gather_measured(races), list_lost(races)
     start: Row = place_of(run.mechanism)
     passing, winners = passing_ways(ladders, part), []
@@ -371,7 +374,7 @@ def winner_row(
     told |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
     near = near_ways(passing, measured)
     if not near:
-        return told | not_won(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
+        return told | row_without_winner(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
     winner, tied = pick_winner({way: measured.samples[way] for way in near})
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
     told |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
@@ -382,7 +385,7 @@ def winner_row(
     return told | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
 
 
-def not_won(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
+def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
     """Return the columns of an engine without a winner: the reason, and the way with the least error."""
     found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
