@@ -148,10 +148,12 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     off, along = max(x.off for x in taken.values()), max(x.along for x in taken.values())
     count = sum(len(x.given) for x in taken.values() if x.given is not None)
-    told = f"agree to {digits(off)}, those that constraints leave free to {digits(along)}, " if soft else f"agree to {digits(off)} "
-    told += f"at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
+    message = f"agree to {digits(off)} "
+    if soft:
+        message = f"agree to {digits(off)}, those that constraints leave free to {digits(along)}, "
+    message += f"at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
     refused = [name for name, x in answers.items() if x.refused]
-    return Check(title, True, told + (f"; refused or not asked: {_list_few(refused)}" if refused else ""))
+    return Check(title, True, message + (f"; refused or not asked: {_list_few(refused)}" if refused else ""))
 
 
 def _list_few(names: list[str]) -> str:
@@ -231,16 +233,16 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
     if soft and choice.stabilization != "none":
         return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
     *samples, fine = [np.array([x.q, x.v, x.a]) for x in (run.trajectory for run in runs) if x]
-    told = ""
+    distance = ""
     for run, levels in zip(runs, samples, strict=False):
         true = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
         if true.shape != levels.shape:
             return Check(title, False, "its accelerations cannot be integrated")
         # a soft loop's own accelerations are its gap times a stiffness, not the motion's
-        told, fault = _compare(true, levels, fine, LEVELS[: 2 if soft else 3])
+        distance, fault = _compare(true, levels, fine, LEVELS[: 2 if soft else 3])
         if fault:
             return Check(title, None if unfinished else False, fault + ", declared unfinished" * unfinished)
-    return Check(title, True, told)
+    return Check(title, True, distance)
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:

@@ -31,12 +31,12 @@ def check_publishable(folder: Path) -> None:
     Raises:
         TableError: the run may not be published.
     """
-    told = read_environment(folder)
+    facts = read_environment(folder)
     faults = {
-        "does not name the commit that the run was made from": not told.get("commit"),
-        "the run was made from changed code": told.get("dirty"),
-        f"kernels were made in haste, with {told.get('shortened')}": told.get("shortened"),
-        "does not name the processor that times were taken on": (folder / TIMES).exists() and not told.get("cpu"),
+        "does not name the commit that the run was made from": not facts.get("commit"),
+        "the run was made from changed code": facts.get("dirty"),
+        f"kernels were made in haste, with {facts.get('shortened')}": facts.get("shortened"),
+        "does not name the processor that times were taken on": (folder / TIMES).exists() and not facts.get("cpu"),
     }
     for fault in (words for words, there in faults.items() if there):
         raise TableError(f"{folder / ENVIRONMENT}: {fault}: not to be published")

@@ -150,19 +150,19 @@ class _Keeping:
 def plain_run(run: Run) -> dict[str, Any]:
     """Return a run as plain data, as `outcome_of` takes it."""
     trajectory = run.trajectory or run.reached
-    told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
+    fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
-    return told | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
+    return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
 
 
 def outcome_of(answer: object) -> Outcome:
     """Return the outcome that a worker's answer holds; an answer of another form is an error."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
-            told = rest.get("answer")
-            said = told if isinstance(told, np.ndarray) else None
+            numbers = rest.get("answer")
+            answered = numbers if isinstance(numbers, np.ndarray) else None
             built, seconds = (_seconds(rest.get(key)) for key in ("build_time", "seconds"))
-            return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), said, built, seconds)
+            return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), answered, built, seconds)
     return Outcome(Status.ERROR, "what the engine's process answered is no run")
 
 

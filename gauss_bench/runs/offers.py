@@ -213,9 +213,9 @@ def describe(name: str) -> Offer:
         lacking = [x for x in CALLED if not callable(getattr(engine, x, None))]
         if lacking:
             raise TypeError(f"it has no method {', '.join(lacking)}")
-        told = [x for x in ("integrators", "stabilizations") if isinstance(getattr(engine, x), str)]
-        if told:
-            raise TypeError(f"{told[0]} is a text, not names")
+        texts = [x for x in ("integrators", "stabilizations") if isinstance(getattr(engine, x), str)]
+        if texts:
+            raise TypeError(f"{texts[0]} is a text, not names")
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
             raise TypeError("settings is no table of options by name")
         settings = {str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()}
@@ -251,8 +251,8 @@ def _version(asked: Callable[[], object]) -> str:
         ImportError: the library is not there.
     """
     try:
-        told = asked()
-        return in_a_sentence(told) if isinstance(told, str) else f"unknown ({type(told).__name__}, not a text)"
+        version = asked()
+        return in_a_sentence(version) if isinstance(version, str) else f"unknown ({type(version).__name__}, not a text)"
     except ImportError:
         raise
     except Exception as error:

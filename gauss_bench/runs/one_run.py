@@ -225,8 +225,8 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
     verdict = judge.completeness(outcome.returned, wanted.times, n)
     if not verdict.valid:
         status = Status.NAN if verdict.objections[0].subject is judge.Subject.NUMBERS else Status.INCOMPLETE
-        told = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
-        return Run(status, told, None, reached, wanted, *costs)
+        message = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
+        return Run(status, message, None, reached, wanted, *costs)
     if reached is None:
         return Run(Status.INCOMPLETE, "the engine does not count its steps", None, None, wanted, *costs)
     notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
@@ -236,8 +236,8 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
 
 def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
     """Return the indices of JUDGED samples, drawn with a seed made from the samples, so that no engine can foresee them."""
-    told = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
-    lot = np.random.default_rng(int.from_bytes(told.digest()[:8], "big"))
+    digest = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
+    lot = np.random.default_rng(int.from_bytes(digest.digest()[:8], "big"))
     return np.sort(lot.permutation(len(trajectory.t))[:JUDGED])
 
 
@@ -247,12 +247,12 @@ def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | 
     None if the accelerations are not determined, such as with friction on redundant rows.
     """
     chosen = draw_samples(trajectory)
-    t, q, v, told = (x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
+    t, q, v, given = (x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
     try:
         with np.errstate(all="ignore"):
             model = get("gauss").build(mechanism, Choice("default", "rk4"))
             true = np.array([model.acceleration(float(at), *state) for at, *state in zip(t, q, v, strict=True)])
-            return float(np.median(relative_acceleration_error(told, true)))
+            return float(np.median(relative_acceleration_error(given, true)))
     except (RunFailure, ArithmeticError, np.linalg.LinAlgError):
         return None
 

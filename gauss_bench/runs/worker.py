@@ -408,9 +408,9 @@ def unpack_answer(content: bytes) -> Any:
         raise NoAnswer(str(error)) from error
 
 
-def _read_type(told: object) -> tuple[np.dtype[Any], list[int]]:
+def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
     """Read type and shape of an array from an answer."""
-    match told:
+    match form:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
             lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]
             if lengths == shape:

@@ -83,8 +83,8 @@ def with_orders(rows: Rows) -> Rows:
         groups.setdefault(tuple(row[k] for k in KEY if k != "step"), []).append(row)
     for group in groups.values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
-        told = [_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05")]
-        known = [x for x in told if not np.isnan(x).all()]
+        errors = [_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05")]
+        known = [x for x in errors if not np.isnan(x).all()]
         if known and len(group) > 1:
             for row, order in zip(group, observed_order(steps, known[0], floors).tolist(), strict=True):
                 row["observed_order"] = order

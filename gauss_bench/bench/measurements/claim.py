@@ -54,10 +54,10 @@ def count(linkage: str, scenario: str) -> Tables:
     start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + rows}
     for formulation in FORMULATIONS:
         try:
-            told = costs(known_program(mechanism, formulation, (), None, None))
+            counted = costs(known_program(mechanism, formulation, (), None, None))
         except KernelError:
             continue  # the row of the race has the reason
-        start |= {f"{x}_{formulation}": getattr(told, x) for x in ("operations", "divisions", "critical")}
+        start |= {f"{x}_{formulation}": getattr(counted, x) for x in ("operations", "divisions", "critical")}
     return {"kernel_claim": [start]}
 
 
@@ -96,20 +96,20 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 def claim_row(start: Row, races: Rows) -> Row:
     """Return the row of a linkage: the median of each ratio over its races, the spread, and the verdict."""
-    told: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
+    columns: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
     if failed := next((r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")), None):
-        told = {x: failed[x] for x in told}
-    told = start | told | {"processes": 0}
+        columns = {x: failed[x] for x in columns}
+    columns = start | columns | {"processes": 0}
     for what, begins in COLUMNS.items():
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
         if not ended:
             continue
         low, high = foreseen(np.array(ended)) if len(ended) > 1 else (math.nan, math.nan)
-        told |= {f"{begins}ratio": statistics.median(ended), f"{begins}ratio_low": low, f"{begins}ratio_high": high}
-        told |= {f"{begins}verdict": verdict(low, high)}
+        columns |= {f"{begins}ratio": statistics.median(ended), f"{begins}ratio_low": low, f"{begins}ratio_high": high}
+        columns |= {f"{begins}verdict": verdict(low, high)}
         if what == STEP:
-            told |= {"status": str(Status.OK), "message": "", "processes": len(ended)}
-    return told
+            columns |= {"status": str(Status.OK), "message": "", "processes": len(ended)}
+    return columns
 
 
 def verdict(low: float, high: float) -> str:

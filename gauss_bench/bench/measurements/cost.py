@@ -80,10 +80,10 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
     """Yield the entries of a race, each with the function that makes its block."""
     mechanism = load(linkage, scenario or None)
     for name in part.engines:
-        told = offer(name)
-        for chosen in variants(told, part.integrators, name in part.plain):
+        offered = offer(name)
+        for chosen in variants(offered, part.integrators, name in part.plain):
             choice = Choice(*chosen, part.step)
-            if choice.integrator not in told.adaptive:
+            if choice.integrator not in offered.adaptive:
                 for quantity, make in quantities(get(name), mechanism, choice, part):
                     yield Key(quantity, name, *chosen), make
     if part.processor:
@@ -95,7 +95,7 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
 
     Builds and accelerations do not depend on the integrator and are timed with the first one only.
     """
-    told, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
+    offered, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
     start = mechanism.q0, mechanism.v0
 
     def batch() -> Block:
@@ -103,17 +103,17 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
         return lasting(None, model().batch(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
-    if (choice.integrator, choice.stabilization) == (told.integrators[0], "none"):
+    if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
         yield BUILD, lambda: lasting(None, lambda: first_step(engine, mechanism, choice))
         yield ACCELERATION, lambda: lasting(None, partial(model().acceleration, 0.0, *start))
         if engine.name in part.bare:
             yield BARE, lambda: lasting(None, model().bare_calls()[0])
             yield EMPTY, lambda: lasting(None, model().bare_calls()[1])
-        if engine.name in part.batch and choice.settings == next(iter(told.settings)):
+        if engine.name in part.batch and choice.settings == next(iter(offered.settings)):
             yield BATCH, batch
-    if told.python_loop:
+    if offered.python_loop:
         yield STEP, lambda: stepping(None, model(), part.step, native=False)
-    if told.native_loop:
+    if offered.native_loop:
         yield NATIVE, lambda: stepping(None, model(), part.step, native=True)
 
 
@@ -137,8 +137,8 @@ def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
 
 def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables:
     """Return the seconds until an engine's first model has taken its first step, in a new process, or the reason why not."""
-    told, mechanism = offer(engine), load(linkage, scenario or None)
-    key = Key(COLD, engine, next(iter(told.settings)), told.integrators[0])
+    offered, mechanism = offer(engine), load(linkage, scenario or None)
+    key = Key(COLD, engine, next(iter(offered.settings)), offered.integrators[0])
     start = place_of(mechanism) | key._asdict()
     try:
         with Worker() as worker:
@@ -171,9 +171,9 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
     """Gather the races' results by mechanism and scenario."""
     places: dict[tuple[str, str], Rows] = {}
     for r in [*tables.get("samples", []), *tables.get("untimed", [])]:
-        told = places.setdefault((r["mechanism"], r["scenario"]), [])
+        here = places.setdefault((r["mechanism"], r["scenario"]), [])
         if "quantity" in r:  # a race that failed as a whole has one row without a quantity
-            told.append(r)
+            here.append(r)
     return {place: gather_rounds(rows) for place, rows in places.items()}
 
 

@@ -153,18 +153,18 @@ for library, calls, quantity in (
 def over_races(races: Rows) -> Rows:
     """Return a row for each engine, quantity and size: the time over all processes, or the reason why there is none."""
     ended = [r for r in races if r["status"] == Status.OK]
-    told = []
+    summary = []
     for rows in group(ended, "engine", "quantity", "size").values():
         found = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
         first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
         built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
         times = {"seconds": found["seconds"], "low": found["seconds_low"], "high": found["seconds_high"]}
-        told.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
+        summary.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
     timed_engines = {(r["engine"], r["size"]) for r in ended}
     for where, rows in group([r for r in races if r["status"] != Status.OK], "engine", "size").items():
         if where not in timed_engines:
-            told.append({k: x for k, x in rows[0].items() if k != "process"} | {"quantity": "", "processes": 0})
-    return told
+            summary.append({k: x for k, x in rows[0].items() if k != "process"} | {"quantity": "", "processes": 0})
+    return summary
 
 
 def exponents(races: Rows, large: int) -> Rows:
@@ -173,7 +173,7 @@ def exponents(races: Rows, large: int) -> Rows:
     An exponent is fitted to the medians over the processes; its spread follows from the exponents of the single processes.
     """
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
-    told = []
+    summary = []
     for (engine, quantity), rows in group(ended, "engine", "quantity").items():
         by_size = {size: statistics.median(r["seconds"] for r in some) for (size,), some in group(rows, "size").items()}
         if len(by_size) == 1:
@@ -183,8 +183,8 @@ def exponents(races: Rows, large: int) -> Rows:
         low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
         found = exponent([*by_size], [*by_size.values()])
-        told.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
-    return told
+        summary.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
+    return summary
 
 
 def group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:

@@ -39,11 +39,11 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
         coarse: Row = {}
         for step in (part.step, part.step / 2):
             start: Row = place_of(mechanism) | {"formulation": formulation, "step": step}
-            told = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
-            energies = told.pop("energies", [])
-            rows.append(judge_row(told, coarse, part))
+            fine = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
+            energies = fine.pop("energies", [])
+            rows.append(judge_row(fine, coarse, part))
             windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
-            coarse = told
+            coarse = fine
     return {"kernel_long": rows, "kernel_energy": windows}
 
 

@@ -231,8 +231,10 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     for ways in passing.values():
         for some in by_loop(ways):
             chosen |= dict.fromkeys(finalists({way: costs[way] for way in some if way in costs}))
-    told, more = race_apart(race_entries, run, part, [(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
-    return {"search_races": race_rows(run, 0, told, lost | more)}
+    rows_of_race, more = race_apart(
+        race_entries, run, part, [(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead
+    )
+    return {"search_races": race_rows(run, 0, rows_of_race, lost | more)}
 
 
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
@@ -242,8 +244,8 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
     for ways in passing_ways(read_ladders(rows), part).values():
         near |= {way: ways[way].steps for some in by_loop(ways) for way in near_ways(some, measured)}
     asked = [(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
-    told, lost = race_apart(race_entries, run, part, asked, part.rounds, list_lost(first), part.lead)
-    return {"search_races": race_rows(run, number, told, lost)}
+    rows_of_race, lost = race_apart(race_entries, run, part, asked, part.rounds, list_lost(first), part.lead)
+    return {"search_races": race_rows(run, number, rows_of_race, lost)}
 
 
 def race_apart(
@@ -253,8 +255,8 @@ def race_apart(
     names = [x.name for x in engines_of(part) if x.name not in lost]
     left = [x for x in asked if x[0].engine not in lost]
     arguments = (run.linkage, run.mechanism.scenario, run.until, left, *more)
-    told, gone = list_survivors(race_here, (entries, arguments, rounds), names)
-    return told, gone
+    rows_of_race, gone = list_survivors(race_here, (entries, arguments, rounds), names)
+    return rows_of_race, gone
 
 
 def rough_entries(linkage: str, scenario: str, until: float, asked: Asked) -> Iterator[tuple[Way, Callable[[], Block]]]:
@@ -284,11 +286,11 @@ def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
     return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
 
 
-def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
+def race_rows(run: Run, number: int, rows_of_race: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
     """Return the rows of one process of a race, and one for each engine that crashed or hung in it."""
     start: Row = place_of(run.mechanism) | {"process": number}
     rows = []
-    for r in told:
+    for r in rows_of_race:
         answer = {k: r[k] for k in ("round", "seconds", "status", "message") if k in r}
         rows.append(start | place(entry_of(r)) | {"status": str(Status.OK), "message": ""} | answer)
     return rows + [start | {"engine": e} | failure.columns for e, failure in lost.items()]
@@ -312,7 +314,9 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
         for line in (x for x in lines if x["status"] == Status.OK):
             way = way_of(line)
             line["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
-        winners += with_ratios(lines, measured, part) + [asked | {"engine": e} | told for e, told in lost.items() if e in engines]
+        winners += with_ratios(lines, measured, part) + [
+            asked | {"engine": e} | reason for e, reason in lost.items() if e in engines
+        ]
     entered = dict.fromkeys(way for way in (*measured.samples, *measured.failed) if isinstance(way, Way))
     times = [row(start | place(way), _time_over_processes, measured, way) for way in entered if way.engine not in lost]
     return {"search_winners": winners, "search_times": times}
@@ -369,32 +373,32 @@ def winner_row(
 ) -> Row:
     """Return an engine's row for a requirement: its winner among the ways that meet it, or how near it came and why it failed."""
     searched = {way: trials for way, trials in ladders.items() if way.engine == engine}
-    told = start | {"engine": engine, "variants": len(searched), "evaluations": sum(map(len, searched.values()))}
-    told |= {"passing": len(passing), "raced": sum(way in measured.samples for way in passing)}
-    told |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
+    columns = start | {"engine": engine, "variants": len(searched), "evaluations": sum(map(len, searched.values()))}
+    columns |= {"passing": len(passing), "raced": sum(way in measured.samples for way in passing)}
+    columns |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
     near = near_ways(passing, measured)
     if not near:
-        return told | row_without_winner(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
+        return columns | row_without_winner(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
     winner, tied = pick_winner({way: measured.samples[way] for way in near})
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
-    told |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
-    told |= {
+    columns |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
+    columns |= {
         "options": json.dumps(dict(options), sort_keys=True),
         "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
     }
-    return told | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
+    return columns | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
 
 
 def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
     """Return the columns of an engine without a winner: the reason, and the way with the least error."""
     found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
-    told: Row = {"status": str(status), "message": found.words}
+    columns: Row = {"status": str(status), "message": found.words}
     every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
     if not every:
-        return told
+        return columns
     way, trial = min(every, key=lambda x: x[1].errors[wanted.kind])
-    return told | place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
+    return columns | place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
 
 
 def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
@@ -407,14 +411,14 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     level = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []
     own = min(ours, key=measured.time, default=None)  # the one with the least time
     fastest = [way for x in level for way in ours[x]["ties"]]
-    told = []
+    completed = []
     for r in rows:
         holds = r["status"] == Status.OK
         ratios = ratio_of(r, own, fastest, measured) if own is not None and holds else {}
         aimed = r["status"] == Status.OK and r["required"] == "position" and r["accuracy"] in part.aimed
         plain = {k: x for k, x in r.items() if k != "ties"} | {"own": holds and way_of(r) == own, "ours": r["engine"] in part.own}
-        told.append(at_least(plain | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
-    return told
+        completed.append(at_least(plain | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
+    return completed
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
