@@ -1,9 +1,9 @@
-"""The contract of engines, checked from outside: by runs in a worker, whose answers nobody believes.
+"""Check that an engine keeps the contract, by runs in a worker whose answers are verified.
 
     conformance("my_engine")          an installed plug-in, or one of the built-in engines
     conformance("my_package.adapter:Engine")     a class that is not installed as a plug-in yet
 
-The manners of an adapter (times, start, repetition, counts) are looked at here; what is measured stands in `agreement`.
+This file checks the form of runs: times, start, repetition, counts. `agreement` checks accelerations and motions.
 """
 
 from collections.abc import Callable, Iterator
@@ -99,7 +99,7 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
 
 
 def lateness(slope: Array, reported: Array) -> float:
-    """By how many samples rates (k, n) come after those that differences show (k, n), in the mean of least squares."""
+    """Return by how many samples the reported rates (k, n) lag behind the difference quotients `slope` (k, n), by least squares."""
     change = (slope[2:] - slope[:-2]) / 2
     scale = float((change * change).sum())
     return float(((slope - reported)[1:-1] * change).sum()) / scale if scale else 0.0

@@ -25,7 +25,7 @@ from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, finish, gather
+from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, Task, finish, gather
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
@@ -42,6 +42,11 @@ def modules() -> list[ModuleType]:
     """Return every measurement; those that others depend on come first."""
     names = sorted((m.name for m in iter_modules(measurements.__path__)), key=lambda x: (x not in ORDER, x))
     return [import_module(f"{measurements.__name__}.{name}") for name in names]
+
+
+def list_tasks(stage: str, *arguments: Any) -> list[Task]:
+    """Return the tasks of all measurements that have the function `stage`."""
+    return [task for module in modules() if hasattr(module, stage) for task in getattr(module, stage)(*arguments)]
 
 
 def run(
@@ -68,10 +73,10 @@ def run(
     stamp, asked = f"{fingerprint()}.{certificates_digest()}", tuple(steps) if steps else None
     context = Context(str(folder / ".run" / "references"), stamp, until=until, steps=asked, limit=limit)
     with Journal(folder / ".run" / "journal.jsonl") as journal:
-        tasks = [task for m in modules() if hasattr(m, "exact_tasks") for task in m.exact_tasks(suite, context)]
-        tables = gather(finish(tasks, jobs, "accuracy", journal).values())
-        for stage, label in (("timing_tasks", "times"), ("second_timing_tasks", "times again")) if costs else ():
-            tasks = [task for m in modules() if hasattr(m, stage) for task in getattr(m, stage)(suite, context, tables)]
+        tables = gather(finish(list_tasks("exact_tasks", suite, context), jobs, "accuracy", journal).values())
+        timing_stages = {"timing_tasks": "times", "second_timing_tasks": "times again"} if costs else {}
+        for stage, label in timing_stages.items():
+            tasks = list_tasks(stage, suite, context, tables)
             for table, rows in gather(finish(tasks, 1, label, journal).values()).items():
                 tables.setdefault(table, []).extend(rows)
     complete_rows(suite, tables)
