@@ -12,13 +12,13 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache, partial
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
+from gauss_bench.bench.measure import reference_of
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_of
@@ -42,11 +42,10 @@ from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
-from gauss_bench.reference.store import load_stored
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
-from gauss_bench.trajectory import Reference, Status
+from gauss_bench.trajectory import Status
 
 STATUSES = dict.fromkeys(
     (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
@@ -157,11 +156,6 @@ def space_row(engine: Offer, variant: Variant) -> Row:
 
 
 # Ladders: the sizes that meet a requirement; no timing affects them
-
-
-@lru_cache(maxsize=4)
-def reference_of(linkage: str, scenario: str, until: float, store: str) -> Reference:
-    return load_stored(load(linkage, scenario or None), until, Path(store))
 
 
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
