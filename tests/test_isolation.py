@@ -93,7 +93,7 @@ def burn(seconds: float) -> float:
 def test_waiting_for_a_processor_is_not_held_against_a_task(monkeypatch: pytest.MonkeyPatch) -> None:
     """The system says how long a process was ready and did not run; here it is told that it always was."""
     start = time.monotonic()
-    monkeypatch.setattr(worker._Clock, "_waited", lambda self: 0.99 * (time.monotonic() - start))
+    monkeypatch.setattr(worker._Clock, "_waiting_time", lambda self: 0.99 * (time.monotonic() - start))
     with Worker() as one:
         one.call(max, (1, 2), 60.0)
         assert one.call(burn, (0.6,), 0.3) == 0.6  # 0.6 s, of which a hundredth counts

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.measurements.certificates import certified_scenarios
+from gauss_bench.bench.measurements.certificates import scenarios_to_certify
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import built_in, decimal_document, load
 from gauss_bench.papers.published import VALUES, list_published_values
@@ -20,7 +20,7 @@ from tests.conftest import needs
 DATA = Path(__file__).parent / "data"
 
 
-@pytest.mark.parametrize(("name", "scenario"), certified_scenarios())
+@pytest.mark.parametrize(("name", "scenario"), scenarios_to_certify())
 def test_every_certificate_of_the_suite_holds_and_vouches_for_twelve_digits(name: str, scenario: str) -> None:
     mechanism = load(name, scenario)
     path = certificate_path(mechanism)

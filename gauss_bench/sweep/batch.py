@@ -27,7 +27,7 @@ from gauss_bench.mechanism.evaluate import Constraints, Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling_at
-from gauss_bench.runs.scrutiny import seen
+from gauss_bench.runs.scrutiny import measurable_gain
 from gauss_bench.runs.worker import Worker
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Columns, Family, Varied, describe
@@ -200,7 +200,7 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
         # determine the loss between samples only if the verdict could be another one without this objection
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
-            evidence = replace(evidence, seen=seen(mechanism(), motion, evidence))
+            evidence = replace(evidence, seen=measurable_gain(mechanism(), motion, evidence))
             verdict = judge(evidence)
     message = "; ".join(filter(None, (verdict.sentence, remark(evidence))))
     return str(Status.OK if verdict.valid else Status.INVALID), message
