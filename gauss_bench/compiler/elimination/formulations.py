@@ -86,8 +86,8 @@ class Motions:
     lengths: Factors
 
     @classmethod
-    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Right], search: Search) -> "Motions":
-        return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
+    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Right]) -> "Motions":
+        return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass)))
 
     def _parts(self, amounts: Right, j: int) -> list[Node]:
         """Return the summands of coordinate j in a combination of the motions."""
@@ -127,12 +127,11 @@ class Gauss:
         self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, terms.mixed)
         one = terms.graph.constant(1.0)
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
-        self.search = search
-        self.reduced = _metric(terms.graph, self.N, terms.mass, search)
+        self.reduced = _metric(terms.graph, self.N, terms.mass)
 
     @cached_property
     def _motions(self) -> Motions:
-        return Motions.of(self.terms, self.independent, self.N, self.search)
+        return Motions.of(self.terms, self.independent, self.N)
 
     def acceleration(self, gamma: Right) -> Right:
         graph = self.terms.graph
@@ -184,7 +183,7 @@ def _at(x: Right, j: int) -> list[Node]:
     return [x[j]] if j in x else []
 
 
-def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node], search: Search) -> Factors:
+def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node]) -> Factors:
     """Factorise N^T W N with a diagonal W."""
     unknowns = range(len(motions))
     A: Matrix = {}
@@ -192,7 +191,7 @@ def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[
         for l in range(k + 1):
             products = {j: x * motions[l][j] for j, x in motions[k].items() if j in motions[l]}
             A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), pairs=REACH)
-    return lu(graph, A, unknowns, unknowns, Search(search.seed))
+    return lu(graph, A, unknowns, unknowns, Search())
 
 
 def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Right) -> list[Node]:
@@ -227,16 +226,16 @@ class Lagrange:
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
-        self.factors = self._factors(terms.mass)
+        self.factors = self._factorise(terms.mass, search)
         self.single = moving and len(self.independent) <= 1
 
-    def _factors(self, mass: Sequence[Node]) -> Factors:
+    def _factorise(self, mass: Sequence[Node], search: Search) -> Factors:
         # KKT matrix [M J^T; J 0], symmetric
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
         for (r, c), e in self.terms.jacobian.items():
             A[self.n + r, c] = A[c, self.n + r] = e
         size = self.n + len(self.terms.rows)
-        return lu(self.terms.graph, A, range(size), range(size), self.search)
+        return lu(self.terms.graph, A, range(size), range(size), search)
 
     def _solve(self, gamma: Right) -> Right:
         return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
@@ -247,7 +246,7 @@ class Lagrange:
     @cached_property
     def _units(self) -> Factors:
         """As `factors`, with unit masses."""
-        return self._factors([self.terms.graph.constant(1.0)] * self.n)
+        return self._factorise([self.terms.graph.constant(1.0)] * self.n, replace(self.search, first=()))
 
     @cached_property
     def _free_motions(self) -> list[Right]:
@@ -260,11 +259,11 @@ class Lagrange:
         """Return how far each of these motions moves the independent coordinates."""
         unknowns, motions = range(len(self.independent)), self._free_motions
         A = {(row, k): N[j] for k, N in enumerate(motions) for row, j in enumerate(self.independent) if j in N}
-        return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))
+        return lu(self.terms.graph, A, unknowns, unknowns, Search())
 
     @cached_property
     def _motions(self) -> Motions:
-        return Motions.of(self.terms, self.independent, self._free_motions, self.search)
+        return Motions.of(self.terms, self.independent, self._free_motions)
 
     def _coordinates(self, unknowns: Right) -> Right:
         return {k: x for k, x in unknowns.items() if k < self.n}
