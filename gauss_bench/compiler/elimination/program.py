@@ -37,7 +37,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 EFFORT = 3600  # attempts times unknowns, at most: about a second
-LENGTH = 60_000  # attempts times operations of a plain one, at most: of large linkages few are tried
+LENGTH = 50_000  # attempts times operations of a plain one, at most: of large linkages few are tried
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
 THOROUGH = 216
 ATTEMPTS = int(said) if (said := os.environ.get(SHORTER, "")).isdecimal() and int(said) else THOROUGH

@@ -113,8 +113,19 @@ REACHES = {
 ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
 
 
+# operations of an acceleration: beyond, code with four of them takes long to compile and no longer fits the processor's caches
+LONG = 3_500
+
+
+def is_looped(code: Code, integrator: str) -> bool:
+    """Tell whether a step loops over its stages, because their code would be too long if each was written out."""
+    return integrator == "rk4" and code.acceleration.operations > LONG
+
+
 def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
     """Return the reaches of a program's steps, the shortest first."""
+    if is_looped(code, integrator):
+        return (EXACT,)
     first, *others = REACHES[integrator]
     return (first, ONCE, *others) if code.projected and integrator == "rk4" else (first, *others)
 
@@ -130,6 +141,7 @@ class Step:
         within: mask where the step stays within its reach and all values are finite.
         error: squared norm of the estimated local error relative to the tolerances, proportional to h^16; None if not estimated.
         settled: leaf -> its value at the next step if the state is settled onto the constraints there; empty if it never is.
+        stages: of a loop over the stages, leaf -> its value at the first stage and at the next one; empty if all are written out.
     """
 
     graph: Graph
@@ -140,11 +152,13 @@ class Step:
     within: int
     error: int | None = None
     settled: dict[str, int] = field(default_factory=dict)
+    stages: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def roots(self) -> list[int]:
         """Return all values that must be computed in every step."""
         error = [] if self.error is None else [self.error]
-        return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error]
+        of_stages = [x for pair in self.stages.values() for x in pair]
+        return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
 
     def rewritten(self, into: Graph | None = None) -> "Step":
         """The step with its arithmetic regrouped, in a graph that may have other steps already."""
@@ -154,7 +168,11 @@ class Step:
         carried, settled = ({name: moved[x] for name, x in leaves.items()} for leaves in (self.carried, self.settled))
         regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
-        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error, settled)
+        stages = {
+            graph.make(self.graph.operation[leaf], payload=self.graph.payload[leaf]): (moved[first], moved[following])
+            for leaf, (first, following) in self.stages.items()
+        }
+        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error, settled, stages)
 
 
 class Builder:
@@ -164,12 +182,16 @@ class Builder:
         self.g = g = Graph()
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
-        self.q, self.v = ([g.leaf(f"%{letter}{i}") for i in range(self.n)] for letter in "qv")
+        self.q, self.v = self.vector("q"), self.vector("v")
         self.p = [g.leaf(f"%p{i}") for i in range(code.program.n_parameters)]
         self.t, self.h = g.leaf("%t"), g.leaf("%h")
         self.known: dict[int, Pair] = {}
         self.pivots: list[int] = []
         self.score: list[int] = []
+
+    def vector(self, letter: str) -> list[int]:
+        """Return a leaf for each coordinate."""
+        return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
     def given(self) -> list[Pair]:
         """Return leaves for sine and cosine of each angle."""
@@ -399,6 +421,40 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     pairs = b.turn(pairs_B, bend, reach.bend, q_new)
     q_new, pairs = b.correct_position(end, q_new, pairs, q4 if reach.rotates else q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
+
+
+def rk4_looped(code: Code) -> Step:
+    """One step of the classical Runge-Kutta method whose right-hand side is written once, in a loop over the stages.
+
+    Stage j = 0, 1, 2, 3 is at x, u and the time s. It adds w u and w a to the sums X and U, with w = 1, 2, 2, 1, and the next stage
+    is at q + c u and v + c a, with c = h/2, h/2, h. The step ends at q + h/6 X and v + h/6 U.
+    """
+    b = Builder(code, EXACT)
+    g, q, h = b.g, b.q, b.h
+    first_v = b.correct_velocity()
+    if code.projected:
+        b.acceleration(b.t, q, b.v)  # for its guards, which the corrected velocity needs
+    out_pivots, b.pivots = list(b.pivots), []
+    x, u, X, U = (b.vector(letter) for letter in "xuXU")
+    stage, s, steady = g.count("%stage"), g.leaf("%s"), g.make("mask", payload="%steady")
+    early = g.make("below", stage, g.whole(2))
+    middle = g.make("also", g.make("below", g.whole(0), stage), g.make("below", stage, g.whole(3)))
+    way = g.make("select", g.make("everywhere", early), b.times_h(0.5), h)
+    weight = g.make("select", g.make("everywhere", middle), g.const(2.0), g.const(1.0))
+    a = b.acceleration(s, x, u)
+    sum_X, sum_U = b.along(X, weight, u), b.along(U, weight, a)
+    regular = g.both([steady, *b.pivots, b.within(a)])
+    zero = [g.const(0.0)] * b.n
+    leaves = [*x, *u, *X, *U]
+    first = [*q, *first_v, *zero, *zero]
+    following = [*b.along(q, way, u), *b.along(first_v, way, a), *sum_X, *sum_U]
+    stages = dict(zip(leaves, zip(first, following, strict=True), strict=True))
+    stages |= {s: (b.t, g.add(b.t, way)), stage: (g.whole(0), g.make("sum", stage, g.whole(1))), steady: (g.all(True), regular)}
+    b.pivots, b.score = [regular, *out_pivots], []
+    sixth = b.times_h(1 / 6)
+    q_new, v_new = b.along(q, sixth, sum_X), b.along(first_v, sixth, sum_U)
+    q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
+    return replace(b.step(q_new, v_new, [], first_v, out_pivots), stages=stages)
 
 
 def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
