@@ -63,16 +63,16 @@ class Body:
         entry: statements before the loop.
         carried: leaf -> its first and its next value, from step to step.
         settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
-        statements: of one step; operations: among its values.
+        statements: of one step; values: in order; operations: among them.
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
         self.step = step = step if plain else step.rewritten(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
         g, n, needed = self.graph, code.program.n, live(step.graph, step.roots())
-        values = needed if plain else order(g, needed, step.carried)
-        self.operations = count_operations(g, values)
-        self.statements: list[Statement] = [Compute(values)]
+        self.values = needed if plain else order(g, needed, step.carried)
+        self.operations = count_operations(g, self.values)
+        self.statements: list[Statement] = [Compute(self.values)]
         if step.stages:
             following = [x for _, x in step.stages.values()]
             again = g.make("below", g.count("%stage"), g.whole(3))
