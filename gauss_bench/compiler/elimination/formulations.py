@@ -86,8 +86,8 @@ class Motions:
     lengths: Factors
 
     @classmethod
-    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Right]) -> "Motions":
-        return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass)))
+    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Right], search: Search) -> "Motions":
+        return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
 
     def _parts(self, amounts: Right, j: int) -> list[Node]:
         """Return the summands of coordinate j in a combination of the motions."""
@@ -127,11 +127,12 @@ class Gauss:
         self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, terms.mixed)
         one = terms.graph.constant(1.0)
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
-        self.reduced = _metric(terms.graph, self.N, terms.mass)
+        self.search = search
+        self.reduced = _metric(terms.graph, self.N, terms.mass, search)
 
     @cached_property
     def _motions(self) -> Motions:
-        return Motions.of(self.terms, self.independent, self.N)
+        return Motions.of(self.terms, self.independent, self.N, self.search)
 
     def acceleration(self, gamma: Right) -> Right:
         graph = self.terms.graph
@@ -183,7 +184,7 @@ def _at(x: Right, j: int) -> list[Node]:
     return [x[j]] if j in x else []
 
 
-def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node]) -> Factors:
+def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node], search: Search) -> Factors:
     """Factorise N^T W N with a diagonal W."""
     unknowns = range(len(motions))
     A: Matrix = {}
@@ -191,7 +192,7 @@ def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[
         for l in range(k + 1):
             products = {j: x * motions[l][j] for j, x in motions[k].items() if j in motions[l]}
             A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), pairs=REACH)
-    return lu(graph, A, unknowns, unknowns, Search())
+    return lu(graph, A, unknowns, unknowns, Search(search.seed))
 
 
 def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Right) -> list[Node]:
@@ -226,16 +227,16 @@ class Lagrange:
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
-        self.factors = self._factorise(terms.mass, search)
+        self.factors = self._factors(terms.mass)
         self.single = moving and len(self.independent) <= 1
 
-    def _factorise(self, mass: Sequence[Node], search: Search) -> Factors:
+    def _factors(self, mass: Sequence[Node]) -> Factors:
         # KKT matrix [M J^T; J 0], symmetric
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
         for (r, c), e in self.terms.jacobian.items():
             A[self.n + r, c] = A[c, self.n + r] = e
         size = self.n + len(self.terms.rows)
-        return lu(self.terms.graph, A, range(size), range(size), search)
+        return lu(self.terms.graph, A, range(size), range(size), self.search)
 
     def _solve(self, gamma: Right) -> Right:
         return self.factors.solve(self.terms.Q | {self.n + r: x for r, x in gamma.items()})
@@ -246,7 +247,7 @@ class Lagrange:
     @cached_property
     def _units(self) -> Factors:
         """As `factors`, with unit masses."""
-        return self._factorise([self.terms.graph.constant(1.0)] * self.n, replace(self.search, first=()))
+        return self._factors([self.terms.graph.constant(1.0)] * self.n)
 
     @cached_property
     def _free_motions(self) -> list[Right]:
@@ -259,11 +260,11 @@ class Lagrange:
         """Return how far each of these motions moves the independent coordinates."""
         unknowns, motions = range(len(self.independent)), self._free_motions
         A = {(row, k): N[j] for k, N in enumerate(motions) for row, j in enumerate(self.independent) if j in N}
-        return lu(self.terms.graph, A, unknowns, unknowns, Search())
+        return lu(self.terms.graph, A, unknowns, unknowns, Search(self.search.seed))
 
     @cached_property
     def _motions(self) -> Motions:
-        return Motions.of(self.terms, self.independent, self._free_motions)
+        return Motions.of(self.terms, self.independent, self._free_motions, self.search)
 
     def _coordinates(self, unknowns: Right) -> Right:
         return {k: x for k, x in unknowns.items() if k < self.n}

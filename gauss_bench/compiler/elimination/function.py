@@ -34,12 +34,9 @@ class Costs:
     critical: float
 
     @property
-    def price(self) -> float:
-        """Return a measure of an evaluation's share of a step's time; a chain's cycle weighs as much as an operation.
-
-        The four stages of a step overlap, so that the processor's units are busy for much of the longest chain.
-        """
-        return self.critical + self.operations + 3.0 * self.divisions
+    def single(self) -> float:
+        """Cycles of one evaluation for one trajectory, about: its longest chain, and a quarter of a cycle for every operation."""
+        return self.critical + 0.25 * self.operations + 3.0 * self.divisions
 
 
 class Instruction(NamedTuple):

@@ -34,31 +34,16 @@ from gauss_bench.terms import Array
 Right = dict[int, Node]
 
 
-class Choice(NamedTuple):
-    """The decision of one step: the place of the pivot, and whether the step is done without division (`crossed`)."""
+@dataclass(frozen=True, eq=False)
+class Pivot:
+    """One step: its row and column, 1/p, whether the row (else the column) was divided, and the smallest |p| to trust."""
 
     row: int
     column: int
-    crossed: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Pivot:
-    """One step: its choice, 1/p, whether the row (else the column) was divided, and the smallest |p| to trust."""
-
-    choice: Choice
     node: Node
     inverse: Node
     row_divided: bool
     threshold: float
-
-    @property
-    def row(self) -> int:
-        return self.choice.row
-
-    @property
-    def column(self) -> int:
-        return self.choice.column
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,14 +150,17 @@ class Search:
         noise: added to the count at random.
         patience: charged per 100 cycles that a pivot is waited for.
         crossing: share of the steps done without division, where that is possible.
-        first: the choices of the first steps, taken over from an earlier elimination of the same matrix.
     """
 
     seed: int = 0
     noise: float = 0.0
     patience: float = 0.0
     crossing: float = 0.0
-    first: tuple[Choice, ...] = ()
+
+    @property
+    def by_chance(self) -> bool:
+        """True if another seed can make another choice."""
+        return self.noise > 0.0 or 0.0 < self.crossing < 1.0
 
 
 class _Entry:
@@ -272,7 +260,7 @@ class _Markowitz:
             if squares and self._usable(steadily=True) is None:
                 rest = self._square()
             else:
-                self._eliminate(self._choose())
+                self._eliminate(*self._choose())
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
 
     def _square(self) -> Squared:
@@ -283,18 +271,15 @@ class _Markowitz:
             products = [S[r, c] * S[r, d] for r in rows if (r, c) in S and (r, d) in S]
             if products and not (entry := self.graph.total(products)).zero:
                 square[c, d] = square[d, c] = entry
-        return Squared(rows, columns, S, lu(self.graph, square, columns, columns, Search()))
+        return Squared(rows, columns, S, lu(self.graph, square, columns, columns, Search(self.search.seed)))
 
-    def _choose(self) -> Choice:
+    def _choose(self) -> tuple[int, int, Array]:
         """Choose a pivot that is usable at all samples, else at as many as possible: its guard excludes the others at run time."""
-        step = len(self.pivots)
-        if step < len(self.search.first):
-            return self.search.first[step]
         chosen = self._usable()
         while chosen is None:
             self._trust_fewer()
             chosen = self._usable()
-        return Choice(*chosen, self._is_crossed(*chosen))
+        return chosen
 
     def _trust_fewer(self) -> None:
         """Drop the samples at which the most widely usable pivots are too small: other programs will cover them."""
@@ -308,7 +293,7 @@ class _Markowitz:
             raise KernelError("no pivot is usable at all samples: the coordinates chosen as dependent are not")
         self.trusted, self.sizes = best, {}
 
-    def _usable(self, steadily: bool = False) -> tuple[int, int] | None:
+    def _usable(self, steadily: bool = False) -> tuple[int, int, Array] | None:
         """The cheapest usable pivot near the emptiest rows and columns, else anywhere, else one that changes sign if it may."""
         everywhere = len(self.rows)
         places = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
@@ -327,7 +312,7 @@ class _Markowitz:
                     if best is None or offer < best[:2]:
                         best = (*offer, r, c)
             if best is not None:
-                return best[2], best[3]
+                return best[2], best[3], self._row_sizes(best[2]).largest
         return None
 
     def _row_sizes(self, r: int) -> _Sizes:
@@ -355,13 +340,12 @@ class _Markowitz:
             cost += self.search.noise * self.random.random()
         return cost
 
-    def _eliminate(self, choice: Choice) -> None:
-        r, c, crossed = choice
-        largest = self._row_sizes(r).largest
+    def _eliminate(self, r: int, c: int, largest: Array) -> None:
         row = {k: e.node() for k, e in self.rows.pop(r).items()}
         pivot = row.pop(c)
         others = sorted(self.columns.pop(c) - {r})
         inverse = self.graph.inverse(pivot)
+        crossed = self._is_crossed(pivot, others)
         row_divided = pivot.number is None and not crossed and len(row) < len(others)
         if row_divided:
             row = {k: u * inverse for k, u in row.items()}
@@ -379,13 +363,12 @@ class _Markowitz:
         for k in row:
             self.columns[k] = self.columns.pop(k)
         threshold = GUARD * self.scale[c] * median(largest.tolist())
-        self.pivots.append(Pivot(choice, pivot, inverse, row_divided, threshold))
+        self.pivots.append(Pivot(r, c, pivot, inverse, row_divided, threshold))
         self.upper[r] = list(row.items())
 
-    def _is_crossed(self, r: int, c: int) -> bool:
+    def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
         """Tell whether this step is done without division, by multiplying the other rows by the pivot."""
-        others = self.columns[c] - {r}
-        if not self.search.crossing or not others or self.rows[r][c].node().number is not None:
+        if not self.search.crossing or pivot.number is not None or not others:
             return False
         few = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
         return few and self.random.random() < self.search.crossing

@@ -6,16 +6,16 @@ The functions share their expressions: where several are evaluated at the same s
 
 The search for a cheap elimination: partitions and pivot orders are tried, and the cheapest acceleration is kept.
 
-Markowitz's rule leaves many ties. How they are broken decides how much cancels later and how long the longest chain of operations
-is. The first attempts break them by different rules. Each of the others repeats the first pivots of one of the best eliminations so
-far, as many as a random number says, and breaks the later ties at random. The search is seeded and its length depends on the
-linkage alone, so that a linkage always gives the same program. Its outcome is stored on disk, and a later process eliminates only
-once. A small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower steps.
+Markowitz's rule leaves many ties, and which way they fall decides how much cancels later and how long the longest chain of
+operations is. Half of the attempts break them in many ways, the other half repeat the best of these ways with other seeds. The
+search is seeded and its length depends on the linkage alone, so that a linkage always gives the same program. Its outcome is
+stored on disk, and a later process eliminates only once. A small GAUSS_BENCH_ATTEMPTS shortens the search at the price of slower
+steps.
 """
 
 import json
 import os
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
 from itertools import product
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination.formulations import Plan, Workspace, refuse, vector, workspace
 from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, costs_of, function, uses
-from gauss_bench.compiler.elimination.lu import Choice, Search
+from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
 from gauss_bench.compiler.elimination.rank import CHECKED, error_off_constraints, error_on_constraints
 from gauss_bench.compiler.errors import KernelError
@@ -36,13 +36,13 @@ from gauss_bench.mechanism.lines import with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-EFFORT = 3600  # attempts times unknowns, at most: about a second
-LENGTH = 50_000  # attempts times operations of a plain one, at most: of large linkages few are tried
+EFFORT = 2400  # attempts times unknowns, at most: about a second
+LENGTH = 60_000  # attempts times operations of a plain one, at most: of large linkages few are tried
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # in the environment: as many attempts, in this process and in all that it starts
-THOROUGH = 216
+THOROUGH = 144
 ATTEMPTS = int(said) if (said := os.environ.get(SHORTER, "")).isdecimal() and int(said) else THOROUGH
-DIFFERENT = 0.3  # share of the attempts that have settings of their own
-VARIED, LEAST_NOISE = 2, 0.6  # best eliminations that are varied, and the noise of a variation at least
+CLOSE = 1.01  # prices of a single step that races do not tell apart
+REPEATED = 4  # ways that are repeated
 SEARCHED, HOPELESS = 3, 1.5  # plans that are searched: the best by a plain attempt, none that costs so much more than the first
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)
 PLAIN = Search()
@@ -51,45 +51,55 @@ SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """The best attempt on a workspace: its search settings, its costs, and the choices it made."""
+    """The best attempt on a workspace: its search settings and its costs."""
 
     work: Workspace
     search: Search
     costs: Costs
-    choices: tuple[Choice, ...]
 
 
-def attempt(work: Workspace, search: Search) -> Best:
-    """Eliminate under some search settings and return the costs.
+def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
+    """Eliminate under each of several search settings and return the costs; attempts without usable pivots are left out.
 
     Raises:
-        KernelError: no usable pivots are found.
+        KernelError: no attempt finds usable pivots.
     """
-    algebra = work.algebra(search)
-    costs = costs_of([*algebra.acceleration(work.terms.gamma).values(), *(x for x, _ in algebra.guards)])
-    return Best(work, search, costs, tuple(p.choice for p in algebra.factors.pivots))
+    attempts: list[Best] = []
+    failure = KernelError("no attempt was made")
+    for search in searches:
+        try:
+            algebra = work.algebra(search)
+        except KernelError as error:
+            failure = error
+            continue
+        costs = costs_of([*algebra.acceleration(work.terms.gamma).values(), *(x for x, _ in algebra.guards)])
+        attempts.append(Best(work, search, costs))
+    if not attempts:
+        raise failure
+    return attempts
+
+
+def pick(attempts: Sequence[Best]) -> Best:
+    """Return the attempt with the fewest operations among those whose price is within CLOSE of the least.
+
+    The price of a single step cannot tell such attempts apart, while a batch pays for every operation.
+    """
+    least = min(x.costs.single for x in attempts)
+    return min((x for x in attempts if x.costs.single <= CLOSE * least), key=lambda x: x.costs.operations)
 
 
 def best_of(work: Workspace, count: int) -> Best:
-    """Return the cheapest of `count` attempts: some with different search settings, the others variations of the best so far."""
+    """Return the cheapest of `count` attempts: half with different search settings, half with other seeds of the best of these."""
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
-    random = np.random.default_rng(1)
-    order = random.permutation(len(settings)).tolist()
-    various = [PLAIN, *(replace(settings[k], seed=k) for k in order)][: max(1, int(DIFFERENT * count))]
-    found: dict[Costs, Best] = {}  # attempts of equal costs are mostly the same program: one of them is varied
-    for k in range(count):
-        search = various[k] if k < len(various) else _vary(list(found.values())[k % min(VARIED, len(found))], k, random)
-        with suppress(KernelError):
-            best = attempt(work, search)
-            found.setdefault(best.costs, best)
-            found = dict(sorted(found.items(), key=lambda item: item[0].price))
-    return next(iter(found.values()))
-
-
-def _vary(best: Best, seed: int, random: np.random.Generator) -> Search:
-    """Return a search that repeats the first choices of an elimination and makes the later ones at random."""
-    kept = int(random.integers(max(1, len(best.choices))))
-    return replace(best.search, seed=seed, noise=max(best.search.noise, LEAST_NOISE), first=best.choices[:kept])
+    order = np.random.default_rng(0).permutation(len(settings))
+    various = [PLAIN, *(replace(settings[k], seed=int(k)) for k in order)][: (count + 1) // 2]
+    attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
+    leaders = attempts[:REPEATED]
+    repeated = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
+    again = [
+        replace(search, seed=100 + k) for k, search in repeated if search.by_chance
+    ]  # without chance a repetition gives the same program
+    return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
 def cheapest(
@@ -105,18 +115,18 @@ def cheapest(
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
     for plan in _plans(known, formulation, independent, drop):
         try:
-            plain.append(attempt(workspace(known, open_parameters, plan), PLAIN))
+            plain += attempt(workspace(known, open_parameters, plan), [PLAIN])
         except KernelError as error:
             failure = error
     if not plain:
         raise failure
-    plain.sort(key=lambda x: x.costs.price)
+    plain = sorted(plain, key=lambda x: x.costs.single)
     unknowns = known.mechanism.n + len(known.kept(drop))
     count = min(ATTEMPTS, EFFORT // unknowns, LENGTH // max(1, plain[0].costs.operations))
     if count <= 1:
         return plain[0]
-    tried = [x for x in plain[:SEARCHED] if x.costs.price <= HOPELESS * plain[0].costs.price]
-    return min((best_of(x.work, count) for x in tried), key=lambda x: x.costs.price)
+    tried = [x for x in plain[:SEARCHED] if x.costs.single <= HOPELESS * plain[0].costs.single]
+    return pick([best_of(x.work, count) for x in tried])
 
 
 def _name(mechanism: Mechanism, *asked: Any) -> str | None:
@@ -138,10 +148,9 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
     if kept is None:
         return None
     plan, search = json.loads(kept)
-    search["first"] = tuple(Choice(*x) for x in search["first"])
     try:
         work = workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
-        return attempt(work, Search(**search))
+        return attempt(work, [Search(**search)])[0]
     except KernelError:
         return None
 
@@ -252,7 +261,7 @@ def generate(
         if best.search == PLAIN:
             raise
         # in a large linkage pivots from a random search may lose digits: a plain attempt takes the largest ones
-        program = _write(known, attempt(best.work, PLAIN), baumgarte)
+        program = _write(known, attempt(best.work, [PLAIN])[0], baumgarte)
         check(program, mechanism)
     return program
 

@@ -164,7 +164,7 @@ class MinimalModel:
         start = int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())
         ways = self.steady or [int(self.open[:, start].argmax())]
         keys = [(k, tuple(self.signs[k][start].tolist())) for k in ways]
-        return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.price)
+        return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
 
     def _on_branch(self, key: Key) -> NDArray[np.intp]:
         """Return the indices of the sampled states on the equation's branch at which its dyads are open wide enough."""
