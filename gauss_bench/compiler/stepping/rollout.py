@@ -67,7 +67,7 @@ class Body:
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
-        self.step = step = step if plain else step.rewritten(into)
+        self.step = step = step if plain else step.rewrite_into(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
         g, n, needed = self.graph, code.program.n, live(step.graph, step.roots())
         self.values = needed if plain else order(g, needed, step.carried)
@@ -90,7 +90,7 @@ class Body:
         self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
         self.settled = {g.leaf(name): x for name, x in step.settled.items()}
 
-    def ended(self, complete: int) -> Store:
+    def store_end(self, complete: int) -> Store:
         """Store the last state in y: the projected one where the mask holds, else the state before the failed step."""
         return Store("y", [self.graph.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)])
 
@@ -144,7 +144,7 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    return [Loop(carried, [*body.statements, sample, *settling], again), body.ended(complete), report], complete, too_far
+    return [Loop(carried, [*body.statements, sample, *settling], again), body.store_end(complete), report], complete, too_far
 
 
 def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
@@ -234,7 +234,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     loads = [Load("times", {first[0]: 0, first[1]: 1}), Load("times", {g.leaf("%next"): 0}, further)]
     loop = Loop(carried, [*body.statements, store, place, *settling, loads[1]], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
-    statements: list[Statement] = [*body.entry, loads[0], loop, body.ended(complete), Store("report", report)]
+    statements: list[Statement] = [*body.entry, loads[0], loop, body.store_end(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
     numbers = ("rtol", "atol", "longest", "least", "h0")
     return Routine("integrate", g, arrays, numbers, ("count", "limit"), statements, complete, body.operations)

@@ -20,7 +20,7 @@ Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wa
 (1996), section VII.2 (projection).
 
 Where rows are redundant and nothing projects, every so many steps of the loop around it the end of a step is taken back onto the
-constraints in the same way (`Builder.settled`, `rollout.SETTLED`).
+constraints in the same way (`Builder.settle`, `rollout.SETTLED`).
 
 Gauss's collocation is implicit (`gauss_legendre`): its positions and velocities at the stages follow from the accelerations there,
 which are found in a fixed number of passes. Whether that was enough is a guard like the others.
@@ -160,7 +160,7 @@ class Step:
         of_stages = [x for pair in self.stages.values() for x in pair]
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
 
-    def rewritten(self, into: Graph | None = None) -> "Step":
+    def rewrite_into(self, into: Graph | None = None) -> "Step":
         """The step with its arithmetic regrouped, in a graph that may have other steps already."""
         every = [*self.roots(), *self.settled.values()]
         graph, roots = rewrite(self.graph, every, into)
@@ -193,7 +193,7 @@ class Builder:
         """Return a leaf for each coordinate."""
         return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
-    def given(self) -> list[Pair]:
+    def carried_sines(self) -> list[Pair]:
         """Return leaves for sine and cosine of each angle."""
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
 
@@ -221,7 +221,7 @@ class Builder:
             self.limit([x], trigonometry.LARGEST)
         return self.known[x]
 
-    def fresh(self) -> list[Pair]:
+    def compute_sines(self) -> list[Pair]:
         """Compute sines and cosines of the angles at the beginning of the step from scratch."""
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
@@ -260,7 +260,7 @@ class Builder:
         self._watch(guard, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
-    def held(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
+    def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
         """Accelerations that the rows allow, whose independent ones are z; a are any such."""
         for k, x, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
             a = self.along(a, self.g.sub(x, a[k]), motion)
@@ -285,15 +285,15 @@ class Builder:
             return g.sub(g.const(float((i, k) == (j, l))), stiff)
 
         matrix = [[entry(*row, *column) for column in places] for row in places]
-        factors = self.eliminated(matrix)
+        factors = self.factorise(matrix)
 
-        def solved(off: list[list[int]]) -> list[list[int]]:
+        def solve(off: list[list[int]]) -> list[list[int]]:
             x = factors([y for row in off for y in row])
             return [x[i * len(free) : (i + 1) * len(free)] for i in range(len(A))]
 
-        return solved
+        return solve
 
-    def eliminated(self, matrix: list[list[int]]) -> Callable[[list[int]], list[int]]:
+    def factorise(self, matrix: list[list[int]]) -> Callable[[list[int]], list[int]]:
         """Solves with a matrix (k, k) whose pivots are those of its diagonal."""
         g, size = self.g, len(matrix)
         U, L = [list(row) for row in matrix], [[0] * size for _ in range(size)]
@@ -305,7 +305,7 @@ class Builder:
                 for j in range(k + 1, size):
                     U[i][j] = g.sub(U[i][j], g.mul(L[i][k], U[k][j]))
 
-        def solved(right: list[int]) -> list[int]:
+        def solve(right: list[int]) -> list[int]:
             x = list(right)
             for i in range(size):
                 for k in range(i):
@@ -316,7 +316,7 @@ class Builder:
                 x[i] = g.mul(x[i], inverse[i])
             return x
 
-        return solved
+        return solve
 
     def _watch(self, guard: list[int], thresholds: Array) -> None:
         g = self.g
@@ -370,7 +370,7 @@ class Builder:
         """The step whose results are q, v and sines."""
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)
-        settled = self.carried(*self.settled(q, v, pairs)) if self.code.settles else {}
+        settled = self.carried(*self.settle(q, v, pairs)) if self.code.settles else {}
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
@@ -380,7 +380,7 @@ class Builder:
             carried |= {f"%s{i}": s, f"%c{i}": c}
         return carried
 
-    def settled(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
+    def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
         """Return the end state projected onto the constraints by one correction; the guards of the next step check it."""
         g, end = self.g, self.g.add(self.t, self.h)
         dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
@@ -396,7 +396,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     g, q, u = b.g, b.q, b.v
     half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
     middle, end = g.add(b.t, half), g.add(b.t, h)
-    start = b.given() if reach.rotates else []
+    start = b.carried_sines() if reach.rotates else []
     b.share(q, start)
     v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
@@ -407,7 +407,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     q3 = b.along(q2, b.times_h(0.25, 2), a1)
     b.turn(pairs2, [g.mul(b.times_h(0.25, 2), x) for x in a1], reach.bend, q3)
     a3 = b.acceleration(middle, q3, b.along(v, half, a2))
-    pairs_B = b.turn(b.fresh() if reach.rotates else [], [g.mul(h, x) for x in v], reach.step, B)
+    pairs_B = b.turn(b.compute_sines() if reach.rotates else [], [g.mul(h, x) for x in v], reach.step, B)
     q4 = b.along(B, b.times_h(0.5, 2), a2)
     b.turn(pairs_B, [g.mul(b.times_h(0.5, 2), x) for x in a2], reach.bend, q4)
     a4 = b.acceleration(end, q4, b.along(v, h, a3))
@@ -461,14 +461,14 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     """One step of v' = v + h a(q, v), q' = q + h v'."""
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
-    b.share(q, b.given() if reach.rotates else [])
+    b.share(q, b.carried_sines() if reach.rotates else [])
     v = b.correct_velocity()
     a = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)
     v_new = b.along(v, b.h, a)
     q_new = b.along(q, b.h, v_new)
     b.limit([g.mul(b.h, x) for x in b.of_angles(v_new)], reach.step)
-    pairs = b.turn(b.fresh() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
+    pairs = b.turn(b.compute_sines() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
     q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
@@ -482,7 +482,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     """
     b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)
-    b.share(q, b.fresh() if reach.rotates else [])
+    b.share(q, b.compute_sines() if reach.rotates else [])
     to_middle, turned = [g.mul(b.times_h(0.5), x) for x in u], list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
@@ -563,7 +563,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
             continue
         changes = newton(off)
         z = [[g.add(x, y) for x, y in zip(row, change, strict=True)] for row, change in zip(z, changes, strict=True)]
-        stages = [b.held(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
+        stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
     b.limit([g.mul(h, x) for change in changes for x in change], CONVERGED)
     q_new, v_new = along(weights.tolist(), (weights @ A).tolist(), 1.0)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
