@@ -66,7 +66,7 @@ class Block:
     """
 
     entry: Hashable
-    ready: Callable[[], None]
+    ready: Callable[[], object]
     go: Callable[[], object]
     count: float
     again: int = 1
