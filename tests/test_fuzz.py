@@ -1,6 +1,7 @@
 """Hostile files and lists of arguments, a few of each: `make fuzz` throws many. What once broke a verb is held here by its kind."""
 
 import copy
+import mmap
 import os
 import tomllib
 from itertools import islice
@@ -181,7 +182,9 @@ def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
     kept: list[object] = []
 
     def leaking(number: int) -> str:
-        kept.append(b"x" * 200_000)  # more than what other tests may have left free in this process
+        pages = mmap.mmap(-1, 200_000)  # pages of the system: memory that other tests have left free in this process is not used
+        pages.write(bytes(200_000))
+        kept.append(pages)
         return ""
 
     def opening(number: int) -> str:
