@@ -121,8 +121,7 @@ def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechan
     items = list(getattr(mechanism, table))
     for k, item in enumerate(items):
         value = getattr(item, key.partition(".")[0], None)
-        # A force at a point has a vector `value`, of which one component is replaced (a list, once it holds a symbol); a torque has a
-        # number.
+        # A force at a point has a vector `value`, which is a list once a component is a symbol; a torque has a number.
         if item.name == owner and value is not None and isinstance(value, (list, np.ndarray)) == ("." in key):
             items[k], number = _replace_field(item, key, symbol)
             change: dict[str, Any] = {table: tuple(items)}
