@@ -1,11 +1,13 @@
 """The diagnosis of an engine on a linkage: the object that `gauss-bench diagnose --json` prints."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gauss_bench.advice import truth as truths
+from gauss_bench.api.own_model import is_model_file, read_own_file, refuse_what_acts
 from gauss_bench.api.simulate import OneRun, name_run
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
@@ -14,6 +16,7 @@ from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_ru
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
+from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import find_certified
@@ -23,6 +26,7 @@ from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference
 
+STEP = 1e-3  # [s] where none is given
 BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion by default: in longer runs errors grow until they no longer add up linearly
 LEAST = 1.0  # [s] that every run may take, even after the deadline
@@ -64,12 +68,13 @@ class Diagnosis(OneRun):
 
 def diagnose(
     linkage: str,
-    engine: str,
+    engine: str | None = None,
     scenario: str | None = None,
     settings: str | None = None,
     integrator: str | None = None,
     stabilization: str | None = None,
-    step: float = 1e-3,
+    step: float | None = None,
+    close: Sequence[str] = (),
     until: float | None = None,
     budget: float | None = None,
     told: Told = nobody,
@@ -95,10 +100,25 @@ def diagnose(
         ChoiceError: the engine does not offer what was asked for, the run has too few steps, or no reference can be made.
         KeyError: unknown engine.
     """
-    offered = offer(engine)
-    choice = offered.choose(settings, integrator, stabilization, step)
-    mechanism = load(linkage, scenario)
-    end = duration(min(USUAL, mechanism.duration), until=until)
+    if is_model_file(linkage):
+        with Worker() as worker:
+            file = read_own_file(linkage, tuple(close), worker)
+            mechanism = file.mechanism
+            end = duration(min(USUAL, mechanism.duration), until=until)
+            if file.kind == "MJCF" and engine in (None, "mujoco"):
+                refuse_what_acts(file, end, worker)
+    else:
+        file, mechanism = None, load(linkage, scenario)
+        end = duration(min(USUAL, mechanism.duration), until=until)
+    if file is not None and file.kind == "MJCF" and engine in (None, "mujoco"):
+        named, engine = "mujoco", ENGINE
+        offered = offer(engine)
+        choice = Choice(setting_text(file.path, {}), integrator or "", "none", step or file.settings["timestep"])
+    elif engine is None:
+        raise ChoiceError("say which engine: --engine NAME")
+    else:
+        named, offered = engine, offer(engine)
+        choice = offered.choose(settings, integrator, stabilization, step or STEP)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     countable(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
@@ -106,7 +126,7 @@ def diagnose(
     def make_diagnosis(verdict: Verdict, reference: str) -> Diagnosis:
         fields = ("cause", "parts", "numbers", "explanations", "candidates", "runs")
         found = {x: getattr(verdict, x) for x in fields} | {"part": verdict.cause.part, "verdict": verdict.sentence}
-        return Diagnosis(**name_run(mechanism, engine, choice), **found, until=end, reference=reference)
+        return Diagnosis(**name_run(mechanism, named, choice), **found, until=end, reference=reference)
 
     if not offered.usable:
         return make_diagnosis(nothing_to_see(Ended(offered.status, offered.reason)), "")
