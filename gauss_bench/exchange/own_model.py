@@ -312,12 +312,12 @@ def acts_beside_loops(path: str, until: float) -> dict[str, Any]:
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
-    kinds = mujoco.mjtConstraint
+    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
     mujoco.mj_forward(model, data)
     while True:
         for row in range(data.nefc):
-            kind, number = data.efc_type[row], int(data.efc_id[row])
-            if kind == kinds.mjCNSTR_EQUALITY:
+            kind, number = int(data.efc_type[row]), int(data.efc_id[row])
+            if kind == equality:
                 continue
             return {"at": float(data.time), "what": name_row(mujoco, model, data, kind, number)}
         if data.time >= until:
@@ -325,25 +325,26 @@ def acts_beside_loops(path: str, until: float) -> dict[str, Any]:
         mujoco.mj_step(model, data)
 
 
-def name_row(mujoco: Any, model: Any, data: Any, kind: Any, number: int) -> str:
-    """Return the element that a row of MuJoCo's constraints comes from, as a message names it."""
-    kinds, objects = mujoco.mjtConstraint, mujoco.mjtObj
+def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
+    """Return the element that a row of MuJoCo's constraints comes from, as a message names it, and what it does."""
+    objects = mujoco.mjtObj
 
-    def named(tag: str, sort: Any, k: int) -> str:
+    def call(tag: str, sort: Any, k: int) -> str:
         name = mujoco.mj_id2name(model, int(sort), k)
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
-    if kind in (kinds.mjCNSTR_LIMIT_JOINT, kinds.mjCNSTR_FRICTION_DOF):
-        return (
-            f"{named('joint', objects.mjOBJ_JOINT, number)} is at the end of its range"
-            if kind == kinds.mjCNSTR_LIMIT_JOINT
-            else named("joint", objects.mjOBJ_JOINT, number) + " has frictionloss"
-        )
-    if kind in (kinds.mjCNSTR_LIMIT_TENDON, kinds.mjCNSTR_FRICTION_TENDON):
-        return f"{named('tendon', objects.mjOBJ_TENDON, number)} is at the end of its range or has frictionloss"
+    rows = {
+        "FRICTION_DOF": ("joint", objects.mjOBJ_JOINT, "has frictionloss"),
+        "FRICTION_TENDON": ("tendon", objects.mjOBJ_TENDON, "has frictionloss"),
+        "LIMIT_JOINT": ("joint", objects.mjOBJ_JOINT, "is at the end of its range"),
+        "LIMIT_TENDON": ("tendon", objects.mjOBJ_TENDON, "is at the end of its range"),
+    }
+    for name, (tag, sort, does) in rows.items():
+        if kind == int(getattr(mujoco.mjtConstraint, f"mjCNSTR_{name}")):
+            return f"{call(tag, sort, number)} {does}"
     a, b = (int(x) for x in data.contact.geom[number])
     bodies = [mujoco.mj_id2name(model, int(objects.mjOBJ_BODY), int(model.geom_bodyid[x])) or "the world" for x in (a, b)]
-    return f"{named('geom', objects.mjOBJ_GEOM, a)} of {bodies[0]} touches {named('geom', objects.mjOBJ_GEOM, b)} of {bodies[1]}"
+    return f"{call('geom', objects.mjOBJ_GEOM, a)} of {bodies[0]} touches {call('geom', objects.mjOBJ_GEOM, b)} of {bodies[1]}"
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
