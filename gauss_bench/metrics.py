@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gauss_bench.mechanism.coordinates import Placed, position, spread, state, value
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places
+from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places, wedge
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -155,7 +155,7 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
             if n is not None:
                 x, y = n.parts
                 fx, fy = fx - multiplier * x, fy - multiplier * y
-                lever = lever - at.space.wedge(arm, n)  # about the joint's point, no longer about the centre of mass
+                lever = lever - wedge(arm, n)  # about the joint's point, no longer about the centre of mass
             moment = moment - multiplier * lever
         forces[joint.name] = {"fx": fx, "fy": fy, "moment": moment}
     return forces

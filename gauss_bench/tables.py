@@ -1,14 +1,13 @@
-"""Every table of a run: read, written and joined by the schema in `tables.toml`, which says what each column is.
+"""Every table of a run: read, written and joined by the schema in `tables.toml`, which describes each column.
 
-A row is a mapping from column to value: a text, a number or a flag as the schema says. A missing text is empty, a missing number
-NaN, a missing flag None. Writing refuses what the schema does not know, so that no column appears by accident. Reading takes the
-schema's columns and leaves alone what others may have added to a file. The folder of a run carries the format's number and the
-schema itself in `tables.json`; a folder without it is of format 1 and is brought up to date while it is read (`migrate_rows`), one
-of a later format is refused.
+A row is a mapping from column to value: a text, a number or a flag, as the schema declares it. A missing text is empty, a missing
+number NaN, a missing flag None. Writing refuses a column that the schema does not have; reading ignores it. The folder of a run has
+the number of the format and the schema in `tables.json`. A folder without this file is of format 1; rows of older formats are
+converted while they are read (`migrate_row`), a later format is refused.
 
-Timed columns lie apart, in files of the folder `times` with the same names, rounded to the digits that their spread supports: a
-repeated run changes those files and, in all others, only the rows whose figures moved. Reading a table joins both parts. The place,
-time and versions of a run are in `environment.json` alone.
+Timed columns are stored apart, in files of the same names in the folder `times`, and rounded as far as their spread allows.
+A repeated run then changes those files, and in all others only the rows whose figures moved. Reading a table joins both parts.
+Date, machine and versions of a run are in `environment.json` alone.
 """
 
 import csv
@@ -25,14 +24,15 @@ from typing import Any, Literal
 from gauss_bench.untrusted import BadInput
 
 FORMAT = 5
-APART = 4  # the first format in which what a clock decides lies in files of its own
-BASELINE_FORMAT = 3  # of the accuracy gate's baseline, which tells its own
-TIMES = "times"  # the folder of what a clock decides
+APART = 4  # the first format with timed columns in files of their own
+BASELINE_FORMAT = 3  # format of the accuracy gate's baseline, which is stored in a column
+TIMES = "times"  # the folder of timed columns
 SCHEMA_FILE = "tables.json"
-ENVIRONMENT = "environment.json"  # where, when and with what a run was made
-DIGITS = 10  # of a number in a CSV file: errors mean something in their first digits, and two runs differ where a number does
-DRAWN = 4  # of a curve, whose values are kept to 13 bits
-ENDS = ("", "_low", "_high")  # of the names of a value and its spread
+ENVIRONMENT = "environment.json"  # machine, date and versions of a run
+DIGITS = 10  # digits of a number in a CSV file, far more than the first ones of an error that matter
+CURVE_DIGITS, CURVE_BITS = 4, 13  # digits and bits of a point of a curve: 1.2e-4 of it, less than a line is wide
+ENDS = ("", "_low", "_high")  # endings of the columns of a value and its spread
+FLAGS = {"": None, "true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}  # text in a file -> flag
 
 Row = Mapping[str, Any]
 
@@ -48,11 +48,11 @@ class Column:
     Attributes:
         name: the heading in files.
         kind: what its values are.
-        meaning: in words.
+        meaning: explanation for a reader.
         unit: "" for texts, flags, counts and ratios.
         exact: whether a number keeps all its digits in a CSV file.
         timed: whether it depends on measured time: it is then stored apart, and rounded.
-        added: whether files of this format may lack it, since it was added later; rows of such files miss it.
+        added: whether files of this format may lack it, since it was added later; it is missing in their rows.
     """
 
     name: str
@@ -66,11 +66,11 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: what a row is, and its columns; the first `keys` of them tell rows apart.
+    """A table: the meaning of a row, and its columns; the first `keys` of them distinguish rows.
 
     Attributes:
         timed: whether measured time decides which rows there are: the whole table is then stored apart.
-        curves: whether its numbers are points of curves, which are kept as exactly as they are drawn.
+        curves: whether its numbers are points of curves, which are stored as exactly as they are drawn.
     """
 
     meaning: str
@@ -82,28 +82,33 @@ class Table:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """The names of its columns."""
         return tuple(c.name for c in self.columns)
 
     @property
+    def key(self) -> tuple[Column, ...]:
+        """The columns that distinguish rows."""
+        return self.columns[: self.keys]
+
+    @property
+    def clocked(self) -> tuple[Column, ...]:
+        """The columns that depend on measured time."""
+        return tuple(c for c in self.columns if c.timed)
+
+    @property
     def parts(self) -> "dict[str, tuple[Column, ...]]":
-        """The columns of its files, by the folder that each lies in: "" or `times`, the latter with the key and what is timed."""
-        apart = tuple(c for c in self.columns if c.timed)
+        """Folder of each of its files ("" or `times`) -> columns of that file; timed columns stand beside the key."""
         if self.timed:
             return {TIMES: self.columns}
         plain = {"": tuple(c for c in self.columns if not c.timed)}
-        return plain | {TIMES: (*self.key, *apart)} if apart else plain
-
-    @property
-    def key(self) -> tuple[Column, ...]:
-        """Return the columns that distinguish rows."""
-        return self.columns[: self.keys]
+        return plain | {TIMES: (*self.key, *self.clocked)} if self.clocked else plain
 
 
 SCHEMA = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def read_columns(entries: Iterable[Any]) -> Iterator[Column]:
-    """Read the columns that `tables.toml` declares: by group, alone, or with the ends of a spread."""
+    """Yield the columns of entries of `tables.toml`: a group's name, a single column, or a value with the ends of its spread."""
     for entry in entries:
         if isinstance(entry, str):
             yield from read_columns(SCHEMA["groups"][entry])
@@ -131,25 +136,24 @@ def row_of(table: Table, values: Row) -> dict[str, Any]:
     """
     strange = values.keys() - set(table.names)
     if strange:
-        raise KeyError(f"columns without a place in the schema: {', '.join(sorted(map(str, strange)))}")
-    return {column.name: type_column(column, values.get(column.name)) for column in table.columns}
+        raise KeyError(f"columns that are not in the schema: {', '.join(sorted(map(str, strange)))}")
+    return {column.name: type_value(column, values.get(column.name)) for column in table.columns}
 
 
-def type_column(column: Column, value: Any) -> Any:
+def type_value(column: Column, value: Any) -> Any:
     """Convert a value, or its text in a file, to its column's type."""
     missing = value is None or value == "" or (isinstance(value, float) and math.isnan(value))
     if column.kind == "text":
         return "" if missing else str(value)
     if column.kind == "number":
         return math.nan if missing else float(value)
-    words = {"": None, "true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
     word = "" if missing else str(value).lower()
-    if word not in words:
+    if word not in FLAGS:
         raise ValueError(f"{value!r} is neither true nor false")
-    return words[word]
+    return FLAGS[word]
 
 
-def write_value(column: Column, value: Any, digits: int = DIGITS) -> str:
+def print_value(column: Column, value: Any, digits: int = DIGITS) -> str:
     """Return a typed value as text for a CSV file."""
     if column.kind == "number":
         return "" if math.isnan(value) else repr(value) if column.exact else f"{value:.{digits}g}"
@@ -159,19 +163,20 @@ def write_value(column: Column, value: Any, digits: int = DIGITS) -> str:
 def round_times(table: Table, row: Row) -> dict[str, Any]:
     """Return a typed row whose times and ratios keep the digits that their spread supports.
 
-    A value and the ends of its spread are rounded to the power of ten that is not above a hundredth of that spread, but keep four
-    digits, one more than reports print, so that nothing printed is rounded twice; four where no spread is known.
+    A value and the ends of its spread are rounded to the power of ten that is not above a hundredth of that spread. They keep at
+    least four digits, one more than reports print, so that nothing printed is rounded twice; four if no spread is known.
     """
     rounded = dict(row)
-    for column in table.columns:
+    for column in table.clocked:
         x = row[column.name]
-        if not column.timed or column.kind != "number" or not math.isfinite(x) or x == 0 or column.name.endswith(ENDS[1:]):
+        if column.kind != "number" or not math.isfinite(x) or x == 0 or column.name.endswith(ENDS[1:]):
             continue
         names = [column.name + end for end in ENDS if column.name + end in row]
-        wide = row[names[-1]] - row[names[1]] if len(names) == len(ENDS) else math.nan
-        last = math.floor(math.log10(abs(x))) - 3
-        if math.isfinite(wide) and wide > 0:
-            last = min(last, math.floor(math.log10(wide / 100)))
+        last = math.floor(math.log10(abs(x))) - 3  # power of ten of the last digit
+        if len(names) == len(ENDS):
+            width = row[names[2]] - row[names[1]]
+            if math.isfinite(width) and width > 0:
+                last = min(last, math.floor(math.log10(width / 100)))
         rounded |= {name: round(row[name], -last) for name in names}
     return rounded
 
@@ -181,14 +186,14 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGIT
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([c.name for c in columns])
-    writer.writerows([write_value(c, row[c.name], digits) for c in columns] for row in rows)
+    writer.writerows([print_value(c, row[c.name], digits) for c in columns] for row in rows)
     return out.getvalue()
 
 
 def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...]:
-    """Write a table of the schema into a folder, in as many files and of such a kind as the schema says; each atomic.
+    """Write a table of the schema into a folder, each of its files atomically.
 
-    Two writings of the same rows are the same bytes. What an earlier format wrote of this table elsewhere is taken away.
+    Equal rows give equal bytes. Files of this table that an earlier format wrote elsewhere are removed.
 
     Raises:
         KeyError: there is no such table, or a row has a column that is not in the table.
@@ -196,41 +201,40 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
     """
     table = TABLES[name]
     whole = [round_times(table, row_of(table, row)) for row in rows]
-    clocked = [c for c in table.columns if c.timed]
-    paths = {}
+    contents = {}
     for part, columns in table.parts.items():
         some = whole
         if part and not table.timed:
-            some = [row for row in whole if any(write_value(c, row[c.name]) for c in clocked)]
+            some = [row for row in whole if any(print_value(c, row[c.name]) for c in table.clocked)]
             if len({key_of(table, row) for row in some}) < len(some):
                 raise ValueError(f"table {name}: two rows with times have the same key")
             if not some:  # nothing was timed
                 continue
-        paths[folder / part / f"{name}.{table.suffix}"] = columns, some
-    for path, (columns, some) in paths.items():
+        contents[folder / part / f"{name}.{table.suffix}"] = columns, some
+    for path, (columns, some) in contents.items():
         if table.suffix == "csv":
             write_text(path, csv_text(columns, some))
         else:
             write_parquet(name, columns, some, path)
     for stale in files_of(name, folder):
-        if stale not in paths and name != "baseline":
+        if stale not in contents and name != "baseline":
             stale.unlink()
-    return tuple(paths)
+    return tuple(contents)
 
 
 def files_of(name: str, folder: Path) -> tuple[Path, ...]:
     """Return the files of a table in the folder of a run, of any format."""
-    places = [folder / part / f"{name}.{kind}" for part in ("", TIMES) for kind in ("csv", "parquet")]
+    places = [folder / part / f"{name}.{suffix}" for part in ("", TIMES) for suffix in ("csv", "parquet")]
     return tuple(path for path in places if path.exists())
 
 
 def key_of(table: Table, row: Row) -> tuple[str, ...]:
     """Return the key of a row: the texts of the columns that distinguish it from others."""
-    return tuple(write_value(c, row[c.name]) for c in table.key)
+    return tuple(print_value(c, row[c.name]) for c in table.key)
 
 
 def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], path: Path) -> None:
-    """Typed rows as Parquet, with the format in its metadata; all digits are kept but those of curves."""
+    """Write typed rows as Parquet, with the format in its metadata; all digits are kept but those of curves."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -239,30 +243,38 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     measured = [c.name for c in columns if c.kind == "number" and c.name not in KEY]
     arrays = {}
     for c in columns:
-        curve = table.curves and c.name in measured
-        values = [pick_drawn(row[c.name]) if curve and c not in table.key else row[c.name] for row in rows]
-        arrays[c.name] = pa.array(values, type=pa.float32() if curve else kinds[c.kind])
+        values = [row[c.name] for row in rows]
+        if table.curves and c.name in measured:
+            drawn = values if c in table.key else map(round_bits, values)
+            arrays[c.name] = pa.array(drawn, type=pa.float32())
+        else:
+            arrays[c.name] = pa.array(values, type=kinds[c.kind])
     content = pa.table(arrays).replace_schema_metadata({b"gauss_bench": json.dumps({"table": name, "format": FORMAT}).encode()})
-    packed = {"compression": "zstd", "compression_level": 19, "use_dictionary": [n for n in arrays if n not in measured]}
-    packed |= {"write_statistics": False}  # for readers that skip parts of large files; of a small one they are half
-    atomically(path, lambda part: pq.write_table(content, part, use_byte_stream_split=measured, **packed))
+    options = {
+        "compression": "zstd",
+        "compression_level": 19,
+        "use_dictionary": [n for n in arrays if n not in measured],
+        "use_byte_stream_split": measured,
+        "write_statistics": False,  # statistics let readers skip parts of large files; they would be half of a small one
+    }
+    atomically(path, lambda part: pq.write_table(content, part, **options))
 
 
 def digits_of(name: str) -> int:
-    """Digits of a table's numbers: curves are kept as they are drawn."""
-    return DRAWN if TABLES[name].curves else DIGITS
+    """Return the digits of a table's numbers in a CSV file."""
+    return CURVE_DIGITS if TABLES[name].curves else DIGITS
 
 
-def pick_drawn(x: float) -> float:
-    """A value to 1.2e-4, as a binary fraction of 13 bits: a pen's width is 1e-3."""
+def round_bits(x: float) -> float:
+    """Round a number to CURVE_BITS binary digits, so that it compresses well."""
     if not math.isfinite(x):
         return x
     mantissa, exponent = math.frexp(x)
-    return math.ldexp(round(mantissa * 2**13), exponent - 13)
+    return math.ldexp(round(math.ldexp(mantissa, CURVE_BITS)), exponent - CURVE_BITS)
 
 
 def write_schema(folder: Path) -> None:
-    """Write what every column means, and the format of the tables beside it."""
+    """Write the format of the tables in a folder, and the meaning of every column."""
     tables = {
         name: {
             "meaning": t.meaning,
@@ -276,26 +288,26 @@ def write_schema(folder: Path) -> None:
 
 
 def read_environment(folder: Path) -> dict[str, Any]:
-    """Read the provenance of the run in a folder; nothing where it has none.
+    """Return the provenance of the run in a folder; an empty one if it has none.
 
     Raises:
         TableError: the file is damaged.
     """
     path = folder / ENVIRONMENT
     try:
-        told = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        environment = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     except ValueError as error:
         raise TableError(f"{path}: no JSON: {error}") from error
-    if not isinstance(told, dict):
+    if not isinstance(environment, dict):
         raise TableError(f"{path}: not an object")
-    return told
+    return environment
 
 
 def format_of(folder: Path) -> int:
-    """The format of the tables in a folder; 1 where it does not say.
+    """Return the format of the tables in a folder; 1 without `tables.json`.
 
     Raises:
-        TableError: it is a later one than is known here, or `tables.json` is damaged.
+        TableError: the format is later than FORMAT, or `tables.json` is damaged.
     """
     path = folder / SCHEMA_FILE
     if not path.exists():
@@ -305,26 +317,26 @@ def format_of(folder: Path) -> int:
         if not isinstance(version, int) or isinstance(version, bool) or version < 1:
             raise ValueError(f"{version!r} is no format")
     except (ValueError, KeyError, TypeError) as error:
-        raise TableError(f"{path}: does not tell the format of the tables beside it: {error}") from error
-    return check(version, path)
+        raise TableError(f"{path}: has no format of the tables beside it: {error}") from error
+    refuse_later(version, path)
+    return version
 
 
-def check(version: int, path: Path) -> int:
-    """A format that can be read.
+def refuse_later(version: int, path: Path) -> None:
+    """Check that a format can be read.
 
     Raises:
         TableError: it is later than FORMAT.
     """
     if version > FORMAT:
         raise TableError(f"{path}: format {version} is later than this version of gauss-bench can read, which is {FORMAT}")
-    return version
 
 
 def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
-    """Rows of a table in the folder of a run, typed, in the order of the file; none where there is no such file.
+    """Return the typed rows of a table in the folder of a run, in the order of the file; none if there is no such file.
 
     Raises:
-        TableError: a file is damaged, lacks a column, holds a value of the wrong type, is of a later format, or has times
+        TableError: a file is damaged, lacks a column, has a value of the wrong type, is of a later format, or has times
             of a row that does not exist.
     """
     version, table = format_of(folder), TABLES[name]
@@ -338,40 +350,41 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     parts = [read_file(name, path, version, columns) if path.exists() else () for path, columns in paths.items()]
     if len(parts) == 1:
         return parts[0]
-    rows, times = parts
-    timed = [c.name for c in table.columns if c.timed]
-    clocked = {key_of(table, row): {n: row[n] for n in timed} for row in times}
-    strange = clocked.keys() - {key_of(table, row) for row in rows}
-    if strange or len(clocked) < len(times):
-        which = " ".join(x for x in min(strange, default=key_of(table, times[0])) if x)
-        raise TableError(f"{[*paths][1]}: a row of times has no row of its own in the table beside it: {which}")
-    return tuple(row | clocked.get(key_of(table, row), {}) for row in rows)
+    rows, timed = parts
+    names = [c.name for c in table.clocked]
+    times = {key_of(table, row): {n: row[n] for n in names} for row in timed}
+    strange = times.keys() - {key_of(table, row) for row in rows}
+    if strange or len(times) < len(timed):
+        key = " ".join(filter(None, min(strange, default=key_of(table, timed[0]))))
+        raise TableError(f"{[*paths][1]}: a row of times has no row of its own in the table beside it: {key}")
+    return tuple(row | times.get(key_of(table, row), {}) for row in rows)
 
 
 def read_file(
-    name: str, path: Path, form: int | None = None, columns: Sequence[Column] | None = None
+    name: str, path: Path, version: int | None = None, columns: Sequence[Column] | None = None
 ) -> tuple[dict[str, Any], ...]:
-    """Rows of a table in a file of the given format, or of the one that its own column `format` tells.
+    """Return the typed rows of a table in one file.
 
     Args:
-        columns: that lie in this file; all of the table, if not given. What it does not hold is missing in every row.
+        version: format of the file; by default its column `format` has it.
+        columns: those of this file, by default all of the table; the others are missing in every row.
 
     Raises:
         TableError: as `read_table`.
     """
     table = TABLES[name]
     head, lines = read_lines(path)
-    if not head:  # a table without rows has its columns
+    if not head:  # even a table without rows has the names of its columns
         raise TableError(f"{path}: table {name}: is empty, without the names of its columns; it was cut off or never written")
-    if form is None:
+    if version is None:
         try:
-            form = max((int(float(line.get("format", 1))) for line in lines), default=FORMAT if "format" in head else 1)
+            version = max((int(float(line.get("format", 1))) for line in lines), default=FORMAT if "format" in head else 1)
         except (TypeError, ValueError) as error:
             raise TableError(f"{path}: column 'format': {error}") from error
-        check(form, path)
-    if form < FORMAT:
-        head, lines = [SCHEMA["renamed"].get(x, x) for x in head], [migrate_row(table, name, line, form) for line in lines]
-    wanted = [c for c in columns or table.columns if not c.added] if form == FORMAT else table.columns[:1]
+        refuse_later(version, path)
+    if version < FORMAT:
+        head, lines = [SCHEMA["renamed"].get(x, x) for x in head], [migrate_row(name, line, version) for line in lines]
+    wanted = [c for c in columns or table.columns if not c.added] if version == FORMAT else table.columns[:1]
     for column in wanted:
         if column.name not in head:
             raise TableError(f"{path}: table {name}: column {column.name!r} is missing")
@@ -380,36 +393,36 @@ def read_file(
         row = {}
         for column in table.columns:
             try:
-                row[column.name] = type_column(column, line.get(column.name))
+                row[column.name] = type_value(column, line.get(column.name))
             except (TypeError, ValueError) as error:
                 raise TableError(f"{path}: table {name}, row {count}, column {column.name!r}: {error}") from error
         rows.append(row)
     return tuple(rows)
 
 
-def migrate_row(table: Table, name: str, line: dict[str, Any], form: int) -> dict[str, Any]:
-    """Read a line of an older format under today's names; columns that it lacks are missing."""
+def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]:
+    """Return a line of an older format under today's names; columns that it lacks are missing."""
     names = SCHEMA["renamed"]
     fresh = {names.get(k, k): x for k, x in line.items()}
-    stale: tuple[str, ...] = ()
-    if name == "results" and form < 3:  # whose builds did not include the first step before format 3
-        stale = ("build_time",)
-        if form == 1 and fresh.get("stabilization") not in ("none", ""):  # given the times of steps without stabilisation
-            stale += ("step_", "native_step_")
-    if name == "samples":  # which were of a single process before format 5
-        fresh = {"process": 0} | fresh
-    if name == "baseline":  # whose rows tell of columns
-        fresh["metric"] = names.get(fresh.get("metric", ""), fresh.get("metric", ""))
-    if "measured" in table.names:
+    if "measured" in TABLES[name].names:
         fresh = SCHEMA["always"] | fresh
-    return {k: x for k, x in fresh.items() if not (stale and k.startswith(stale))}
+    if name == "samples":  # samples were of a single process before format 5
+        fresh = {"process": 0} | fresh
+    if name == "baseline":  # a row of the baseline names a column
+        fresh["metric"] = names.get(fresh.get("metric", ""), fresh.get("metric", ""))
+    stale: tuple[str, ...] = ()
+    if name == "results" and version < 3:  # builds did not include the first step before format 3
+        stale = ("build_time",)
+        if version == 1 and fresh.get("stabilization") not in ("none", ""):  # these had the times of steps without stabilisation
+            stale += ("step_", "native_step_")
+    return {k: x for k, x in fresh.items() if not k.startswith(stale)} if stale else fresh
 
 
 def migrate(folder: Path) -> tuple[Path, ...]:
-    """Bring every table of a run's folder, and a baseline beside them, to today's format in its place; the files written.
+    """Bring every table of a run's folder, and a baseline beside them, to today's format, and return the written files.
 
-    Nothing is written before all can be read. Texts stay as they are, dates and reasons of a baseline among them; times keep what
-    their spread supports. What an older format wrote twice or elsewhere is taken away.
+    Nothing is written before all can be read. Texts stay as they are, dates and reasons of a baseline among them; times keep the
+    digits that their spread supports. Files that an older format wrote twice or elsewhere are removed.
 
     Raises:
         TableError: as `read_table`.
@@ -425,7 +438,7 @@ def migrate(folder: Path) -> tuple[Path, ...]:
 
 
 def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
-    """The head and the lines of a CSV or Parquet file, as they are written."""
+    """Return the head and the lines of a CSV or Parquet file, untyped."""
     if path.suffix == ".csv":
         try:
             with path.open(encoding="utf-8", newline="") as file:
@@ -469,8 +482,10 @@ def refuse_foreign(signs: Mapping[Path, str]) -> None:
 
 
 def write_text(path: Path, content: str) -> None:
+    """Write a text file atomically."""
     atomically(path, lambda part: part.write_text(content, encoding="utf-8"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
     atomically(path, lambda part: part.write_bytes(content))

@@ -1,4 +1,4 @@
-"""Terms and solution of a formulation: plain arrays at one state, and nothing of where they come from."""
+"""Terms and solution of a formulation: plain arrays at one state, without any knowledge of linkages."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -51,14 +51,14 @@ class Solution:
 
 
 def constraint_force(terms: Terms, a: Array) -> Array:
-    """Generalised constraint force M a - Q = -J^T lambda, (n,) [N, N m]; needs no multipliers."""
+    """Return the generalised constraint force M a - Q = -J^T lambda, (n,) [N, N m]; it needs no multipliers."""
     return terms.M @ a - terms.Q
 
 
 def recover_multipliers(terms: Terms, a: Array) -> Array:
-    """Multipliers (m,) that explain the accelerations: the minimum-norm least-squares solution of J^T lambda = Q - M a.
+    """Return the multipliers (m,) that belong to accelerations: the shortest solution of J^T lambda = Q - M a, by least squares.
 
-    Unique where J has full row rank; with redundant rows only J^T lambda is determined and the shortest lambda is returned.
+    It is the only one if J has full row rank; with redundant rows only J^T lambda is determined.
     """
     multipliers: Array = np.linalg.lstsq(terms.J.T, -constraint_force(terms, a), rcond=1e-10)[0]
     return multipliers

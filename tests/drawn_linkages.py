@@ -17,6 +17,7 @@ from gauss_bench.linkage.schema import FORMAT, SECOND
 from gauss_bench.terms import Array
 
 MOST = 9  # bodies
+FEWEST, MANY = 2, 8  # links of a random linkage
 APART = 0.05  # [m] between points that span a line
 PARTS = ("swing", "two bars", "bar and block", "slide", "cylinder", "sled")
 FORCES = ("torque", "force", "spring", "axis", "coil", "damping", "friction")
@@ -375,6 +376,26 @@ def linkages(
         twice=st.none() | few if twice else st.none(),
         gravity=st.sampled_from([[0.0, -9.81], [0.5, -9.81], [0.0, 0.0]]),
     )
+
+
+def random_linkage(seed: int) -> dict[str, Any]:
+    """A linkage of two to eight links by lot, of pins, slides, springs and torques alone; the same seed gives the same one."""
+    rng = np.random.default_rng([seed, 10])
+    wanted, parts, bodies = int(rng.integers(FEWEST, MANY + 1)), list[Part](), 0
+    while bodies < wanted:
+        kinds = ["two bars", "bar and block", "swing"] if 0 < bodies < wanted - 1 else ["swing"]
+        kind = kinds[int(rng.integers(len(kinds)))]
+        bodies += TAKES.get(kind, 1)
+        mass, along, aside = 10 ** rng.uniform(-1, 1), rng.uniform(0.3, 0.7), rng.uniform(0.1, 0.4)
+        on, to = (int(x) for x in rng.integers(31, size=2))
+        turn, bend, speed = rng.uniform(-180, 180), rng.uniform(-60, 60), rng.uniform(-5, 5)
+        parts.append(Part(kind, on, to, rng.uniform(0.15, 0.6), turn, bend, False, speed, Body("own", mass, along, aside, 0.0)))
+    numbers = rng.uniform(-1, 1, (2, 3))
+    loads = [
+        Load(kind, *map(int, rng.integers(31, size=2)), 0, *x, 0.0, None)
+        for kind, x in zip(("spring", "torque"), numbers, strict=True)
+    ]
+    return document_of(parts, [], loads, [], None, [rng.uniform(-1, 1), -9.81]) | {"name": f"random_{seed}"}
 
 
 def law() -> st.SearchStrategy[Law]:

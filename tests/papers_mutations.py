@@ -93,19 +93,16 @@ LINE: Wrong = {
 }
 METHOD: dict[str, Wrong] = {
     "Gauss's function": {
-        "M for its inverse": lambda p, a: (p.M @ a + p.f - p.Q) @ p.M @ (p.M @ a + p.f - p.Q),
         "sign of Q": lambda p, a: me.gauss_function(replace(p, Q=-p.Q), a),
     },
     "Gauss's function by the root of M": {"positive root": lambda p, a: np.sum((power(p.M, 0.5) @ (p.M @ a + p.f - p.Q)) ** 2) / 2},
     "constraint forces that do work": {
         "other sign": lambda p, a, extra: me.root_function(p, a, -extra),
-        "left out": lambda p, a, extra: me.root_function(p, a),
     },
     "constraints in accelerations": {"other sign": lambda rate, q, v: -me.differentiate(rate, q, v)},
     "general solution": {
         "plus in the projector": lambda p, X, h: X @ p.g + (np.eye(p.n) + X @ p.J) @ h,
         "transpose for inverse": lambda p, X, h: me.general_solution(p, p.J.T, h),
-        "the other projector": lambda p, X, h: X @ p.g + X @ p.J @ h,
     },
     "rows that disagree": INVERSES,
     "least-squares form": {"no half": lambda A, b, h: 2 * me.half_square(A, b, h)},
@@ -122,7 +119,6 @@ PROJECTOR: dict[str, Wrong] = {
     "inverse of a projector": {"rows counted": [1, -1, 0], "rank of J": [0, 0, 1]},
     "order of the factors reversed": {
         "not reversed": lambda p: power(p.M, -0.5) @ N(p),
-        "no projector": lambda p: power(p.M, -0.5),
     },
     "with an ordinary inverse": {"Moore-Penrose": pr.euclidean, "constraints alone": shortest_acceleration},
     "with Moore-Penrose inverses": FREE | NO_MASS,
@@ -136,28 +132,23 @@ PROJECTOR: dict[str, Wrong] = {
 }
 EXAMPLE: dict[str, Wrong] = {
     "mass matrix": {
-        "masses exchanged": lambda: crank_slider.mass()[[3, 4, 2, 0, 1, 5, 6]],
         "inertia about the end": lambda: crank_slider.mass() * [1, 1, 4, 1, 1, 4, 1],
     },
     "velocity forces": {"something": 1.0},
     "applied forces": {
         "spring": changed(crank_slider.forces, 6, lambda old, q, v: 5.0 * (q[6] - L1 - L2) - v[6]),
-        "damper": changed(crank_slider.forces, 6, lambda old, q, v: old + 2 * v[6]),
         "torque": flipped(crank_slider.forces, 2),
     },
     "order of the accelerations": {"y before x": [0, 1, 2, 4, 3, 5, 6], "angles last": [0, 1, 3, 4, 6, 2, 5]},
     "constraints": {
         "sign in row 4": changed(crank_slider.residual, 3, lambda old, q: old + 2 * q[4]),
-        "whole rod in row 6": changed(crank_slider.residual, 5, lambda old, q: old + L2 / 2 * np.sin(q[5])),
     },
     "Jacobian but for one entry": {
         "sign of (1, 3)": flipped(crank_slider.jacobian, (0, 2)),
-        "cosine in (5, 6)": changed(crank_slider.jacobian, (4, 5), lambda old, q: -L2 / 2 * np.cos(q[5])),
     },
     "entry (6, 6) of the Jacobian": {
         "sign": {"of": "cos", "factor": -1},
         "other angle": {"of": "cos", "angle": 2},
-        "whole rod": {"of": "cos", "factor": 2},
     },
     "rows 1, 2 and 4 of g": SQUARES,
     "row 3 of g": SQUARES,
@@ -171,12 +162,10 @@ EXAMPLE: dict[str, Wrong] = {
 }
 LINK_UNITS: dict[str, Wrong] = {
     "RRR1 path": {
-        "sine and cosine exchanged": lambda p: tuple(x[::-1] for x in lu.first_bar(p)),
         "sign of J": unit(lu.first_bar, 1),
     },
     "RRR1 second path": {
         "alpha the other way": lambda p: lu.second_bar(replace(p, alpha=-p.alpha)),
-        "l for l'": lambda p: lu.second_bar(replace(p, l2=p.l)),
     },
     "RP1 path": {"other side": lambda p: lu.block(replace(p, e=-p.e)), "sign of J'": unit(lu.block, 2)},
     "RP2 vector and Jacobian unit": {"other side": lambda p: lu.guide(replace(p, e=-p.e))},
@@ -193,7 +182,6 @@ LOOPS: dict[str, Wrong] = {
     "one 1 in each row": {"U only": [["U"]], "K only": [["K"]]},
     "matrices of a loop": {
         "U and K exchanged": lambda units, U, K: lo.assemble(units, U, K)[::-1],
-        "last way left out": lambda units, U, K: lo.assemble(units[:-1], U[:-1], K[:-1]),
     },
     "loops one above the other": {"transposed": True},
     "six-bar example": {
@@ -205,12 +193,10 @@ LOOPS: dict[str, Wrong] = {
     "number of independent loops": {"without the frame": [1, -1, 0], "degrees of freedom": [-2, 3, -3]},
     "loops of the examples": {
         "a joint left out": {"eight_bar": ["1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-9-4"]},
-        "a loop left out": {"eight_bar": ["1-2-5-3", "1-2-6-7-9-4"]},
         "other order": {"six_bar": ["a-c-b-d", "d-e-f-g"]},
     },
     "motion laws": {
         "sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},
-        "third order": lambda: lo.textbook() | {"poly345": lambda u: 3 * u**2 - 2 * u**3},
     },
 }
 POINTS: dict[str, Wrong] = {

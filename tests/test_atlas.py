@@ -295,7 +295,7 @@ def test_tables_tell_all_and_escape_what_others_said(tmp_path: Path) -> None:
     assert len(rows) == 8 * len(FAMILIES)
     assert {x["commit"] for x in rows} == {"0123456789ab"}
     engine = str(rows[0]["engine"])
-    shown = engine_page(rows_module.Run({}, {"atlas": tuple(rows)}), engine, []).body
+    shown = engine_page(rows_module.Run({}, {"atlas": tuple(rows)}), engine).body
     assert shown.count("<tr") == 1 + sum(x["engine"] == engine for x in rows)
     assert "gauss-bench atlas" not in shown
     assert {x["last"] for x in rows} == {"failed", "cannot"}

@@ -188,7 +188,7 @@ def test_the_time_of_a_size_is_the_median_of_processes_and_its_spread_where_a_se
 
 def test_every_size_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
     part = SUITE.growth[0].model_copy(update={"sizes": (1, 4), "processes": 3})
-    tasks = growth.timed(SUITE.model_copy(update={"growth": (part,)}), Context("", "stamp"), {})
+    tasks = growth.timing_tasks(SUITE.model_copy(update={"growth": (part,)}), Context("", "stamp"), {})
     assert [(t.start["size"], t.start["process"]) for t in tasks] == [(n, k) for k in range(3) for n in (1, 4)]
     assert len({t.key for t in tasks}) == 6
 

@@ -32,8 +32,8 @@ def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
 def test_a_journal_of_other_code_is_not_reused(tmp_path: Path) -> None:
     with Journal(tmp_path / "a.jsonl") as journal:
         journal.add("case", "old", {"results": [{"x": 1}]})
-        assert journal.finished("case", "old")
-        assert journal.finished("case", "new") is None
+        assert journal.find("case", "old")
+        assert journal.find("case", "new") is None
 
 
 def slow(seconds: float) -> dict[str, list[dict[str, str]]]:

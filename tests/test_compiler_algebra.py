@@ -10,7 +10,6 @@ import pytest
 
 from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.function import Function, Instruction
-from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
 from gauss_bench.compiler.elimination.partition import study
 from gauss_bench.compiler.elimination.program import Program, costs, drops, generate, partitions
 from gauss_bench.compiler.elimination.rank import acceleration_error
@@ -188,17 +187,6 @@ def test_redundant_rows_are_dropped_by_name_and_what_is_dropped_carries_nothing(
             dropped = study(mechanism).drops[0].directions(len(multipliers))
             assert np.abs(dropped @ multipliers).max() <= 1e-12 * np.abs(multipliers).max()
     assert {x.rsplit(".", 1)[0] for x in program("redundant", None, "gauss").dropped} <= {"D", "again"}
-
-
-def test_of_parallel_cranks_a_combination_of_two_rows_is_dropped() -> None:
-    """Their left null space turns with them: each of its entries is zero somewhere, a combination of two of them nowhere."""
-    known = study(linkage("parallelogram", None))
-    (drop,) = known.drops
-    assert np.abs(known.left).min(axis=(0, 2)).max() < 0.05
-    assert known.soundness(0).min() > 0.3
-    ((_, dropped, _),) = drop.shares
-    assert drop.rows == (dropped,)
-    assert not any(x.shares for x in study(redundant()).drops)
 
 
 def test_redundant_drivers_are_refused() -> None:
@@ -416,59 +404,6 @@ def test_equal_expressions_are_one_node_whatever_their_form() -> None:
     assert half is product * 1.5 or product is half * (1 / 1.5)
     assert (x / y) * y is x
     assert -(x - y) is y - x
-
-
-def assert_solves(factors: Factors, A: Matrix, b: Right, n: int) -> None:
-    """At every sample; what is missing is zero."""
-    solution = factors.solve(b)
-    for k in range(factors.graph.samples):
-        matrix, right, x = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-        for place, node in A.items():
-            matrix[place] = node.at[k]
-        for vector, nodes in ((right, b), (x, solution)):
-            for j, node in nodes.items():
-                vector[j] = node.at[k]
-        np.testing.assert_allclose(x, np.linalg.solve(matrix, right), atol=1e-11)
-
-
-@pytest.mark.parametrize("crossing", [0.0, 1.0])
-@pytest.mark.parametrize("seed", range(6))
-def test_factors_solve_a_system(seed: int, crossing: float) -> None:
-    rng, n, samples = np.random.default_rng(seed), 7, 5
-    graph = ExpressionGraph(samples)
-    full = [(r, c) for r in range(n) for c in range(n) if r == c or rng.random() < 0.35]
-    A = {(r, c): graph.input("A", n * r + c, rng.uniform(1.0, 2.0, samples) + 4.0 * (r == c), 1.0) for r, c in full}
-    A[3, 3] = graph.constant(4.0)
-    b = {k: graph.input("b", k, rng.normal(size=samples), 1.0) for k in (0, 2, 5)}
-    factors = lu(graph, A, range(n), range(n), Search(seed, noise=1.0 * (seed > 0), crossing=crossing))
-    assert any(step.scale for steps in factors.steps.values() for step in steps) == (crossing > 0.0)
-    assert_solves(factors, A, b, n)
-
-
-def test_a_pivot_that_changes_sign_on_the_way_is_not_taken_where_another_serves() -> None:
-    graph, (x, y) = graph_of(2)
-    swinging = graph.input("swinging", 0, np.array([-1.0, 1.0, -1.0, 1.0]), 1.0)
-    steady = graph.input("steady", 0, np.array([1.0, 1.1, 0.9, 1.0]), 1.0)
-    A = {(0, 0): swinging, (0, 1): steady, (1, 0): steady, (1, 1): graph.constant(0.5) * swinging}
-    first = lu(graph, A, range(2), range(2), Search()).pivots[0]
-    assert first.node is steady
-    with pytest.raises(KernelError, match="no pivot"):
-        lu(graph, {(0, 0): x - x, (0, 1): x, (1, 1): y}, range(2), range(2), Search())
-
-
-def test_where_every_entry_changes_sign_the_rest_is_squared() -> None:
-    """A turning plane behind two steady unknowns: no entry of it serves at all angles."""
-    rng, turn = np.random.default_rng(0), np.linspace(0.0, 2 * np.pi, 41)
-    graph = ExpressionGraph(len(turn))
-    c, s = (graph.input(name, 0, f(turn), 1.0) for name, f in (("c", np.cos), ("s", np.sin)))
-    steady = {(r, k): graph.input("A", 4 * r + k, rng.uniform(1.0, 1.5, 41) + 4.0 * (r == k), 1.0) for r in (0, 1) for k in (0, 1)}
-    A = steady | {(0, 2): s, (1, 3): c, (2, 2): c, (2, 3): -s, (3, 2): s * 2.0, (3, 3): c, (2, 0): c}
-    b = {k: graph.input("b", k, rng.normal(size=41), 1.0) for k in (0, 2, 3)}
-    factors = lu(graph, A, range(4), range(4), Search(), squares=True)
-    assert factors.rest is not None
-    assert all((p.node.at[:41] > p.threshold).all() for p in factors.rest.factors.pivots)
-    assert_solves(factors, A, b, 4)
-    assert lu(graph, steady, range(2), range(2), Search(), squares=True).rest is None
 
 
 def test_what_agrees_at_the_samples_alone_is_not_one_node() -> None:

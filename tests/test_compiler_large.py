@@ -12,6 +12,8 @@ from gauss_bench.bench.survived import race_here
 from gauss_bench.compiler.elimination.rank import acceleration_error
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
+from gauss_bench.compiler.stepping import steps
+from gauss_bench.compiler.stepping.rollout import bodies
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load, load_document
@@ -145,6 +147,23 @@ def test_what_cannot_go_on_is_not_a_number() -> None:
     assert np.isnan(q[1]).all()
     assert np.isnan(v[1]).all()
     assert kernel.lost == 1
+
+
+@pytest.mark.parametrize("stabilization", ["none", "projection"])
+def test_a_loop_over_stages_takes_the_steps_that_are_written_out(stabilization: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loop is chosen where an acceleration has more operations than the threshold, and its code is less than half as long."""
+    m = load("n_four_bar_2")
+    ends, lengths = [], []
+    operations = compile_kernel(m, "gauss", stabilization).operations
+    for threshold in (operations, operations - 1):
+        monkeypatch.setattr(steps, "LONG", threshold)
+        kernel = compile_kernel(m, "gauss", stabilization)
+        ends.append(kernel.rollout(np.tile(m.q0, (3, 1)), np.tile(m.v0, (3, 1)), 1e-3, 300))
+        np.testing.assert_allclose(kernel.rollout(m.q0, m.v0, 1e-3, 300), [x[0] for x in ends[-1]], rtol=0, atol=1e-12)
+        code = kernel._programs.codes[0]
+        lengths.append(sum(body.operations for body in bodies(code, "rk4", steps.reaches(code, "rk4")[-1:])))
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-12)
+    assert lengths[1] < (0.5 if stabilization == "none" else 1.0) * lengths[0]
 
 
 def test_growth_is_the_slope_of_logarithms() -> None:

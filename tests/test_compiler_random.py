@@ -14,7 +14,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-from .random_linkages import FEWEST, MOST, random_linkage
+from .drawn_linkages import FEWEST, MANY, random_linkage
 
 H, STEPS, GAP = 1e-3, 100, 10  # [s], steps, steps between samples
 ROUNDING = 1e-13  # of positions, after a hundred steps
@@ -52,11 +52,11 @@ def test_native_steps_are_as_exact_as_interpreted_ones(seed: int, stabilization:
 
 
 def test_linkages_drawn_by_lot_are_sound_and_of_all_sizes() -> None:
-    for seed in (*range(12), 68, 141):  # the first hung on ends in one place, the second starts a turn from its sketch
+    for seed in range(14):
         m = mechanism(seed)
         rows = Evaluator(m).constraints(0.0, m.q0, m.v0)
         singular = np.linalg.svd(rows.J, compute_uv=False)
         assert singular[-1] > 1e-3 * singular[0]
         assert m.n - m.dof == len(rows.J)
         assert random_linkage(seed) == random_linkage(seed)
-    assert {len(random_linkage(seed)["links"]) for seed in range(40)} == set(range(FEWEST, MOST + 1))
+    assert {len(random_linkage(seed)["links"]) for seed in range(40)} == set(range(FEWEST, MANY + 1))

@@ -59,12 +59,6 @@ def test_built_in_engines_keep_every_rule(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_formula_that_is_wrong_as_published_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    only(monkeypatch, "same_states")
-    assert broken(WRONG)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "check", "rule"),
     [
@@ -83,10 +77,10 @@ def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", ["OneInertia", "AllInertias", "AllMasses", "Gravity", "Gamma", "Entry", "Regular"])
+@pytest.mark.parametrize("fault", ["OneInertia", "AllInertias", "AllMasses", "Gravity", "Gamma", "Entry", "Regular", WRONG])
 def test_a_wrong_model_is_seen_in_its_accelerations(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     only(monkeypatch, "same_states")
-    found = broken(f"tests.faulty_engines:{fault}")
+    found = broken(fault if fault == WRONG else f"tests.faulty_engines:{fault}")
     assert "probe loaded" in found["accelerations (default, rk4, none)"]
 
 
@@ -98,9 +92,12 @@ def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeyp
     assert "N^T (M a - Q)" in broken("tests.faulty_engines:Excused")["accelerations (default, rk4, none)"]
 
 
-def test_settings_cannot_be_declared_unfinished(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
+    assert {x.name for x in offers(all_names()) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
 
 
 @pytest.mark.slow
@@ -151,11 +148,9 @@ def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is
 
 
 def test_near_equilibria_an_error_counts_by_the_other_states() -> None:
-    assert _share(np.array([1.0, 1.0]), np.array([2.0, 10.0])) == 0.5
-    assert _share(np.array([1.0, 1.0]), np.array([0.0, 10.0])) == pytest.approx(2.0)  # a twentieth of 10 counts
-    assert _share(np.zeros(2), np.zeros(2)) == 0.0
-    assert digits(1e-9) == "9.0 digits"
-    assert digits(0.0) == "16.0 digits"
+    for error, size, share in (([1.0, 1.0], [2.0, 10.0], 0.5), ([1.0, 1.0], [0.0, 10.0], 2.0), ([0.0, 0.0], [0.0, 0.0], 0.0)):
+        assert _share(np.array(error), np.array(size)) == pytest.approx(share)  # a twentieth of the largest size counts at least
+    assert (digits(1e-9), digits(0.0)) == ("9.0 digits", "16.0 digits")
 
 
 def test_variants_may_give_up_with_a_sentence_and_settings_may_not() -> None:
@@ -240,31 +235,20 @@ def test_changes_are_one_by_one_of_a_kind_and_of_all() -> None:
         assert link.inertia == was.inertia
 
 
-def test_own_engines_and_pinocchio_declare_nothing_inexact() -> None:
-    inexact = {x.name for x in offers(all_names()) if x.soft or x.unfinished}
-    assert inexact == {"mujoco", "exudyn"}
-
-
-def test_effects_are_told_apart() -> None:
+def test_effects_are_told_apart_and_lateness_is_counted_in_samples() -> None:
     true = np.array([1.0, -2.0, 0.5])
     assert effect(0 * true, true) == "it has no effect"
     assert effect(-true, true) == "it acts in the opposite direction"
     assert effect(9.81 * true, true).startswith("its effect is 9.81 times")
-
-
-def test_lateness_is_counted_in_samples() -> None:
     t = 0.01 * np.arange(100)[:, None]
     for shift in (0.0, 0.5, 1.0, -1.0):
         assert lateness(np.sin(t), np.sin(t - 0.01 * shift)) == pytest.approx(shift, abs=1e-2)
 
 
-def test_a_class_that_is_not_there_is_a_check_that_failed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_class_that_is_not_there_is_a_check_that_failed_and_an_unknown_name_bad_usage(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["conformance", "tests.faulty_engines:Absent", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert not found["passed"]
     assert Check(**found["checks"][0]).passed is False
     assert "Absent" in found["checks"][0]["message"]
-
-
-def test_an_unknown_name_is_bad_usage() -> None:
     assert main(["conformance", "no_such_engine"]) == 2

@@ -20,20 +20,8 @@ def conformance(folder: Path, chosen: str, path: list[Path]) -> int:
     """How many conformance tests over all engines pass, in a process of its own; none may fail."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
     environment |= {"PYTHONPATH": os.pathsep.join(map(str, path)), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-p",
-        "no:cacheprovider",
-        "tests/test_engines.py",
-        "-k",
-        chosen,
-        "-m",
-        "not slow and not long",
-    ]
+    command = [sys.executable, "-m", "pytest", *["-q", "-x", "-p", "no:cacheprovider", "tests/test_engines.py"]]
+    command += ["-k", chosen, "-m", "not slow and not long"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
     assert done.returncode == 0, done.stdout[-3000:]
     assert "s" not in done.stdout.split()[0], "none is skipped"
@@ -57,7 +45,7 @@ def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     text = register.read_text(encoding="utf-8")
     register.write_text(text.replace("FOREIGN = {\n", "FOREIGN = {\n" + line, 1), encoding="utf-8")
     passed = conformance(tmp_path, "heuns", [tmp_path, tmp_path / "library"])
-    assert passed >= 6  # states of two linkages, a linkage of others, what it skips, a missing library, a planted fault
+    assert passed >= 4  # accelerations of two linkages, runs or reasons to skip, a missing library
 
 
 @pytest.mark.long
@@ -101,7 +89,6 @@ from gauss_bench.report.content import Finding, Section, Table, Text, text_cell
 from gauss_bench.report.rows import Run
 
 PLACE = 95
-TABLES = ("weather",)
 
 
 def findings(run: Run) -> Iterator[Finding]:

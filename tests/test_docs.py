@@ -82,9 +82,9 @@ def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyP
             assert block.language == "text", f"{page.name}: a block that nobody runs: {block.language}"
 
 
-def test_every_key_and_every_verb_is_told() -> None:
-    grammar, commands = pages_from_code.grammar(), pages_from_code.commands()
-    for table in pages_from_code.tables().values():
+def test_the_pages_have_every_key_and_every_verb() -> None:
+    grammar, commands = pages_from_code.write_grammar(), pages_from_code.write_commands()
+    for table in pages_from_code.list_tables().values():
         assert all(f"`{info.alias or name}`" in grammar for name, info in table.model_fields.items())
     assert "| linkage table | `gravity` | `[0.0, -9.81]` | 1 |" in grammar
     assert "| scenario table | `hold` | - | 2 |" in grammar
@@ -92,14 +92,14 @@ def test_every_key_and_every_verb_is_told() -> None:
     assert all(f"## {name}\n" in commands for name in VERBS)
 
 
-def test_pages_name_files_that_are_there() -> None:
+def test_files_named_by_pages_exist() -> None:
     for page in PAGES:
         for name in re.findall(r"`((?:gauss_bench|tests|mechanisms)/[\w/.]+\.\w+)`", page.read_text(encoding="utf-8")):
             assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
 @pytest.mark.slow
-def test_it_builds_and_asks_nothing_of_other_machines(tmp_path: Path) -> None:
+def test_the_documentation_builds_and_loads_nothing_from_other_machines(tmp_path: Path) -> None:
     if find_spec("mkdocs") is None:
         needs("mkdocs")
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(tmp_path / "docs")]

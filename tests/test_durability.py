@@ -46,12 +46,12 @@ def test_an_altered_line_is_told_and_its_task_is_run_again(tmp_path: Path, capsy
     lines[1] = lines[1].replace(b'{"key": "case 1"', b"garbage\x00\xff{{{")
     path.write_bytes(b"".join(lines) + b'{"key": "torn')
     with Journal(path) as journal:
-        assert [bool(journal.finished(f"case {k}", "stamp")) for k in range(3)] == [True, False, True]
+        assert [bool(journal.find(f"case {k}", "stamp")) for k in range(3)] == [True, False, True]
         assert "1 of 3 lines are not as they were written" in capsys.readouterr().err
         journal.add("case 1", "stamp", ROWS)
     with Journal(path) as journal:
-        assert journal.finished("case 1", "stamp") == ROWS
-        assert journal.finished("case 0", "stamp") == {"results": [{"x": 0.123456789}]}
+        assert journal.find("case 1", "stamp") == ROWS
+        assert journal.find("case 0", "stamp") == {"results": [{"x": 0.123456789}]}
 
 
 @pytest.mark.parametrize("how", ["cut", "altered", "column", "text"])

@@ -1,4 +1,4 @@
-"""What every engine must do, by one loop over all of them: right accelerations, a typed answer, and no word taken on trust."""
+"""All engines give right accelerations, and a row with a status and a reason where they cannot run a linkage."""
 
 import os
 import sys
@@ -44,8 +44,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def row(worker: Worker, store: str, case: Case) -> dict[str, Any]:
-    found: dict[str, Any] = worker.call(measure, (case, store), 120.0)["row"]
-    return found
+    return dict(worker.call(measure, (case, store), 120.0)["row"])
 
 
 SETTINGS = [(engine, settings) for engine in names() for settings in get(engine).settings]
@@ -73,27 +72,25 @@ def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: st
 
 
 @pytest.mark.slow("gauss-native", "lagrange-native")
-@pytest.mark.parametrize("engine", sorted(set(names()) - CONTROLS))
-def test_a_linkage_of_others_runs_in_every_engine(engine: str, worker: Worker, store: str) -> None:
-    settings, integrator = list(get(engine).settings)[-1], get(engine).integrators[0]  # the last setting is each engine's best
-    found = row(worker, store, Case("jansen", "walk", engine, settings, integrator, "none", 1e-3, 0.1))
-    assert found["status"] == "ok", found["message"]
-    assert found["position_error"] < 1e-4  # the native integrator of second order at a millisecond is the coarsest
-    assert found["valid"], found["flag"]
-
-
-@pytest.mark.long("lagrange-native")
-@pytest.mark.slow("gauss-native")
 @pytest.mark.parametrize("engine", names())
-def test_what_an_engine_cannot_model_it_skips_with_a_reason_or_runs(engine: str, worker: Worker, store: str) -> None:
+def test_an_engine_runs_a_linkage_or_skips_it_with_a_reason(engine: str, worker: Worker, store: str) -> None:
     adapter = get(engine)
-    for linkage, scenario in (("six_bar", "cycloid"), (str(DATA / "everything.toml"), "free")):
-        case = Case(linkage, scenario, engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-3, 0.02)
-        found = row(worker, store, case)
-        assert found["status"] in ("ok", "skip", *(["invalid"] if (engine, case.settings) in OFF else [])), found["message"]
+    first, best = next(iter(adapter.settings)), list(adapter.settings)[-1]
+    for linkage, scenario, settings, end in (
+        ("jansen", "walk", best, 0.1),
+        ("six_bar", "cycloid", first, 0.02),
+        (str(DATA / "everything.toml"), "free", first, 0.02),
+    ):
+        found = row(worker, store, Case(linkage, scenario, engine, settings, adapter.integrators[0], "none", 1e-3, end))
         if found["status"] == "skip":
             assert engine in SOME
+            assert linkage != "jansen"
             assert len(found["message"]) > 20
+        elif (engine, settings) in OFF:
+            assert found["status"] in ("ok", "invalid"), found["message"]
+        else:
+            assert found["status"] == "ok", found["message"]
+            assert linkage != "jansen" or found["position_error"] < 1e-4  # a native integrator of second order is the coarsest
 
 
 @pytest.mark.parametrize("engine", FOREIGN)
@@ -111,27 +108,10 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     assert "not installed" in found["message"]
 
 
-def test_what_is_missing_is_said_once_however_often_it_is_told_on() -> None:
+def test_a_missing_library_is_named_with_the_command_that_installs_it() -> None:
     missing = not_installed(ImportError("no package mujoco", name="mujoco"))
     assert missing == "not installed: no package mujoco; pip install 'gauss-bench[mujoco]'"
     assert not_installed(MissingExtra(missing, name="mujoco")) == missing
-
-
-@pytest.mark.parametrize("engine", SOME)
-def test_a_fault_planted_in_an_engines_model_shows(engine: str, worker: Worker, store: str) -> None:
-    from functools import partial
-
-    from gauss_bench.bench.gate import scale_inertia
-
-    adapter = get(engine)
-    settings = list(adapter.settings)[-1]
-    case = Case("crank_slider", "paper", engine, settings, adapter.integrators[0], "none", 1e-3, 0.02)
-    sound, faulty = (
-        row(worker, store, case),
-        worker.call(measure, (case, store, partial(scale_inertia, 1.01)), 60.0)["row"],
-    )
-    assert faulty["acceleration_error_median"] > 1e-4
-    assert faulty["acceleration_error_median"] > 1e3 * sound["acceleration_error_median"]
 
 
 def test_defaults_come_first() -> None:

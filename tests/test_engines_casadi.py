@@ -1,9 +1,7 @@
 """CasADi: what its integrators make of a linkage, what they refuse, and the functions it gives away."""
 
 from dataclasses import replace
-from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -149,12 +147,3 @@ def test_a_parameter_that_is_not_there_is_refused_by_name(name: str) -> None:
         functions(everything(), (name,))
     with pytest.raises(ValueError, match="twice"):
         functions(everything(), ("gravity.y", "gravity.y"))
-
-
-def test_the_functions_survive_a_file(tmp_path: Path) -> None:
-    mechanism = load("four_bar", "torque")
-    given = functions(mechanism)
-    given.acceleration.save(str(tmp_path / "acceleration.casadi"))
-    again = ca.Function.load(str(tmp_path / "acceleration.casadi"))
-    state = (0.0, mechanism.q0, mechanism.v0)
-    np.testing.assert_array_equal(np.array(again(*state)[0]), np.array(given.acceleration(*state)[0]))

@@ -1,7 +1,6 @@
 """MuJoCo: the generated model is the mechanism, up to a softness of the closures that the settings name."""
 
-import copy
-import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, configure, verify
 from gauss_bench.engines.mujoco.draft import Draft
-from gauss_bench.engines.mujoco.forces import AtSite, OnJoints, native_forces
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.linkage.load import load
@@ -17,7 +15,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import needs
-from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, ran, torque_error
+from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, ran
 
 mujoco = needs("mujoco")
 
@@ -33,18 +31,11 @@ def trajectory(mechanism, times, settings="rigid", **choice):
 def test_masses_forces_and_gaps_are_those_of_the_mechanism_far_from_the_start(name):
     mechanism = linkage(name)
     model, random = ENGINE.build(mechanism, Choice()), np.random.default_rng(7)
+    assert (model.model.qpos0 == model.y0).all()  # loops are closed where MuJoCo computes its weights
     for _ in range(20):
         y, dy = model.y0 + random.normal(0, 2, model.tree.n), random.normal(0, 10, model.tree.n)
         for what, (found, expected, scale) in comparison(model, Evaluator(mechanism), y, dy).items():
             assert np.abs(found - expected).max(initial=0.0) <= 1e-13 * scale, what  # rounding: some hundred times 2e-16
-
-
-def test_every_kind_of_expression_is_in_use():
-    kinds = [native_forces(m, spanning_tree(m)) for m in (linkage("loaded"), linkage("slides"))]
-    assert [sum(isinstance(x, AtSite) for x in found) for found in kinds] == [4, 6]
-    assert sum(isinstance(x, OnJoints) for x in kinds[1]) == 4  # damping, two springs along slides, one torsion spring
-    model = ENGINE.build(linkage("loaded"), Choice()).model
-    assert model.ntendon == 4  # two spatial, damping of the open pin, the torsion spring over two hinges
 
 
 @pytest.mark.parametrize(
@@ -78,34 +69,18 @@ def test_default_is_what_mujoco_ships():
     assert (built.opt.tolerance, built.opt.iterations) == (shipped.opt.tolerance, shipped.opt.iterations)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_loop_is_closed_where_mujoco_measures_its_weights(name):
-    mechanism = linkage(name)
-    model = ENGINE.build(mechanism, Choice())
-    assert (model.model.qpos0 == model.y0).all()
-    gap = np.abs(np.array(model.forward(model.y0, model.dy0).efc_pos)).max()
-    assert gap <= np.abs(Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0).phi).max() + 1e-15  # rounding at 1 m
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_accelerations_are_as_exact_as_the_setting_is_rigid(name):
-    mechanism = linkage(name)
+@pytest.mark.parametrize(("name", "scenario"), [*((name, None) for name in NAMES), *DRIVEN])
+def test_accelerations_are_as_exact_as_the_setting_is_rigid(name, scenario):
+    mechanism = linkage(name, scenario)
     states = random_states(mechanism, 25)
     default, tuned, rigid = (acceleration_errors(ENGINE, mechanism, label, states) for label in ("default", "tuned", "rigid"))
     # the error is proportional to the regulariser (1 - d) / d times the inverse weight: d = 0.9, then 0.9999, then a weight of 1e-6
     assert np.median(tuned) == pytest.approx(1e-4 / (0.1 / 0.9) * np.median(default), rel=0.5)  # default is no longer small
-    assert np.median(rigid) == pytest.approx(1e-6 * np.median(tuned), rel=0.1)
+    if scenario is None:
+        assert np.median(rigid) == pytest.approx(1e-6 * np.median(tuned), rel=0.1)
+    else:
+        assert np.median(rigid) < 5e-9  # the load on the crank over its armature: 2e-9 at most was measured
     assert rigid.max() < 1e-7  # states of small acceleration inflate a relative error
-
-
-@pytest.mark.parametrize(("name", "scenario"), DRIVEN)
-def test_accelerations_under_a_driver_are_as_exact_as_setting_and_armature_allow(name, scenario):
-    mechanism = load(name, scenario)
-    states = random_states(mechanism, 25)
-    default, tuned, rigid = (acceleration_errors(ENGINE, mechanism, label, states) for label in ("default", "tuned", "rigid"))
-    assert np.median(tuned) == pytest.approx(1e-4 / (0.1 / 0.9) * np.median(default), rel=0.5)  # closures as without a driver
-    assert np.median(rigid) < 5e-9  # the load on the crank over its armature: 2e-9 at most was measured
-    assert rigid.max() < 1e-7  # as without a driver
 
 
 def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
@@ -115,15 +90,6 @@ def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
         monkeypatch.setitem(VARIANTS.settings["rigid"], "armature_of_a_driven_hinge_over_inertia", armature)
         errors.append(np.median(acceleration_errors(ENGINE, mechanism, "rigid", random_states(mechanism, 10))))
     assert errors[0] == pytest.approx(100 * errors[1], rel=0.01)
-
-
-@pytest.mark.parametrize(("name", "scenario"), TURNS)
-def test_driving_torques_over_a_turn(name, scenario):
-    mechanism = load(name, scenario)
-    coarse, fine = (torque_error(ENGINE, mechanism, settings="rigid", step=h) for h in (1e-3, 5e-4))
-    assert coarse < 1e-6  # RK4 against the 0.02 s in which closures are drawn shut: 2e-7 at most was measured
-    assert fine < coarse / 8  # order four
-    assert 1e-5 < torque_error(ENGINE, mechanism, settings="tuned") < 1e-2  # soft closures
 
 
 @pytest.mark.parametrize("native", [True, False])
@@ -185,26 +151,17 @@ def test_both_loops_give_the_same_bits(integrator):
     assert (a.v == b.v).all()
 
 
-def test_what_cannot_be_modelled_is_skipped_with_a_reason_and_without_the_library(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "loop of slides" in ENGINE.skip(linkage("wedge"), Choice())
-    assert "axis_on_a_carried_link" in ENGINE.skip(linkage("loaded", "axis"), Choice())
-    assert "turned_with_a_third" in ENGINE.skip(linkage("loaded", "frame"), Choice())
-    assert ENGINE.skip(linkage("loaded", "all"), Choice()) is None
-
-
-def test_a_run_that_leaves_the_numbers_is_refused_without_reset_or_log_file(tmp_path, monkeypatch):
+def test_diverging_runs_are_not_reset_and_leave_no_log_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    mechanism = copy.copy(linkage("crank_slider"))
-    object.__setattr__(mechanism, "v0", 1e9 * gauss(Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)).a)
-    model = ENGINE.build(mechanism, Choice("tuned", "rk4", "none", 0.1))
-    model.prepare(np.array([0.0, 1.0, 2.0]))
-    model.run()
-    assert not list(tmp_path.iterdir())
+    mechanism = linkage("crank_slider")
+    wild = replace(mechanism, v0=1e9 * gauss(Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)).a)
+    found = trajectory(wild, [0.0, 1.0, 2.0], "tuned", step=0.1)
     assert mujoco.get_mju_user_warning() is None
-    found = model.read()
     assert "unstable" in found.note
     assert not np.isfinite(found.q[-1]).all()  # which the judge finds
+    with pytest.raises(RunFailure, match="not finite"):  # at these states MuJoCo warns when it is asked for accelerations
+        trajectory(load("shaper", "torque"), np.linspace(0.0, 1.0, 11), "rigid_lean/2", step=0.05)
+    assert not list(tmp_path.iterdir())
 
 
 def test_warnings_are_refused():
@@ -218,14 +175,12 @@ def test_warnings_are_refused():
     assert failure.value.status is Status.WARNING
 
 
-def test_features_that_a_model_does_not_use_are_switched_off_without_moving_a_digit(monkeypatch):
+def test_a_feature_that_a_model_uses_stays_on(monkeypatch):
     mechanism, times = linkage("loaded"), np.linspace(0.0, 0.05, 3)
     lean = trajectory(mechanism, times)
-    monkeypatch.setitem(VARIANTS.settings["rigid"], "unused_features", "on")
-    np.testing.assert_array_equal(lean.q, trajectory(mechanism, times).q)
-
-
-def test_a_feature_that_a_model_uses_stays_on():
+    with monkeypatch.context() as patch:
+        patch.setitem(VARIANTS.settings["rigid"], "unused_features", "on")
+        np.testing.assert_array_equal(lean.q, trajectory(mechanism, times).q)  # unused features do not move a digit
     model = ENGINE.build(load("four_bar"), Choice()).model
     bits = mujoco.mjtDisableBit
     for limited, expected in ((False, True), (True, False)):
@@ -235,27 +190,3 @@ def test_a_feature_that_a_model_uses_stays_on():
         assert model.opt.disableflags & bits.mjDSBL_ISLAND
     configured = ENGINE.build(load("four_bar"), Choice("default")).model.opt.disableflags
     assert configured == bits.mjDSBL_AUTORESET  # as shipped, but for that
-
-
-def test_the_mass_matrix_of_a_chain_of_loops_grows_with_its_length_alone():
-    """On the tree of least depth a vertical has one entry and a horizontal two; a chain of horizontals has all before each."""
-    mechanism = load("n_four_bar_64")
-    entries = {x: ENGINE.build(mechanism, Choice(x, "rk4")).model.nM for x in ("lean/rk4", "as_shipped/rk4")}
-    assert entries == {"lean/rk4": 65 + 2 * 64, "as_shipped/rk4": 65 + sum(range(2, 66))}
-
-
-def test_iterations_of_the_solver_beyond_the_first_two_move_nothing_where_closures_are_rigid():
-    mechanism, times = load("four_bar", "torque"), np.array([0.0, 0.1])
-    two, three = (trajectory(mechanism, times, f"rigid_lean/{x}", step=1e-3).q[-1] for x in (2, 3))
-    assert np.abs(two - three).max() < 1e-9  # the truncation of the step is 1e-8
-
-
-def test_a_run_that_is_lost_leaves_no_log_in_the_users_folder(tmp_path, monkeypatch):
-    """Steps that are far too long throw the shaper to states at which MuJoCo warns when it is asked for accelerations."""
-    monkeypatch.chdir(tmp_path)
-    model = ENGINE.build(load("shaper", "torque"), Choice("rigid_lean/2", "rk4", "none", 0.05))
-    model.prepare(np.linspace(0.0, 1.0, 11))
-    model.run()
-    with pytest.raises(RunFailure, match="not finite"):
-        model.read()
-    assert not list(tmp_path.iterdir())

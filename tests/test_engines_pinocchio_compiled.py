@@ -1,10 +1,8 @@
-"""Pinocchio's compiled loop: it does what calls from Python do, and is built once and bounded, or said to be absent."""
+"""Pinocchio's compiled loop: it computes what calls from Python compute; it is built once, in bounded memory, or is missing."""
 
 import os
 import stat
-import subprocess
 import sys
-import time
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -22,10 +20,12 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import USERS_CACHE, needs
+from tests.engine_runs import relative_error
 from tests.test_engines_pinocchio import made
 
 needs("pinocchio")
 ENGINE = Pinocchio()
+COMPILED = "compiled/rk4/least depth"
 SEARCHED = ("crank_slider", "four_bar", "five_bar", "jansen", "eight_bar", "six_bar", "everything")
 
 
@@ -50,8 +50,7 @@ def test_accelerations_of_the_compiled_loop_are_those_of_calls_from_python(name:
     python, own_loop = pair(mechanism, "rk4")
     states = random_states(mechanism, 20)
     for q, v in zip(states.q, states.v, strict=True):
-        expected, own = (x.acceleration(0.0, q, v) for x in (python, own_loop))
-        assert np.abs(own - expected).max() < 1e-12 * max(1.0, np.abs(expected).max())
+        assert relative_error(own_loop.acceleration(0.0, q, v), python.acceleration(0.0, q, v)) < 1e-12
 
 
 @pytest.mark.usefixtures("built")
@@ -64,27 +63,24 @@ def test_runs_of_the_compiled_loop_are_those_of_calls_from_python(integrator: st
         model.run()
         runs.append(model.read())
     python, own_loop = runs
-    for x in ("q", "v", "a"):
-        assert np.abs(getattr(python, x) - getattr(own_loop, x)).max() < 1e-8
+    assert np.abs(np.array([python.q, python.v, python.a]) - np.array([own_loop.q, own_loop.v, own_loop.a])).max() < 1e-8
     assert python.steps == own_loop.steps
     assert 0.9 * python.evaluations < own_loop.evaluations <= python.evaluations  # scipy evaluates the ends of refused steps too
 
 
 def test_what_the_loop_does_not_run_is_refused_by_name() -> None:
-    variant = "compiled/rk4/least depth"
-    choice = Choice(variant, "rk4", "projection")
-    assert "has no projection" in str(ENGINE.skip(load("four_bar"), choice))
-    articulated = Choice("articulated/rk4/least depth,loop=compiled", "rk4")
-    assert "has no lcaba" in str(ENGINE.skip(load("four_bar"), articulated))
-    driven = load("crank_slider", "driven")
-    assert "has no drivers" in str(ENGINE.skip(driven, Choice(variant, "rk4")))
+    four_bar, driven = load("four_bar"), load("crank_slider", "driven")
+    assert "has no projection" in str(ENGINE.skip(four_bar, Choice(COMPILED, "rk4", "projection")))
+    assert "has no lcaba" in str(ENGINE.skip(four_bar, Choice("articulated/rk4/least depth,loop=compiled", "rk4")))
+    assert "has no drivers" in str(ENGINE.skip(driven, Choice(COMPILED, "rk4")))
 
 
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(building, "missing", lambda: None)
-    building._says.cache_clear()
+    building._describe_compiler.cache_clear()
+    compiled._library.cache_clear()  # another test of this process may have loaded the user's
     return tmp_path
 
 
@@ -110,28 +106,22 @@ WRITES = 'open(target, "w").write("library of " + str(resource.getrlimit(resourc
 
 
 def test_a_loop_is_built_once_with_generic_alignment_and_bounded_memory(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = compiler_in(own_cache, monkeypatch, WRITES)
-    assert "not built yet" in str(building.absent())
-    assert "2 minutes" in ENGINE.unbuilt("compiled/rk4/least depth")
-    assert not ENGINE.unbuilt("default")
-    building.build_loop()
-    building.build_loop()
-    (arguments,) = calls.read_text().splitlines()
-    assert "-march" not in arguments
-    assert f"-Wl,-rpath,{own_cache / 'lib'}" in arguments
-    assert building.loop_library() == f"library of {3 << 30}".encode()
-    assert building.absent() is None
-    assert not ENGINE.unbuilt("compiled/rk4/least depth")
-
-
-def test_two_processes_that_want_the_loop_compile_it_once(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = compiler_in(own_cache, monkeypatch, f"time.sleep(0.3)\n{WRITES}")
+    with pytest.raises(RunFailure, match="not built yet") as caught:  # a run does not build it
+        ENGINE.build(load("four_bar"), Choice(COMPILED, "rk4"))
+    assert caught.value.status is Status.SKIP
+    assert "2 minutes" in ENGINE.unbuilt(COMPILED)
+    assert not ENGINE.unbuilt("default")
     both = [Thread(target=building.build_loop) for _ in range(2)]
     for x in both:
         x.start()
     for x in both:
         x.join()
-    assert len(calls.read_text().splitlines()) == 1
+    (arguments,) = calls.read_text().splitlines()
+    assert "-march" not in arguments
+    assert f"-Wl,-rpath,{own_cache / 'lib'}" in arguments
+    assert building.loop_library() == f"library of {3 << 30}".encode()
+    assert not ENGINE.unbuilt(COMPILED)
 
 
 @pytest.mark.parametrize("part", ["flags", "source", "compiler"])
@@ -143,7 +133,7 @@ def test_another_source_flag_or_compiler_is_another_loop(part: str, own_cache: P
     others: dict[str, tuple[str, Any]] = {
         "flags": ("FLAGS", (*building.FLAGS, "-g")),
         "source": ("SOURCE", source),
-        "compiler": ("_says", lambda program: "stand-in 2"),
+        "compiler": ("_describe_compiler", lambda program: "stand-in 2"),
     }
     monkeypatch.setattr(building, *others[part])
     assert building.absent()
@@ -160,48 +150,9 @@ def test_a_build_that_fails_leaves_nothing(body: str, said: str, own_cache: Path
 
 
 def test_without_a_compiler_or_headers_a_run_is_skipped_with_the_reason(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    choice = Choice("compiled/rk4/least depth", "rk4")
-    monkeypatch.setattr(building, "compiler", lambda: None)
-    assert "no C++ compiler" in str(ENGINE.skip(load("four_bar"), choice))
-    monkeypatch.undo()
-    monkeypatch.setattr(building, "compiler", lambda: "c++")
-    monkeypatch.setattr(building, "prefix", lambda: tmp_path)
-    assert "headers" in str(ENGINE.skip(load("four_bar"), choice))
+    choice = Choice(COMPILED, "rk4")
+    for program, root, reason in ((None, building.prefix(), "no C++ compiler"), ("c++", tmp_path, "headers")):
+        monkeypatch.setattr(building, "compiler", lambda program=program: program)
+        monkeypatch.setattr(building, "prefix", lambda root=root: root)
+        assert reason in str(ENGINE.skip(load("four_bar"), choice))
     assert ENGINE.skip(load("four_bar"), Choice("default", "rk4")) is None
-
-
-def test_a_loop_that_was_not_built_is_said_and_not_built_by_a_run(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = compiler_in(own_cache, monkeypatch, WRITES)
-    compiled._library.cache_clear()  # another test of this process may have loaded the user's
-    with pytest.raises(RunFailure, match="not built yet") as caught:
-        ENGINE.build(load("four_bar"), Choice("compiled/rk4/least depth", "rk4"))
-    assert caught.value.status is Status.SKIP
-    assert not calls.exists()
-
-
-@pytest.mark.slow
-def test_a_build_ends_with_the_process_that_asked_for_it(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = compiler_in(own_cache, monkeypatch, f'open({str(own_cache / "alive")!r}, "w")\ntime.sleep(4)\n' + WRITES)
-    asks = f"""
-from pathlib import Path
-from gauss_bench.runs.worker import Worker
-from tests.test_engines_pinocchio_compiled import stand_in_build
-Worker().call(stand_in_build, ({str(own_cache)!r},), 60.0)
-"""
-    process = subprocess.Popen([sys.executable, "-c", asks], env=os.environ | {"PYTHONPATH": os.getcwd()})
-    for _ in range(300):
-        if (own_cache / "alive").exists():
-            break
-        time.sleep(0.1)
-    process.kill()
-    process.wait()
-    time.sleep(6.0)
-    assert calls.exists()
-    assert not list(user_cache.folder().glob("*.so"))
-
-
-def stand_in_build(folder: str) -> None:
-    """In a worker, which has none of a test's patches."""
-    building.prefix = lambda: Path(folder)  # type: ignore[assignment]
-    building.missing = lambda: None  # type: ignore[assignment]
-    building.build_loop()

@@ -83,38 +83,8 @@ def turned(text: str, x: str, y: str, z: str) -> str:
 
 PLANES = {
     "xz": ("1 0 0", "0 1 0", "0 0 1"),
-    "yz": ("0 1 0", "-1 0 0", "0 0 1"),
-    "xy": ("1 0 0", "0 0 -1", "0 1 0"),
-    "seen from behind": ("-1 0 0", "0 -1 0", "0 0 1"),
     "tilted": ("0.6 0.8 0", "-0.64 0.48 0.6", "0.48 -0.36 0.8"),
 }
-
-
-@pytest.mark.parametrize("plane", PLANES)
-def test_masses_and_inertias_are_mujocos_own_in_any_plane(plane: str, tmp_path: Path) -> None:
-    text = turned(UPRIGHT.read_text(), *PLANES[plane])
-    model, back = own_model(text), brought_in(text, tmp_path)
-    normal = np.array([float(x) for x in PLANES[plane][1].split()])
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    assert [link.name for link in back.links] == ["crank", "coupler", "rocker"]
-
-    def about_the_normal(body: str, place: Array) -> float:
-        k = model.body(body).id
-        axes = np.array(data.ximat[k]).reshape(3, 3)
-        arm = data.xipos[k] - place
-        flat = arm - (arm @ normal) * normal
-        return float(normal @ axes @ np.diag(model.body_inertia[k]) @ axes.T @ normal + model.body_mass[k] * flat @ flat)
-
-    for link, bodies in zip(back.links, (["crank"], ["coupler", "plate"], ["rocker"]), strict=True):
-        numbers = [model.body(name).id for name in bodies]
-        masses = model.body_mass[numbers]
-        com = masses @ data.xipos[numbers] / masses.sum()
-        assert link.mass == pytest.approx(masses.sum(), rel=EXACT)
-        armature = 0.0003 if link.name == "rocker" else 0.0
-        assert link.inertia == pytest.approx(sum(about_the_normal(x, com) for x in bodies) + armature, rel=EXACT)
-    lengths = {link.name: {x: np.linalg.norm(y) for x, y in link.points.items()} for link in back.links}
-    assert lengths["coupler"]["tracer"] == pytest.approx(np.hypot(0.18, 0.09), rel=EXACT)
 
 
 def rigid_run(text: str, until: float, step: float) -> Any:
@@ -132,7 +102,7 @@ def rigid_run(text: str, until: float, step: float) -> Any:
     return data
 
 
-@pytest.mark.parametrize("plane", ["xz", "tilted"])
+@pytest.mark.parametrize("plane", PLANES)
 def test_it_moves_as_in_mujoco(plane: str, tmp_path: Path) -> None:
     """Springs, dampers, a motor and a servo, armature, a start at speed: all together, by two programs."""
     text = turned(UPRIGHT.read_text(), *PLANES[plane])
@@ -191,7 +161,7 @@ def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp
 
 def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
     found = import_file(UPRIGHT, "back")
-    for word in ("contacts of 1", "range of joint A", "control range of actuator drive", "1 sensors", "C was parting"):
+    for word in ("contacts of 1", "range of joint A", "control range of actuator drive", "1 sensors", "C was opening"):
         assert any(word in x for x in found.left_out), word
         assert any(word in line for line in found.text.splitlines() if line.startswith("#")), word
     assert "This file is yours" in found.text
@@ -249,13 +219,8 @@ def test_the_verb_writes_a_linkage_that_every_other_verb_reads(tmp_path: Path, c
     assert main(["simulate", str(out), "--at", "0.1"]) == 0
     again = gauss_bench.import_model(UPRIGHT, out, replace=True)
     assert again.left_out == tuple(found["left_out"])
-
-
-def test_show_says_that_import_exists(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", str(UPRIGHT)]) == 2
-    said = capsys.readouterr().err
-    assert "gauss-bench import" in said
-    assert str(UPRIGHT) in said
+    assert f"{UPRIGHT}: is XML, not a linkage file; `gauss-bench import" in capsys.readouterr().err
 
 
 def test_welded_bodies_are_one_link(tmp_path: Path) -> None:

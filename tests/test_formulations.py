@@ -112,11 +112,13 @@ def test_all_formulations_agree_on_random_states(mechanism: Mechanism) -> None:
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_a_thrown_body_falls(name: str) -> None:
-    mechanism = load("projectile")
-    terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
-    assert len(terms.J) == 0
-    assert FORMULATIONS[name](terms).a == pytest.approx([0.0, -9.81, 0.0])
+def test_a_thrown_body_falls_and_a_driven_linkage_has_nothing_left_to_minimise(name: str) -> None:
+    body, driven = load("projectile"), load("six_bar", "cycloid")
+    free = Evaluator(body).terms(0.0, body.q0, body.v0)
+    assert FORMULATIONS[name](free).a == pytest.approx([0.0, -9.81, 0.0])
+    full = Evaluator(driven).terms(0.3, driven.q0, driven.v0)
+    assert (free.J.shape, full.J.shape) == ((0, 3), (driven.n, driven.n))
+    assert difference(FORMULATIONS[name](full).a, np.linalg.solve(full.J, full.gamma)) < 1e-10
 
 
 @pytest.mark.parametrize("name", TAKES_REDUNDANT_ROWS)
@@ -149,13 +151,8 @@ def test_equation_16_meets_every_constraint_and_is_wrong_by_the_predicted_amount
     predicted = N @ np.linalg.solve(terms.M, constraint_force(terms, true))
     assert difference(true - wrong, predicted) < 1e-10
     assert difference(wrong, true) > 1.0
-
-
-def test_equation_16_is_right_only_for_a_mass_matrix_that_is_a_multiple_of_the_unit() -> None:
-    terms = random_terms(3, 6, 4)
-    same = replace(terms, M=2.5 * np.eye(6))
+    same = replace(terms, M=2.5 * np.eye(mechanism.n))  # it is right only for a multiple of the unit matrix
     assert difference(FORMULATIONS["yuan_ge_eq16"](same).a, FORMULATIONS["gauss"](same).a) < 1e-12
-    assert difference(FORMULATIONS["yuan_ge_eq16"](terms).a, FORMULATIONS["gauss"](terms).a) > 1e-2
 
 
 @pytest.mark.parametrize("name", SOUND)
@@ -165,11 +162,3 @@ def test_accelerations_do_not_depend_on_the_unit_of_length(name: str) -> None:
     unit = np.tile([1000.0, 1000.0, 1.0], len(mechanism.links))  # millimetres
     scaled = replace(terms, M=terms.M / np.outer(unit, unit), J=terms.J / unit, Q=terms.Q / unit)
     assert difference(FORMULATIONS[name](scaled).a / unit, FORMULATIONS[name](terms).a) < 1e-9
-
-
-@pytest.mark.parametrize("name", SOUND)
-def test_a_driven_linkage_has_nothing_left_to_minimise(name: str) -> None:
-    mechanism = load("six_bar", "cycloid")
-    terms = Evaluator(mechanism).terms(0.3, mechanism.q0, mechanism.v0)
-    assert terms.J.shape == (mechanism.n, mechanism.n)
-    assert difference(FORMULATIONS[name](terms).a, np.linalg.solve(terms.J, terms.gamma)) < 1e-10

@@ -1,6 +1,7 @@
 """Hostile files and lists of arguments, a few of each: `make fuzz` throws many. What once broke a verb is held here by its kind."""
 
 import copy
+import mmap
 import os
 import tomllib
 from itertools import islice
@@ -17,7 +18,7 @@ from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from tests.fuzz.__main__ import over_files, over_lists
 from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.driven import Heard
-from tests.fuzz.files import CHANGES, damaged_file
+from tests.fuzz.files import damaged_file
 from tests.fuzz.lists import hostile_lists
 from tests.fuzz.stored import over_stored
 
@@ -45,9 +46,9 @@ def changed(**keys: Any) -> dict[str, Any]:
         (changed(scenarios__torque__start__crank_deg=1e12), r"scenarios\.torque\.start\.crank_deg: .* whole turns"),
         (changed(scenarios__cycloid__driver__time=1e-300), r"scenarios\.cycloid\.driver\.time: 1e-300 is smaller than 1e-09"),
         (changed(assembly__sketch={"B": [1e9, 0.0], "C": [0.3, 0.3]}), r"assembly\.sketch\.B\[0\]: 1e\+09 is larger"),
-        (changed(title="a\x00\x1b[31m"), r"title: 'a\\x00\\x1b\[31m' holds characters that cannot be printed"),
+        (changed(title="a\x00\x1b[31m"), r"title: 'a\\x00\\x1b\[31m' contains characters that cannot be printed"),
         (changed(forces={"a\x1b": 1.0}), r"forces: a key 'a\\x1b'"),
-        (changed(links={f"l{i}": {} for i in range(1001)}), "links: 1001 entries, and 1000 are the most"),
+        (changed(links={f"l{i}": {} for i in range(1001)}), "links: 1001 entries; at most 1000 are read"),
         (
             changed(ground__points={f"p{i}": {"from": f"p{i + 1}", "r": 0.1} for i in range(300)} | {"p300": [0, 0]}),
             "more than 100",
@@ -83,17 +84,12 @@ def test_harmless_text_drives_no_terminal() -> None:
     assert harmless("a\x1b[31m\u202eb\ufffe\nc é 😀") == "a\\x1b[31m\\u202eb\\ufffe\nc é 😀"
 
 
-@pytest.mark.parametrize("argument", ["\x1b[2J", "a\x00b", "\ud800"])
-def test_no_argument_comes_back_as_it_was(argument: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["show", argument]) == 2
+@pytest.mark.parametrize("arguments", ["show \x1b[2J", "show a\x00b", "show \ud800", "import \x1b[31m.xml --out a.toml"])
+def test_no_argument_comes_back_as_it_was(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(arguments.split(" ")) == 2
     told = capsys.readouterr().err
-    assert told.startswith("error: ")
-    assert argument not in told
-
-
-def test_what_is_told_of_a_file_drives_no_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["import", "\x1b[31m.xml", "--out", str(tmp_path / "a.toml")]) == 2
-    assert "\x1b" not in capsys.readouterr().err
+    assert "error: " in told
+    assert arguments.split(" ")[1] not in told
 
 
 @pytest.mark.slow
@@ -169,12 +165,11 @@ def test_what_no_machine_could_do_is_refused_at_once(
 def test_the_same_numbers_make_the_same_files() -> None:
     assert [damaged_file(7, i) for i in range(20)] == [damaged_file(7, i) for i in range(20)]
     assert len({damaged_file(7, i) for i in range(20)}) == 20
-    assert len(set(CHANGES)) > 10
 
 
 @pytest.mark.slow
 def test_damaged_files_are_refused_or_run(tmp_path: Path) -> None:
-    assert [x for x in over_files(3, 0, 12, tmp_path) if x[1].fault] == []
+    assert [x for x in over_files(3, 12, tmp_path) if x[1].fault] == []
 
 
 def test_no_list_of_arguments_comes_twice() -> None:
@@ -187,7 +182,9 @@ def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
     kept: list[object] = []
 
     def leaking(number: int) -> str:
-        kept.append(b"x" * 200_000)  # more than what other tests may have left free in this process
+        pages = mmap.mmap(-1, 200_000)  # pages of the system: memory that other tests have left free in this process is not used
+        pages.write(bytes(200_000))
+        kept.append(pages)
         return ""
 
     def opening(number: int) -> str:
@@ -204,7 +201,7 @@ def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
 
 @pytest.mark.long
 def test_what_is_damaged_on_disk_is_refused_or_made_again(tmp_path: Path) -> None:
-    found = [*over_stored(3, 0, 30, tmp_path)]
+    found = [*over_stored(3, 30, tmp_path)]
     assert [x for x in found if x[1].fault] == []
     assert {x[1].code for x in found} >= {0, 2}
 
@@ -216,7 +213,7 @@ def test_calls_in_one_process_hold_no_more_at_their_end() -> None:
 
 @pytest.mark.slow
 def test_hostile_arguments_are_refused_or_done(tmp_path: Path) -> None:
-    made = over_lists(3, 0, 16, tmp_path, only=("show", "kinematics", "import", "export"))
+    made = over_lists(3, 16, tmp_path, only=("show", "kinematics", "import", "export"))
     assert [x for x in made if x[1].fault] == []
 
 

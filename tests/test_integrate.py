@@ -105,29 +105,12 @@ def test_redundant_rows_follow_the_motion_of_the_plain_linkage() -> None:
 
 
 @pytest.mark.long
-def test_a_driven_crank_follows_its_law_to_the_integrator_order() -> None:
-    mechanism = load("six_bar", "cycloid")
-    trajectory = run(mechanism, stabilization="projection", h=1e-3)
-    assert mechanism.driver is not None
-    angle = mechanism.driver.law(trajectory.t)[0]
-    assert np.abs(trajectory.q[:, 2] - angle).max() < 1e-12
-
-
-@pytest.mark.long
 def test_the_mean_driving_torque_of_a_conservative_turn_is_zero() -> None:
     mechanism = load("eight_bar", "driven")
     trajectory = run(mechanism, stabilization="projection", h=1e-3)
     torque = metrics.driving_forces(Evaluator(mechanism), trajectory)[:, 0]
     assert abs(torque[:-1].mean()) < 1e-9 * np.abs(torque).max()  # the trapezoidal rule is exact on a period
     assert np.abs(torque).max() > 1.0
-
-
-@pytest.mark.long
-def test_adaptive_integration_reaches_its_tolerance_on_a_linkage() -> None:
-    mechanism = load("four_bar")
-    fine, adaptive = run(mechanism, h=2.5e-4, t=0.5), run(mechanism, integrator="dop853", t=0.5)
-    assert np.abs(fine.q[-1] - adaptive.q[-1]).max() < 1e-8
-    assert adaptive.steps > 10
 
 
 def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:

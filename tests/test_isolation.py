@@ -15,10 +15,8 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Status
 from tests.faults import FAULTS, IMPORTS, LIES, alive, write_modules
 
-SOME = (
-    "run_segfault run_loop run_memory run_exits run_boom run_child run_noise init_boom version_boom build_boom read_leave told_nan"
-)
-SOME += " told_short told_resting told_shape told_function lie_settings lie_everything import_exit"
+SOME = """run_segfault run_loop run_memory run_exits run_boom run_child run_noise init_boom version_boom build_boom read_leave
+    told_nan told_short told_resting told_shape told_function lie_settings lie_everything import_exit"""
 FINE = {"version_boom", "told_function", "lie_version", "lie_name", "lie_settings_function"}  # they spoil no motion
 SLEEP = "36001.7"  # [s]
 CODE = """
@@ -73,8 +71,8 @@ def test_faults_are_typed_rows_and_leave_no_orphans(tmp_path: Path, chosen: list
             assert (status, valid) == ("ok", True), name
             continue
         assert status in set(Status) - {Status.OK}, (name, status, message)
-        assert message.isprintable(), name
         assert message, name
+        assert message.isprintable(), name
         assert not valid, name
     assert told["run_segfault"][:2] == ["crashed", "the process died with signal SIGSEGV"]
     assert told["run_loop"][0] == "timeout"
@@ -95,7 +93,7 @@ def burn(seconds: float) -> float:
 def test_waiting_for_a_processor_is_not_held_against_a_task(monkeypatch: pytest.MonkeyPatch) -> None:
     """The system says how long a process was ready and did not run; here it is told that it always was."""
     start = time.monotonic()
-    monkeypatch.setattr(worker._Clock, "_waited", lambda self: 0.99 * (time.monotonic() - start))
+    monkeypatch.setattr(worker._Clock, "_waiting_time", lambda self: 0.99 * (time.monotonic() - start))
     with Worker() as one:
         one.call(max, (1, 2), 60.0)
         assert one.call(burn, (0.6,), 0.3) == 0.6  # 0.6 s, of which a hundredth counts

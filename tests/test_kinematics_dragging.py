@@ -17,7 +17,7 @@ def residual(mechanism: Mechanism, q: Array) -> float:
 
 
 def at(mechanism: Mechanism, q: Array, point: str) -> Array:
-    return position(q, mechanism.named_point(point))
+    return position(q, mechanism.find_point(point))
 
 
 def test_a_crank_pin_follows_to_the_nearest_point_of_its_circle() -> None:
@@ -48,7 +48,7 @@ def test_a_slider_goes_no_further_than_its_stroke_and_comes_back() -> None:
         found = drag.to(np.array([target, 0.1]))
         assert at(mechanism, found.q, "slider.B") == pytest.approx([end, 0.0], abs=1e-9)
         assert not found.reached
-        assert "no nearer" in found.note
+        assert "cannot come nearer" in found.note
 
 
 def nearest_in_reach(target: Array) -> Array | None:

@@ -47,7 +47,7 @@ def test_centres_of_a_four_bar_by_kennedys_construction() -> None:
     mechanism, motion = driven("four_bar", 13)
     for q in motion.q[1:-1]:
         found = by_names(mechanism, q)
-        A, B, C, D = (position(q, mechanism.named_point(x)) for x in ("ground.A", "crank.B", "coupler.C", "rocker.D"))
+        A, B, C, D = (position(q, mechanism.find_point(x)) for x in ("ground.A", "crank.B", "coupler.C", "rocker.D"))
         assert len(found) == 6
         for links, at in (
             (("ground", "crank"), A),
@@ -79,7 +79,7 @@ def test_a_slider_has_its_centre_at_infinity_across_its_guide() -> None:
     assert found.along is not None
     assert np.abs(found.along) == pytest.approx([1.0, 0.0], abs=1e-12)
     rod = next(x for x in centres(mechanism, motion.q[1]) if x.links == (GROUND, 1))
-    pin, slider = (position(motion.q[1], mechanism.named_point(x)) for x in ("crank.A", "slider.B"))
+    pin, slider = (position(motion.q[1], mechanism.find_point(x)) for x in ("crank.A", "slider.B"))
     assert rod.at == pytest.approx(meeting(np.zeros(2), pin, slider, slider + np.array([0.0, 1.0])), abs=1e-10)
 
 
@@ -87,7 +87,6 @@ def test_more_freedom_than_one_has_no_centres_of_its_own() -> None:
     mechanism = load("five_bar")
     with pytest.raises(ValueError, match="2 free motions"):
         centres(mechanism, mechanism.q0)
-    assert len(centres(mechanism, mechanism.q0, np.ones(mechanism.n))) == 10
 
 
 def test_velocity_ratio_of_a_four_bar_by_its_centres_and_advantage_its_inverse() -> None:
@@ -148,10 +147,10 @@ def test_the_other_assembly_of_a_four_bar_is_the_mirrored_triangle() -> None:
         found = branches(mechanism, q)
         assert len(found) == 2
         assert np.abs(found[0] - q).max() < 1e-12
-        B, C, D = (position(q, mechanism.named_point(x)) for x in ("crank.B", "coupler.C", "ground.D"))
+        B, C, D = (position(q, mechanism.find_point(x)) for x in ("crank.B", "coupler.C", "ground.D"))
         line = (D - B) / np.hypot(*(D - B))
         mirrored = B + 2 * line * ((C - B) @ line) - (C - B)
-        assert position(found[1], mechanism.named_point("coupler.C")) == pytest.approx(mirrored, abs=1e-12)
+        assert position(found[1], mechanism.find_point("coupler.C")) == pytest.approx(mirrored, abs=1e-12)
         assert np.abs((found[1] - q)[2::3]).max() <= np.pi
 
 
@@ -162,7 +161,7 @@ def test_assemblies_of_a_six_bar_are_counted_as_its_circles_meet(rod: float, out
     document["links"]["rod"]["points"]["F"], document["links"]["output"]["points"]["F"] = [rod, 0.0], [output, 0.0]
     mechanism = load_document(document, "driven")
     q = mechanism.q0
-    B, C, D, E, G = (position(q, mechanism.named_point(x)) for x in ("crank.B", "coupler.C", "ground.D", "ternary.E", "ground.G"))
+    B, C, D, E, G = (position(q, mechanism.find_point(x)) for x in ("crank.B", "coupler.C", "ground.D", "ternary.E", "ground.G"))
     line = (D - B) / np.hypot(*(D - B))
     mirrored = B + 2 * line * ((C - B) @ line) - (C - B)
     other = complex(*D) + complex(*(mirrored - D)) / complex(*(C - D)) * complex(*(E - D))

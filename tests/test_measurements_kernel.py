@@ -11,7 +11,7 @@ from gauss_bench.bench.clock import Key, Measured, compare, foreseen
 from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import race_batch
 from gauss_bench.bench.measurements.cost import BARE, race_cost
-from gauss_bench.bench.measurements.growth import CONTENDERS, race_growth, right
+from gauss_bench.bench.measurements.growth import CONTENDERS, exact_state, race_growth
 from gauss_bench.bench.measurements.limits import limit
 from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
@@ -178,7 +178,7 @@ def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race
 def test_every_linkage_is_raced_in_every_process_and_those_of_one_lie_apart() -> None:
     part = CLAIM.model_copy(update={"linkages": {"four_bar": "torque", "pendulums_2": "swing"}, "processes": 3})
     suite = SUITE.model_copy(update={"claim": (part,)})
-    tasks = claim.timed(suite, Context("", "stamp"), {})
+    tasks = claim.timing_tasks(suite, Context("", "stamp"), {})
     assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
         (name, k) for k in range(3) for name in ("four_bar", "pendulums_2")
     ]
@@ -276,7 +276,7 @@ def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch
 
 
 def test_the_error_of_an_acceleration_is_relative_to_the_largest_true_one() -> None:
-    wanted = right(1)
+    wanted = exact_state(1)
     assert wanted.error(1.001 * wanted.a) == pytest.approx(1e-3, rel=1e-9)
 
 

@@ -131,5 +131,5 @@ class Borrowed:
 
     name = "borrowed"
 
-    def lowered(self) -> tuple[Law, ...]:
+    def to_loads(self) -> tuple[Law, ...]:
         return (Law("area", bias=1.0),)  # type: ignore[arg-type]

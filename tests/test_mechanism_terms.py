@@ -13,8 +13,8 @@ import pytest
 from gauss_bench.engines.casadi import functions
 from gauss_bench.linkage.load import built_in, document_of, load
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.generated import FEW
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.written import FEW
 from tests.conftest import DATA, everything, redundant
 from tests.second_derivation import equations
 

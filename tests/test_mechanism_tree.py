@@ -11,17 +11,15 @@ SHAPES = pytest.mark.parametrize("least_depth", [False, True], ids=["file order"
 
 
 @SHAPES
-def test_states_go_there_and_back(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+def test_states_and_forces_go_there_and_back(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+    """States come back, the start lies in the tree, and forces do the same virtual work."""
     tree = spanning_tree(any_mechanism, least_depth)
     y, dy = rng.normal(size=(5, tree.n)), rng.normal(size=(5, tree.n))
     q, v, _ = tree.absolute(y, dy, 0 * y)
     for found, expected in zip(tree.relative(q, v), (y, dy), strict=True):
         assert np.abs(found - expected).max() < 1e-13
-
-
-@SHAPES
-def test_the_start_lies_in_the_tree(least_depth: bool, any_mechanism: Mechanism) -> None:
-    tree = spanning_tree(any_mechanism, least_depth)
+    Q = rng.normal(size=v.shape)
+    assert np.abs((Q * v).sum(-1) - (tree.forces(q, Q) * dy).sum(-1)).max() < 1e-12
     y, dy = tree.relative(any_mechanism.q0, any_mechanism.v0)
     q, v, _ = tree.absolute(y, dy, 0 * y)
     assert np.abs(q - any_mechanism.q0).max() < 1e-14
@@ -37,15 +35,6 @@ def test_rates_are_the_derivatives_of_positions(least_depth: bool, any_mechanism
     _, v, a = tree.absolute(y, dy, ddy)
     assert np.abs((ahead[0] - behind[0]) / (2 * h) - v).max() < 1e-8  # differences of the second order at h = 1e-5
     assert np.abs((ahead[1] - behind[1]) / (2 * h) - a).max() < 1e-8
-
-
-@SHAPES
-def test_forces_do_the_same_virtual_work(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
-    tree = spanning_tree(any_mechanism, least_depth)
-    y, dy = rng.normal(size=(5, tree.n)), rng.normal(size=(5, tree.n))
-    q, v, _ = tree.absolute(y, dy, 0 * y)
-    Q = rng.normal(size=v.shape)
-    assert np.abs((Q * v).sum(-1) - (tree.forces(q, Q) * dy).sum(-1)).max() < 1e-12
 
 
 @SHAPES

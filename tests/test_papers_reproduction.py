@@ -17,8 +17,8 @@ from gauss_bench.mechanism.model import Mechanism, Torque
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
-from gauss_bench.papers.forms.example import SHOWN, show
-from gauss_bench.papers.reproduction import claims, heavier, paper_motion
+from gauss_bench.papers.forms.example import SHOWN, reference_motion
+from gauss_bench.papers.reproduction import claims, paper_motion, with_inertias
 from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.running import first_turn, turn
 from gauss_bench.reference.minimal import MinimalCoordinate
@@ -40,7 +40,7 @@ def rows() -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def reference() -> Reference:
-    return show()
+    return reference_motion()
 
 
 def twisted(torque: float) -> Mechanism:
@@ -177,8 +177,8 @@ def test_no_inertia_of_the_rods_makes_it_stop(motion: CrankMotion, rows: dict[st
     assert motion.torque < low < rows["settles_above"]["value"] < high
     rng = np.random.default_rng(5)
     for crank, rod in rng.uniform(0.0, 3.0, size=(10, 2)):
-        assert settles(heavier(motion, crank, rod, high + 1e-3))
-        assert not settles(heavier(motion, crank, rod, low - 1e-3))
+        assert settles(with_inertias(motion, crank, rod, high + 1e-3))
+        assert not settles(with_inertias(motion, crank, rod, low - 1e-3))
 
 
 def test_verdicts_follow_from_the_data(motion: CrankMotion) -> None:

@@ -12,17 +12,17 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.site.motion import in_pixels, turn_frames
-from gauss_bench.report.site.playback import side_by_side
+from gauss_bench.report.site.motion import find_turn, in_pixels
+from gauss_bench.report.site.playback import play_pair
 from gauss_bench.tables import KEY, read_table, write_schema, write_table
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 LATE, OPEN = 0.01, 2e-3  # [rad], [m]
 CASE = {"mechanism": "four_bar", "scenario": "torque", "settings": "default", "stabilization": "none", "step": 1e-3, "t_end": 0.5}
-TURN = turn_frames(Run(), "four_bar")
+TURN = find_turn(Run(), "four_bar")
 assert TURN is not None
-MECHANISM, STATES = TURN
+MECHANISM, STATES = TURN.mechanism, TURN.states
 HALF = len(STATES) // 2  # states of half a turn
 LINK = 1  # the coupler, which is pulled off in the run that opens
 
@@ -65,13 +65,13 @@ def part(rows: list[dict[str, Any]], ends: str) -> Array:
     return np.array([[r[f"{axis}{ends}"] for axis in ("x", "y", "angle")] for r in rows]).reshape(-1, len(MECHANISM.links), 3)
 
 
-def test_a_run_that_is_late_is_late_and_nowhere_open() -> None:
+def test_poses_of_a_late_run_are_late_without_gaps() -> None:
     rows = poses(MECHANISM, run_of(AHEAD), truth())
     assert part(rows, "_ahead")[:, MECHANISM.crank, 2] == pytest.approx(LATE, abs=1e-12)
     assert np.abs(part(rows, "_gap")).max() < 1e-14
 
 
-def test_a_run_that_opens_is_open_by_what_it_was_pulled_and_all_parts_add_up_to_it() -> None:
+def test_the_gap_of_a_run_is_the_planted_opening_and_the_parts_add_up_to_its_pose() -> None:
     rows = poses(MECHANISM, run_of(opened()), truth())
     exact, ahead, gap = part(true_poses(MECHANISM, truth()), ""), part(rows, "_ahead"), part(rows, "_gap")
     shown = (exact + ahead + gap).reshape(len(exact), -1)
@@ -93,7 +93,7 @@ def test_a_run_that_ends_early_has_the_poses_that_it_reached() -> None:
     assert len(poses(MECHANISM, run_of(lost), truth())) == 10 * len(MECHANISM.links)
 
 
-def test_of_every_engine_the_default_and_the_most_exact_valid_run_are_kept() -> None:
+def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() -> None:
     """At the step nearest to a millisecond; no negative controls."""
     steps = (1e-2, 1e-3, 1e-4)
     cases = [Case("four_bar", "torque", "gauss", "default", i, "none", h, 0.5) for h in steps for i in ("rk4", "dop853", "euler")]
@@ -137,7 +137,7 @@ def expected(frame_at: int, factor: float, engine: str) -> Array:
 
 def test_a_page_plays_what_was_planted(planted: Path) -> None:
     """To the digits that stored differences have; the pulled link stands off by what it was pulled, the others in their places."""
-    found = side_by_side(read_run(planted), "four_bar", "torque")
+    found = play_pair(read_run(planted), "four_bar", "torque")
     assert found is not None
     data = found[1]
     late, apart = sorted(data["runs"], key=lambda x: x["name"])
@@ -150,7 +150,7 @@ def test_a_page_plays_what_was_planted(planted: Path) -> None:
 
 
 def test_without_poses_there_is_no_playback() -> None:
-    assert side_by_side(Run(), "four_bar", "torque") is None
+    assert play_pair(Run(), "four_bar", "torque") is None
 
 
 @pytest.mark.slow

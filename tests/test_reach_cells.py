@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,8 +14,8 @@ from gauss_bench.report.content import Section, Table
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
 from gauss_bench.report.site.engine import bests, engine_names
-from gauss_bench.report.site.linkage import leaders
-from gauss_bench.report.site.settings import FORCES, POSITIONS, all_settings, answers, linkages
+from gauss_bench.report.site.linkage import name_leaders
+from gauss_bench.report.site.settings import FORCES, POSITIONS, answers, scenarios
 from gauss_bench.report.summary import summary
 
 DENIED = re.compile(r"cannot|not reached|not tried|not determined|do not reach")
@@ -49,9 +49,9 @@ def denied(cells: Iterator[Said], run: Run) -> tuple[int, list[Said]]:
 
 def cells(run: Run) -> Iterator[Said]:
     """Every cell, line and clause that says whether an engine holds something."""
-    settings, names = all_settings(run), linkages(run)
+    names = scenarios(run)
     for name in names:
-        shown = answers(run, name, settings)
+        shown = answers(run, name)
         for (i, position), (j, force) in product(enumerate(POSITIONS), enumerate(FORCES)):
             wanted = {"position": position} | ({} if math.isinf(force) else {"force": force})
             there = {shown["settings"][k]["engine"]: "holds" for k, _ in shown["picks"][f"{i},{j}"]}
@@ -59,11 +59,11 @@ def cells(run: Run) -> Iterator[Said]:
             missed = {e: shown["words"][k] for e, k in places.items() if k >= 0}
             assert not there.keys() & missed.keys()
             yield from (Said("chooser", name, e, wanted, x) for e, x in (there | missed).items())
-        text = leaders(run, name, [x for x in settings if x.mechanism == name]).replace("`", "")
+        text = name_leaders(run, name).replace("`", "")
         for engine, words in re.findall(rf"\b({'|'.join(engine_names(run))}): ([^.]*)", text):
             yield Said("linkage page", name, engine, {"position": 1e-4}, words)
     for engine in engine_names(run):
-        for row in bests(run, engine, settings).rows:
+        for row in bests(run, engine).rows:
             wanted = {"position": 1e-3 * float(row[1].text)}
             yield Said("engine page", row[0].text, engine, wanted, row[2].text)
     section = search.section(run)
@@ -87,7 +87,7 @@ def cells(run: Run) -> Iterator[Said]:
                     yield Said("finding", name, engine, wanted, words)
 
 
-def tables(sections: tuple[Section, ...]) -> Iterator[Table]:
+def tables(sections: Sequence[Section]) -> Iterator[Table]:
     for section in sections:
         yield from (x for x in section.blocks if isinstance(x, Table))
         yield from tables(section.parts)

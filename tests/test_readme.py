@@ -13,7 +13,7 @@ from gauss_bench.api.options import VERBS
 from gauss_bench.engines import AUTHORED
 from gauss_bench.report.build import read_run
 from gauss_bench.report.first_table import renew
-from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, length, write_pictures
+from gauss_bench.report.pictures import FOLDER, PLAYED, UNTIL, length_text, write_pictures
 from gauss_bench.report.rows import Run
 from gauss_bench.tables import read_table
 
@@ -78,16 +78,13 @@ def losses() -> list[str]:
     won = [sum(r[f"{what}verdict"] == "holds" for r in some) for some, what in ((few, ""), (many, ""), (many, "projected_"))]
     soft = [r for r in read_table("results", ROWS) if (r["engine"], r["settings"]) == ("mujoco", "default")]
     return [
-        f"`minimal`, one explicit equation for one degree of freedom, is faster than both compiled formulations on all "
-        f"{len(minimal)} linkages that it runs on, and `by_hand`, equations derived by hand in C, on {sum(x < 1 for x in by_hand)} "
-        f"of {len(by_hand)};",
-        f"a step by the first paper's own formula, `gauss_pinv`, takes {between(formula)} times as long as one of `lagrange`, both "
-        "in numpy;",
-        f"a step of `gauss` in numpy takes {between(list(steps.values()))} times as long as one of `lagrange`;",
-        f"n - m unknowns against n + m, compiled alike, are faster beyond their spread on {won[0]} of {len(few)} linkages with "
-        f"one free coordinate, on {won[1]} of {len(many)} with more, and with projection on {won[2]} of those.",
-        f"Of MuJoCo's cases with its loops as shipped that are stored with the suite `full`, "
-        f"{sum(bool(r['valid']) for r in soft)} of {len(soft)} may be used.",
+        f"is faster than both compiled formulations on all {len(minimal)} linkages that it runs on. `by_hand`, equations derived "
+        f"by hand in C, is faster on {sum(x < 1 for x in by_hand)} of {len(by_hand)}.",
+        f"`gauss_pinv`, takes {between(formula)} times as long as one of `lagrange`, both in numpy.",
+        f"A step of `gauss` in numpy takes {between(list(steps.values()))} times as long as one of `lagrange`.",
+        f"n - m unknowns are faster than n + m beyond the spread on {won[0]} of {len(few)} linkages with one free coordinate, on "
+        f"{won[1]} of {len(many)} with more, and with projection on {won[2]} of those.",
+        f"MuJoCo has {sum(bool(r['valid']) for r in soft)} usable cases of {len(soft)} in the suite `full`.",
     ]
 
 
@@ -95,7 +92,7 @@ def unwrapped(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_the_first_screen_says_what_the_rows_say(page: str) -> None:
+def test_numbers_of_the_first_screen_follow_from_the_rows(page: str) -> None:
     screen = page[: page.index("## Install")]
     lines = [x.strip("| ").split(" | ") for x in screen.splitlines() if x.startswith("| ")][2:]
     told = {x[0].removesuffix(" (own)"): x[-1] for x in lines}
@@ -142,8 +139,8 @@ def test_the_moving_pictures_runs_are_stored_and_only_one_opens() -> None:
     assert opened / 2 < said < 4 * opened
 
 
-def test_lengths_are_said_in_units() -> None:
-    assert [length(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
+def test_lengths_have_a_unit() -> None:
+    assert [length_text(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
 
 
 @pytest.mark.slow
@@ -160,7 +157,7 @@ def test_commands_print_what_the_page_shows(page: str, verb: str) -> None:
         assert re.sub(r"[\d.]+(e-\d+)?( [num]?s)?\b", "#", line.rstrip()) in plain, f"{line}\n{done.stdout}"
 
 
-def test_own_engines_are_named_alike_by_the_report_and_by_the_engines() -> None:
+def test_the_report_and_the_engines_have_the_same_list_of_own_engines() -> None:
     assert Run().own_engines == AUTHORED
     assert Run({"own_engines": ["x"]}).own_engines == ("x",)
 
@@ -169,7 +166,7 @@ def test_every_verb_is_in_one_table(page: str) -> None:
     assert re.findall(r"^\| `([a-z]+)` \| [^|]+ \|$", page[page.index("| `gauss-bench` |") :], re.MULTILINE) == list(VERBS)
 
 
-def test_what_the_page_links_to_is_there(page: str) -> None:
+def test_links_of_the_page_lead_to_files(page: str) -> None:
     for target in re.findall(r"\]\(([^)#:]+)\)", page):
         assert target.startswith("../../actions/") or (ROOT / target).exists(), target
 

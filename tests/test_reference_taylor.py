@@ -2,7 +2,7 @@
 
 import copy
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.linkage.load import built_in, decimal_document, load, load_document, merge
+from gauss_bench.linkage.load import built_in, decimal_document, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.motion import Motion
+from gauss_bench.reference.motion import Motion, to_doubles
 from gauss_bench.reference.taylor.arithmetic import NUMBERS
-from gauss_bench.reference.taylor.elimination import choose_pivots, factorise, null_space, particular
 from gauss_bench.reference.taylor.equations import choose_chart, rates
-from gauss_bench.reference.taylor.law_pieces import pieces
+from gauss_bench.reference.taylor.law_pieces import cut_pieces
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import loop_rows
 from gauss_bench.reference.taylor.samples import LoopStates, sample
-from gauss_bench.reference.taylor.solve import columns, stack_arrays
+from gauss_bench.reference.taylor.solve import split_columns, stack_arrays
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from tests.conftest import needs
+from tests.test_reference_extended import decimals as document_of
 
 DATA = Path(__file__).parent / "data"
 LAST_DIGITS = 1e-28  # 33 digits, less four for a thousand steps and for the condition of a linkage
@@ -39,19 +39,17 @@ def every_linkage() -> list[tuple[str, str]]:
     return [(str(path), name) for path in files for name in tomllib.loads(path.read_text(encoding="utf-8"))["scenarios"]]
 
 
-def document_of(linkage: str, scenario: str) -> dict[str, Any]:
-    document = decimal_document(linkage)
-    return merge(document, document["scenarios"][scenario].get("override", {}))
-
-
 def decimals(end: str, count: int) -> list[str]:
     return [str(Decimal(end) * k / count) for k in range(count + 1)]
 
 
-def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
-    taylor = needs("gauss_bench.reference.taylor.series")
+def taylor_motion(document: dict[str, Any], scenario: str, times: Sequence[str], *options: Any) -> Motion:
     needs("heyoka")
-    return taylor.taylor_motion(document_of(linkage, scenario), scenario, times, double)  # type: ignore[no-any-return]
+    return needs("gauss_bench.reference.taylor.series").taylor_motion(document, scenario, times, *options)  # type: ignore[no-any-return]
+
+
+def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
+    return taylor_motion(document_of(linkage, scenario), scenario, times, double)
 
 
 def off(one: Any, other: Any) -> float:
@@ -78,7 +76,7 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
     chart, _ = choose_chart(rows, at_states(x))
     laws = [driver.law(np.zeros(1)) for driver in mechanism.drivers]
-    found = rates(rows, chart, at_states(x), columns(v[:, list(chart.free)]), laws)
+    found = rates(rows, chart, at_states(x), split_columns(v[:, list(chart.free)]), laws)
     a = stack_arrays([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
     here = sample(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
@@ -88,40 +86,14 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     assert off(here.a, wanted) < 1e-11 * (1.0 + np.abs(wanted).max())  # the pseudo-inverse loses some digits at light links
 
 
-def test_elimination_solves_rectangular_systems_in_any_fixed_order(rng: np.random.Generator) -> None:
-    m, n = 6, 9
-    pattern = rng.random((m, n)) < 0.5
-    A, b = np.where(pattern, rng.normal(size=(m, n)), 0.0), rng.normal(size=m)
-    order, smallest, _, left = choose_pivots(A, pattern, 1e-9)
-    assert len(order) == m
-    assert smallest > 0.0
-    assert left == 0.0
-    factors = factorise([{j: row[j] for j in np.flatnonzero(seen)} for row, seen in zip(A, pattern, strict=True)], order)
-    x, N = particular(factors, list(b)), null_space(factors, n)
-    assert off(A @ [x.get(j, 0.0) for j in range(n)], b) < 1e-12
-    assert len(N) == n - m
-    for free, column in N.items():
-        full = np.array([column.get(j, 0.0) for j in range(n)], dtype=float)
-        assert full[free] == 1.0
-        assert np.abs(A @ full).max() < 1e-12
-
-
-def test_elimination_leaves_out_dependent_rows_and_keeps_the_better_of_two(rng: np.random.Generator) -> None:
-    A = rng.normal(size=(3, 4))
-    A = np.vstack([1e-3 * A[2], A])
-    pivots = choose_pivots(A, np.ones(A.shape, dtype=bool), 1e-9)
-    assert sorted(row for row, _ in pivots.order) == [1, 2, 3]
-    assert pivots.left < 1e-15
-
-
 @pytest.mark.parametrize("law", ["sine", "cosine", "poly345", "table"])
 def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
     rise: dict[str, Any] = {"travel_deg": 40.0, "time": 0.33}
     knots: dict[str, Any] = {"rows": [[0.05, 0.0], [0.2, 10.0], [0.37, 15.0], [0.45, 12.0]]}
     driver = {"link": "left", "law": law, "start_deg": 100.0, **(knots if law == "table" else rise)}
     document = decimal_document("five_bar") | {"scenarios": {"part": part_driven(driver)}}
-    mechanism = load_document(plain(document), "part")
-    found = pieces(mechanism.drivers, document["scenarios"]["part"], float)
+    mechanism = load_document(to_doubles(document), "part")
+    found = cut_pieces(mechanism.drivers, document["scenarios"]["part"], float)
     assert len(found) == (5 if law == "table" else 2)
     for piece in found:
         end = 0.6 if piece.end is None else piece.end
@@ -134,14 +106,6 @@ def part_driven(driver: dict[str, Any]) -> dict[str, Any]:
     """The five-bar with one crank driven and the other free."""
     start = {"angles_deg": {"right": 80.0}, "speeds": {"right": -1.0}}
     return {"duration": 0.5, "drivers": [driver], "forces": ["spring"], "start": start}
-
-
-def plain(item: Any) -> Any:
-    if isinstance(item, dict):
-        return {k: plain(v) for k, v in item.items()}
-    if isinstance(item, list):
-        return [plain(v) for v in item]
-    return float(item) if isinstance(item, Decimal) else item
 
 
 @pytest.mark.slow("n_four_bar_3-fall-0.6")
@@ -214,15 +178,6 @@ def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: st
         assert np.abs(left).max() < 1e-12 * scale
 
 
-def test_the_driving_torque_supplies_the_power_the_links_take_up() -> None:
-    mechanism = load("eight_bar", "driven")
-    found = motion("eight_bar", "driven", decimals("0.5", 5))
-    assert found.multipliers is not None
-    speed = found.v[:, 2]  # of the driven crank
-    taken = (found.v * (found.a * np.array(mechanism.mass) - Evaluator(mechanism).applied.gravity)).sum(axis=1)
-    assert off(-found.multipliers[:, 20] * speed, taken) < 1e-13  # masses here are doubles
-
-
 def test_starts_are_held_at_the_decimals_of_the_file() -> None:
     hy = needs("heyoka")
     found = motion("five_bar", "spring", ["0"])
@@ -264,51 +219,27 @@ LAWS: list[dict[str, Any]] = [
     "law", [pytest.param(x, id=x["law"], marks=() if x["law"] == "constant" else pytest.mark.slow) for x in LAWS]
 )
 def test_a_linkage_driven_in_part_follows_the_law_and_moves_freely_otherwise(law: dict[str, Any]) -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
-    needs("heyoka")
     document = decimal_document("five_bar")
     document["scenarios"]["part"] = part_driven({"link": "left", "start_deg": 100.0, **law})
     times = decimals("0.2", 20)
-    found = taylor.taylor_motion(document, "part", times, double=True)
-    reference = build_reference(load_document(plain(document), "part"), 0.2)
+    found = taylor_motion(document, "part", times, True)
+    reference = build_reference(load_document(to_doubles(document), "part"), 0.2)
     for level in ("q", "v", "a"):
         wanted = getattr(reference, level)
         assert off(getattr(found, level), wanted) < OTHER_COORDINATES * (1.0 + np.abs(wanted).max())
 
 
-def test_dry_friction_is_refused() -> None:
-    with pytest.raises(ArithmeticError, match="friction"):
-        motion(str(DATA / "friction.toml"), "torque", ["0", "0.1"])
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_double_precision_is_the_same_motion_and_a_changed_parameter_another() -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
-    times = decimals("0.5", 5)
-    long, double = (motion("four_bar", "torque", times, kind) for kind in (False, True))
-    assert off(long.q.astype(float), double.q) < 1e-12
-    document = copy.deepcopy(document_of("four_bar", "torque"))
-    document["forces"]["motor"]["value"] = float(document["forces"]["motor"]["value"]) * (1.0 + 1e-6)
-    moved = taylor.taylor_motion(document, "torque", times, double=True)
-    assert 1e-8 < off(moved.q, double.q) < 1e-4
-
-
 def test_an_override_that_is_merged_is_not_merged_again() -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
     times = ["0", "0.1"]
     document = copy.deepcopy(document_of("crank_slider", "settles"))
     document["forces"]["motor"]["value"] = -0.3
-    changed = taylor.taylor_motion(document, "settles", times, double=True)
+    changed = taylor_motion(document, "settles", times, True)
     assert off(changed.q, motion("crank_slider", "settles", times, double=True).q) > 1e-3
 
 
 def test_progress_is_told_and_times_are_kept() -> None:
-    taylor = needs("gauss_bench.reference.taylor.series")
-    needs("heyoka")
     reached: list[float] = []
-    tell: Callable[[float], None] = reached.append
-    found = taylor.taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, tell)
+    found = taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, reached.append)
     assert found.times == ("0", "0.1", "0.25")
     assert reached == sorted(reached)
     assert reached[-1] == 0.25

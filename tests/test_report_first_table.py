@@ -7,7 +7,7 @@ import pytest
 
 from gauss_bench.report.first_table import BEGIN, END, first_table, renew
 from gauss_bench.report.rows import Run
-from gauss_bench.report.sections.claim import as_printed
+from gauss_bench.report.sections.claim import compare_formula
 from gauss_bench.report.sections.search import over_the_cheaper
 from gauss_bench.report.site.settings import multiples
 
@@ -65,7 +65,7 @@ def test_readme_is_renewed_between_its_two_lines_alone() -> None:
         renew("no table", RUN)
 
 
-def test_what_is_said_to_be_over_the_cheaper_is_over_the_cheaper_though_rows_are_over_what_ties_with_it() -> None:
+def test_ratios_are_over_the_cheaper_of_our_engines_even_if_stored_over_one_that_ties() -> None:
     def stored(engine: str, ratio: float, ours: bool) -> dict[str, Any]:
         ends = {"ratio_low": 0.9 * ratio, "ratio_high": 1.1 * ratio}
         return {"mechanism": "six_bar", "engine": engine, "ours": ours, "ratio": ratio} | ends
@@ -84,7 +84,8 @@ def test_the_papers_claim_is_judged_by_its_own_formula_first() -> None:
     def of(*ratios: float) -> tuple[str, bool]:
         places = ("four_bar", "six_bar")
         rows = [case("lagrange", x, 0.5) for x in places]
-        return as_printed(Run({}, {"results": (*rows, *(case("gauss_pinv", x, y) for x, y in zip(places, ratios, strict=True)))}))
+        rows += [case("gauss_pinv", x, y) for x, y in zip(places, ratios, strict=True)]
+        return compare_formula(Run({}, {"results": tuple(rows)}))
 
     said, slower = of(1.0, 1.5)
     assert said.startswith("No, by the paper's own formula: ")
@@ -92,4 +93,4 @@ def test_the_papers_claim_is_judged_by_its_own_formula_first() -> None:
     assert slower
     assert of(0.4, 0.6)[0].startswith("In part, ")
     assert of(0.4, 0.3)[0].startswith("Yes, ")
-    assert as_printed(Run()) == ("", False)
+    assert compare_formula(Run()) == ("", False)

@@ -21,7 +21,7 @@ def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path: Path, ca
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_files_of_others_are_never_taken_away(tmp_path: Path) -> None:
+def test_files_that_gauss_bench_did_not_write_are_kept(tmp_path: Path) -> None:
     write_table("agreement", [ROW], tmp_path)
     write_schema(tmp_path)
     site = tmp_path / "site"
@@ -30,6 +30,11 @@ def test_files_of_others_are_never_taken_away(tmp_path: Path) -> None:
     build_report(tmp_path)
     assert (site / "mine.html").read_text() == "<p>mine</p>", "a folder that was not ours was emptied"
     (site / "engine-gone.html").write_text("")
+    guide = site / "docs" / "index.html"
+    guide.parent.mkdir()
+    guide.write_text("the documentation")
     build_report(tmp_path)
+    assert guide.read_text() == "the documentation"
+    assert "docs/index.html" in (site / "index.html").read_text()
     assert not (site / "engine-gone.html").exists(), "a page of an earlier report stayed"
     assert (tmp_path / "agreement.csv").exists()

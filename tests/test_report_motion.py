@@ -177,7 +177,7 @@ def test_an_animation_is_one_small_file_that_asks_for_nothing() -> None:
     assert not re.search(r"#[0-9a-f]{6}", inline(svg, "x")), "a colour has no variable and would not turn dark"
 
 
-def test_less_motion_shows_a_named_state_that_rests() -> None:
+def test_readers_who_prefer_less_motion_get_a_named_state_at_rest() -> None:
     mechanism, t, q = turn("eight_bar")
     root = ET.fromstring(animate(mechanism, t, q))
     (still,) = (g for g in root.iter(f"{SVG}g") if g.get("class") == "motion-still")
@@ -214,7 +214,7 @@ def test_many_states_are_thinned_by_how_far_they_turn() -> None:
     assert sum(holds(mechanism, svg, joint, np.linspace(0, 1, 777)) for joint in pins) >= 1
 
 
-def test_nothing_to_draw_is_refused() -> None:
+def test_a_motion_without_states_or_points_is_refused() -> None:
     mechanism, t, q = turn("four_bar")
     for times, states in ((t[:1], q[:1]), (t[:5], q[:4]), (t[::-1], q)):
         with pytest.raises(ValueError, match="two or more states"):

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import pytest
+
 from gauss_bench.report.content import Table
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
@@ -33,7 +35,7 @@ ROWS = (
 )
 
 
-def test_each_rival_is_told_on_every_linkage_with_the_limits_in_the_same_sentence() -> None:
+def test_a_sentence_names_each_rival_on_every_linkage_with_the_limits_of_the_search() -> None:
     (finding,) = search.findings(run(*ROWS))
     assert finding.title == "Within 1e-06 m of position over the whole run"
     (sentence,) = (x for x in finding.text.split(". ") if "`mujoco`" in x)
@@ -47,40 +49,37 @@ def test_each_rival_is_told_on_every_linkage_with_the_limits_in_the_same_sentenc
     assert "`lagrange-native` four_bar" not in finding.text  # what is the suite's own is no rival
 
 
-def test_where_an_engine_wins_stands_first() -> None:
-    (finding,) = search.findings(run(*ROWS, winner("shaper", "gauss-native", 1.0, own=True), winner("shaper", "pinocchio", 0.5)))
-    assert finding.text.startswith("**Slower than `pinocchio` on shaper 0.500 (0.490..0.510).**")
-    assert finding.tone == "warn"
-    level = winner("shaper", "pinocchio", 0.99)  # its spread goes up to 1.0098: nobody is faster
-    assert "Slower" not in next(search.findings(run(*ROWS, winner("shaper", "gauss-native", 1.0, own=True), level))).text
+OURS = winner("shaper", "gauss-native", 1.0, own=True)
+LOST = winner("jansen", "gauss-native", None)
+AIMED = [r | ({"target": 20.0, "met": r["ratio"] >= 20} if r["engine"] == "pinocchio" else {}) for r in ROWS]
+REACHED = winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}
 
 
-def test_where_we_do_not_reach_it_stands_first_with_who_does() -> None:
-    lost = winner("jansen", "gauss-native", None)
-    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", None)))
-    assert finding.text.startswith("**Our own ways do not reach it on jansen**. ")
-    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}))
-    assert finding.text.startswith("**Our own ways do not reach it on jansen**, `pinocchio` does. ")
-    assert finding.tone == "warn"
-    (finding,) = search.findings(run(*ROWS, lost, winner("jansen", "lagrange-native", 1.0, own=True)))
-    assert "Our own" not in finding.text
+@pytest.mark.parametrize(
+    ("rows", "start"),
+    [
+        ([*ROWS, OURS, winner("shaper", "pinocchio", 0.5)], "**Slower than `pinocchio` on shaper 0.500 (0.490..0.510).**"),
+        ([*ROWS, OURS, winner("shaper", "pinocchio", 0.99)], "The cheaper of"),  # its spread goes up to 1.0098: nobody is faster
+        ([*ROWS, LOST, winner("jansen", "pinocchio", None)], "**Our own engines do not reach it on jansen**. "),
+        ([*ROWS, LOST, REACHED], "**Our own engines do not reach it on jansen**, `pinocchio` does. "),
+        ([*ROWS, LOST, winner("jansen", "lagrange-native", 1.0, own=True)], "The cheaper of"),
+        (AIMED, "**Short of the aim**: `pinocchio` on six_bar 7.00 (6.86..7.14) of 20.0. "),
+    ],
+)
+def test_a_defeat_stands_first(rows: list[dict[str, Any]], start: str) -> None:
+    (finding,) = search.findings(run(*rows))
+    assert finding.text.startswith(start)
+    assert finding.tone == ("warn" if start.startswith("**") else "")
 
 
-def test_an_aim_that_is_missed_stands_first() -> None:
-    aimed = [r | ({"target": 20.0, "met": r["ratio"] >= 20} if r["engine"] == "pinocchio" else {}) for r in ROWS]
-    (finding,) = search.findings(run(*aimed))
-    assert finding.text.startswith("**Short of the aim**: `pinocchio` on six_bar 7.00 (6.86..7.14) of 20.0. ")
-    assert finding.tone == "warn"
-
-
-def test_what_is_left_out_stands_beside_the_figures() -> None:
+def test_a_finding_names_what_it_leaves_out() -> None:
     skipped = winner("four_bar", "by_hand", None) | {"status": "skip", "message": "no C compiler"}
     cases = tuple({"mechanism": x, "engine": "gauss", "status": "ok"} for x in ("four_bar", "shaper"))
     (finding,) = search.findings(Run({}, {"search_winners": (*ROWS, skipped), "results": cases}))
     assert finding.text.endswith("Left out: `by_hand` on four_bar (not tried: no C compiler). Not searched: shaper.")
 
 
-def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
+def test_a_lost_race_is_a_finding_and_changes_no_other() -> None:
     lost = {"mechanism": "shaper", "scenario": "torque", "required": "", "status": "timeout", "message": "no answer within 600 s"}
     crashed = winner("six_bar", "exudyn", None) | {"status": "crashed", "message": "SIGSEGV"}
     crashed |= dict.fromkeys(("steps", "budget"), float("nan"))
@@ -90,7 +89,7 @@ def test_a_race_that_was_lost_is_told_and_spoils_nothing() -> None:
     assert search.section(run(lost)) is None
 
 
-def test_accuracies_are_told_apart_and_every_winner_is_a_line() -> None:
+def test_each_accuracy_is_a_finding_and_every_winner_a_line() -> None:
     finer = [r | {"accuracy": 1e-9} for r in ROWS]
     angles = [r | {"required": "angle", "unit": "rad"} for r in ROWS]
     findings = list(search.findings(run(*angles, *finer, *ROWS)))

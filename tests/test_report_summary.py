@@ -1,5 +1,6 @@
 """The summary beside the rows: short, what is lost first, and nothing in it that the rows do not say."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -19,18 +20,18 @@ def run() -> Run:
     return read_run(PUBLISHED)
 
 
-def tables(sections: tuple[Section, ...]) -> list[tuple[str, Table]]:
+def tables(sections: Sequence[Section]) -> list[tuple[str, Table]]:
     inside = [(s.title, b) for s in sections for b in s.blocks if isinstance(b, Table)]
     return inside + [x for s in sections for x in tables(s.parts)]
 
 
-def test_what_is_published_is_the_summary_of_the_rows_beside_it(run: Run) -> None:
+def test_the_published_summary_follows_from_the_published_rows(run: Run) -> None:
     page = markdown_page(run, summary(run, all_findings(run)))
     assert (PUBLISHED / "README.md").read_text(encoding="utf-8") == page, "write it again: gauss-bench report --out reports"
     assert len(page.encode()) <= LIMIT
 
 
-def test_what_is_lost_is_said_first() -> None:
+def test_defeats_come_first_in_the_summary() -> None:
     found = [
         Finding("Fine", "All is well.", "good"),
         Finding("Odd", "Something is odd.", "warn"),
@@ -40,8 +41,8 @@ def test_what_is_lost_is_said_first() -> None:
     (bullets,), (others,) = lost.blocks, won.blocks
     assert isinstance(bullets, Bullets)
     assert isinstance(others, Bullets)
-    assert bullets.items == ("**Race.** Slower than `x` on y 0.5. Short of the aim: y 2 of 3.", "**Odd.** Something is odd.")
-    assert others.items == ("**Fine.** All is well.",)
+    assert bullets.items == ["**Race.** Slower than `x` on y 0.5. Short of the aim: y 2 of 3.", "**Odd.** Something is odd."]
+    assert others.items == ["**Fine.** All is well."]
 
 
 def test_every_engine_has_its_least_error_and_every_winner_its_ratio(run: Run) -> None:

@@ -37,10 +37,10 @@ from gauss_bench.runs.scrutiny import (
     turns,
 )
 from gauss_bench.trajectory import Status, Trajectory
+from tests.drawn_linkages import random_linkage
 from tests.fuzz.files import toml
 from tests.fuzz.mechanics import Mechanics
 from tests.fuzz.motions import over_motions
-from tests.random_linkages import random_linkage
 
 MECHANISMS = Path(__file__).parents[1] / "mechanisms"
 MASS, K = 2.0, 8e4

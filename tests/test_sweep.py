@@ -7,8 +7,10 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,17 +19,17 @@ from gauss_bench import cli, metrics
 from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.linkage.load import document_of, load, load_document, of_one_scenario
+from gauss_bench.linkage.load import document_of, load, load_document, reduce_to_scenario
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.sweep import halving
-from gauss_bench.sweep.batch import Asked, columns_of
+from gauss_bench.sweep.batch import SweepCase
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.sweep.family import Family, Varied
-from gauss_bench.sweep.figures import figures
+from gauss_bench.sweep.figures import figures, units
 from gauss_bench.sweep.folder import PARTS, Folder
 from gauss_bench.sweep.paths import change, number_at
 from gauss_bench.sweep.plan import dimension, plan
-from gauss_bench.sweep.run import How, Where, _batches, _choice, _tasks, sweep
+from gauss_bench.sweep.run import Backend, Options, _batches, _choice, _tasks, sweep
 from gauss_bench.sweep.summary import _dependence, sensitivities, summary
 from tests.conftest import DATA, needs
 from tests.faults import alive
@@ -35,7 +37,9 @@ from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
 
 VARIED = ["links.rod.length=0.5:0.6:3", "forces.motor.value=normal(-0.5,0.05)"]
-SHORT = How(scenario="paper", until=0.2, stabilization="projection")
+CASES = tomllib.loads((DATA / "sweep" / "arguments.toml").read_text(encoding="utf-8"))
+DOCUMENT = reduce_to_scenario(document_of("crank_slider")[0], "paper")
+SHORT = Options(scenario="paper", until=0.2, stabilization="projection")
 
 
 def table(folder: Path) -> dict[str, bytes]:
@@ -55,14 +59,12 @@ def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others()
     assert made["links"]["rod"]["points"] == {"A": [0.0, 0.0], "B": [pytest.approx(0.70), 0.0], "P": [pytest.approx(0.35), 0.05]}
     assert document["links"]["rod"]["points"]["B"] == [0.56, 0.0]
     assert made["links"]["crank"] is document["links"]["crank"]
-    link = load_document(of_one_scenario(made, "paper")).links[1]
+    link = load_document(reduce_to_scenario(made, "paper")).links[1]
     assert link.com == pytest.approx([0.35, 0.0])
     assert (link.mass, link.inertia) == (0.77, pytest.approx(0.77 * 0.70**2 / 12))  # a given mass stays, its spread follows the bar
 
 
-@pytest.mark.parametrize(
-    "path", ["links.rod.mas", "links.slider.length", "links.rot.length", "forces.motor.type", "scenarios.paper.start", "gravity.z"]
-)
+@pytest.mark.parametrize("path", CASES["paths_without_numbers"])
 def test_a_path_that_names_no_number_is_refused_by_name(path: str) -> None:
     with pytest.raises(SweepError, match=path):
         number_at(document_of("crank_slider")[0], path)
@@ -79,25 +81,11 @@ def test_grids_are_crossed_and_random_values_come_from_the_seed() -> None:
     assert (mixed.values != plan(["a=0:1:3", "b=normal(1.5,0.1)"], 4000, seed=2).values).any()
 
 
-@pytest.mark.parametrize(
-    ("texts", "samples", "said"),
-    [
-        (["a"], 1, "PATH=a:b:n"),
-        (["a=1:2"], 1, "neither"),
-        (["a=1:2:0"], 1, "whole number"),
-        (["a=1:nan:3"], 1, "finite"),
-        (["a=normal(1,-1)"], 1, "positive"),
-        (["a=uniform(2,1)"], 1, "smaller"),
-        (["a=uniform(1,2)"], None, "--samples"),
-        (["a=1:2:3"], 5, "leave it out"),
-        (["a=1:2:3", "a=1:2:3"], None, "twice"),
-        (["a=uniform(1,2)"], 0, "from 1"),
-        (["a=1:2:99999", "b=1:2:99999"], None, "most"),
-    ],
-)
-def test_what_cannot_be_planned_is_refused(texts: list[str], samples: int | None, said: str) -> None:
-    with pytest.raises(SweepError, match=said):
-        plan(texts, samples)
+@pytest.mark.parametrize("case", CASES["no_plan"])
+def test_what_cannot_be_planned_is_refused(case: dict[str, Any]) -> None:
+    with pytest.raises(SweepError, match=case["said"]):
+        plan(case["vary"], case.get("samples"))
+    assert dimension("a=1:2:10000000").count == 10_000_000
 
 
 def test_indices_of_a_sobol_plan_are_the_shares_of_a_known_variance() -> None:
@@ -123,7 +111,7 @@ def test_starts_close_at_their_own_dimensions(
     name: str, scenario: str | None, paths: list[str], low: list[float], high: list[float]
 ) -> None:
     mechanism = load(name, scenario)
-    document = of_one_scenario(document_of(name)[0], mechanism.scenario)
+    document = reduce_to_scenario(document_of(name)[0], mechanism.scenario)
     family = Family(document, mechanism.scenario, paths, name)
     values = np.linspace(low, high, 5)
     found = family.starts(values)
@@ -139,7 +127,7 @@ def test_a_batch_in_one_call_is_what_every_sample_is_alone(tmp_path: Path) -> No
     """The kernel with open numbers against the reference formulation, which builds every linkage anew."""
     varied = [*VARIED, "links.crank.mass=uniform(0.3,0.4)"]
     how = replace(SHORT, integrator="rk4", step=1e-3)
-    told = sweep("crank_slider", varied, tmp_path / "s", ["gauss-native", "gauss"], 3, how=how, where=Where(jobs=1))
+    told = sweep("crank_slider", varied, tmp_path / "s", ["gauss-native", "gauss"], 3, how=how, where=Backend(jobs=1))
     assert all(x["status"] == {"ok": 3} for x in told["engines"].values())
     found = rows(tmp_path / "s")
     for one, other in zip(found[:3], found[3:], strict=True):
@@ -155,7 +143,7 @@ def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path
     """Two seconds, some eight turns: the kernel's DOP853 against the reference formulation, whose steps keep to a tolerance."""
     varied = ["links.rod.length=0.5:0.5:1"]
     sweep("crank_slider", varied, tmp_path / "native")
-    sweep("crank_slider", varied, tmp_path / "exact", ["gauss"], how=How(integrator="dop853"))
+    sweep("crank_slider", varied, tmp_path / "exact", ["gauss"], how=Options(integrator="dop853"))
     for one, other in zip(rows(tmp_path / "native"), rows(tmp_path / "exact"), strict=True):
         assert (one["status"], other["status"]) == ("ok", "ok")
         assert one["measured"] == pytest.approx(other["measured"], rel=0, abs=1e-7)
@@ -163,10 +151,22 @@ def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path
 
 def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None:
     """Each content of a table is read once in a batch; alone, each sample reads its own."""
-    paths = ["links.rod.length", "links.rod.mass", "gravity.x", "gravity.y", "scenarios.paper.start.crank_deg"]
-    family = Family(of_one_scenario(document_of("crank_slider")[0], "paper"), "paper", paths, "crank_slider")
+    paths = [
+        "links.rod.length",
+        "links.rod.mass",
+        "gravity.x",
+        "gravity.y",
+        "forces.motor.value",
+        "scenarios.paper.start.crank_deg",
+    ]
+    family = Family(DOCUMENT, "paper", paths, "crank_slider")
     values = np.array(
-        [[0.5, 0.7, 0.1, -9.0, 3.0], [0.5, 0.8, 0.1, -9.0, 3.0], [0.55, 0.7, 0.0, -9.0, 0.0], [0.5, -1.0, 0.1, -9, 3.0]]
+        [
+            [0.5, 0.7, 0.1, -9.0, -0.4, 3.0],
+            [0.5, 0.8, 0.1, -9.0, -0.6, 3.0],
+            [0.55, 0.7, 0.0, -9.0, -0.4, 0.0],
+            [0.5, -1.0, 0.1, -9.0, -0.4, 3.0],
+        ]
     )
     together = family.starts(values)
     assert list(together.reasons) == [3]
@@ -174,7 +174,8 @@ def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None
     for k, row in enumerate(values[:3]):
         alone = parameter_values(family.mechanism_of(row))
         assert {name: x[k] for name, x in together.columns.items()} == {name: alone[name] for name in together.columns}
-    assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x"} <= together.columns.keys()
+    assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x", "forces.motor.value"} <= together.columns.keys()
+    assert Family(DOCUMENT, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
 
 
 @pytest.mark.parametrize(
@@ -229,8 +230,8 @@ def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) 
     """Blocks let go by a stiff spring are at rest after 0.3 ms, of which samples a millisecond apart see nothing."""
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
-    how = How(until=0.4, step=2e-5, integrator="rk4")
-    told = sweep(str(path), ["forces.f.c=4e4:5e4:2"], tmp_path / "s", how=how, where=Where(jobs=1))
+    how = Options(until=0.4, step=2e-5, integrator="rk4")
+    told = sweep(str(path), ["forces.f.c=4e4:5e4:2"], tmp_path / "s", how=how, where=Backend(jobs=1))
     assert told["engines"]["gauss-native"]["status"] == {"ok": 2}
     for row in rows(tmp_path / "s"):
         assert row["energy_error"] == pytest.approx(0.5 * 8e8 * 0.1**2, rel=1e-6)
@@ -239,7 +240,7 @@ def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None:
-    how = How(scenario="torque", until=0.1)
+    how = Options(scenario="torque", until=0.1)
     told = sweep("four_bar", ["links.coupler.length=0.3:2.3:2", "links.crank.kg_per_m=-0.8:0.8:2"], tmp_path / "s", how=how)
     found = rows(tmp_path / "s")
     assert [x["status"] for x in found] == ["not_assembled", "ok", "not_assembled", "not_assembled"]
@@ -253,7 +254,7 @@ def test_what_does_not_assemble_is_a_row_with_its_reason(tmp_path: Path) -> None
 def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 8)
     folder = tmp_path / "s"
-    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Where(jobs=1))
+    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=1))
     whole = table(folder)
     assert len(whole) == 3
     (folder / PARTS / "part-00000.parquet").unlink()
@@ -261,7 +262,7 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monk
     damaged.write_bytes(damaged.read_bytes()[:-100])
     (folder / PARTS / ".part-00001.parquet.1.part").write_bytes(b"left by a sweep that was killed")
     told: list[str] = []
-    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Where(jobs=2), tell=told.append)
+    sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=2), tell=told.append)
     assert "1 of 3 batches are there already" in told
     assert table(folder) == whole
     with pytest.raises(SweepError, match="seed was 0, is 1"):
@@ -287,23 +288,18 @@ def test_an_interrupt_between_two_answers_breaks_off_without_a_word(
     monkeypatch.setattr(Folder, "write", interrupt)
     told: list[str] = []
     with pytest.raises(KeyboardInterrupt):
-        sweep("crank_slider", VARIED, tmp_path / "s", [engine], 40, how=SHORT, where=Where(jobs=2), tell=told.append)
+        sweep("crank_slider", VARIED, tmp_path / "s", [engine], 40, how=SHORT, where=Backend(jobs=2), tell=told.append)
     assert told[-1] == "40 samples to run"
     assert [str(x.message) for x in recwarn] == []
 
 
-def test_the_verb_says_what_it_cannot_use_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = ["--out", str(tmp_path / "s"), "--until", "0.1"]
-    for arguments, said in {
-        ("crank_slider", "--vary", "links.rod.mas=1:2:3"): "links.rod.mass",
-        ("crank_slider", "--vary", "joints.guide.angle_deg=0:5:2"): "gauss",
-        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--engine", "nosuch"): "nosuch",
-        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--step", "nan"): "step",
-        ("crank_slider", "--vary", "links.rod.mass=1:2:3", "--scheduler", "tcp://127.0.0.1:1"): "--backend dask",
-        ("nosuch", "--vary", "links.rod.mass=1:2:3"): "nosuch",
-    }.items():
-        assert cli.main(["sweep", *arguments, *out]) == 2, arguments
-        assert said in capsys.readouterr().err
+@pytest.mark.parametrize("case", CASES["bad_usage"])
+def test_the_verb_says_what_it_cannot_use_and_writes_nothing(
+    case: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    until = [] if "--until" in case["arguments"] else ["--until", "0.1"]
+    assert cli.main(["sweep", *case["arguments"], *until, "--out", str(tmp_path / "s")]) == 2
+    assert case["said"] in capsys.readouterr().err
     assert not (tmp_path / "s").exists()
 
 
@@ -325,20 +321,19 @@ def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path
     """A pendulum by semi-implicit Euler, of first order: half the step takes half of the error away, a quarter takes three."""
     found = {}
     for step in (1e-3, 5e-4):
-        how = How(until=0.2, step=step, integrator="semi_implicit_euler")
+        how = Options(until=0.2, step=step, integrator="semi_implicit_euler")
         asked = ("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{step}", ["gauss"])
-        found[step] = sweep(*asked, how=how, where=Where(jobs=1))["engines"]["gauss"]["half_the_step"]
+        found[step] = sweep(*asked, how=how, where=Backend(jobs=1))["engines"]["gauss"]["half_the_step"]
         assert (found[step]["samples"], found[step]["lost"], found[step]["ok"]) == (2, 0, True)
     assert found[1e-3]["rad"] == pytest.approx(2 * found[5e-4]["rad"], rel=0.05)
     for share, sound in ((1.9, False), (2.1, True)):  # the limit is half of what a motion may be off
         monkeypatch.setattr("gauss_bench.sweep.halving.OFF_MOTION", share * found[5e-4]["rad"])
-        again = sweep(*asked, how=how, where=Where(jobs=1))["engines"]["gauss"]["half_the_step"]
+        again = sweep(*asked, how=how, where=Backend(jobs=1))["engines"]["gauss"]["half_the_step"]
         assert again["ok"] is sound
         assert again["worst"] in range(12)
 
 
-DOCUMENT = of_one_scenario(document_of("crank_slider")[0], "paper")
-ASKED = Asked(
+CASE = SweepCase(
     json.dumps(DOCUMENT),
     "paper",
     "crank_slider",
@@ -346,6 +341,7 @@ ASKED = Asked(
     0.2,
     (("gauss", Choice("default", "rk4", step=1e-3)),),
     60.0,
+    1,
 )
 
 
@@ -354,25 +350,26 @@ def repeated(
 ) -> dict[str, object]:
     """What is said of `count` samples that are ok, of which some change one figure when they are repeated, and one is lost."""
     pandas = pytest.importorskip("pandas")
-    units = columns_of(load("crank_slider", "paper"), [])
-    moved = next(name for name, x in units.items() if x == unit)
-    table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(units, 1.0))
+    columns = units(load("crank_slider", "paper"))
+    moved = next(name for name, x in columns.items() if x == unit)
+    table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(columns, 1.0))
 
-    def again(asked: Asked, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
+    def again(case: SweepCase, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
         assert parts == 2
-        found: dict[str, object] = {name: np.ones(len(numbers)) for name in units}
+        found: dict[str, object] = {name: np.ones(len(numbers)) for name in columns}
         found[moved] = np.array([1.0 + changes.get(k, 0.0) for k in numbers])
         return found | {"status": ["invalid" if k == lost else "ok" for k in numbers]}
 
     monkeypatch.setattr(halving, "rows_of", again)
-    found = halving.halve(ASKED, "gauss", table, np.zeros((count, 1)))
+    found = halving.halve(CASE, "gauss", table, np.zeros((count, 1)))
     assert found is not None
     return found
 
 
 @pytest.mark.parametrize(("count", "checked"), [(1, 1), (10, 1), (11, 2), (150, 15), (160, 16), (1000, 16)])
 def test_one_sample_in_ten_is_repeated_and_sixteen_at_most(count: int, checked: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert repeated(monkeypatch, count, {})["samples"] == checked
+    found = repeated(monkeypatch, count, {})
+    assert (found["samples"], found["worst"]) == (checked, None)
 
 
 @pytest.mark.parametrize("unit", ["m", "rad"])
@@ -390,61 +387,34 @@ def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(
 def test_a_sample_that_is_lost_when_repeated_is_counted_and_spoils_all(monkeypatch: pytest.MonkeyPatch) -> None:
     found = repeated(monkeypatch, 20, {0: 1e-6, 19: 1.0}, lost=19)
     assert (found["ok"], found["worst"], found["lost"], found["m"]) == (False, 0, 1, pytest.approx(1e-6))
-    assert repeated(monkeypatch, 20, {})["worst"] is None
 
 
-def test_what_a_repetition_says_in_words() -> None:
+@pytest.mark.parametrize("case", CASES["repeated"])
+def test_a_repetition_in_words(case: dict[str, Any]) -> None:
     check = {"how": "half the step", "samples": 3, "m": 0.012, "rad": 0.5, "worst": None, "lost": 0, "ok": True}
-    changes = "half the step of 3 samples changes 0.012 m and 0.5 rad at most"
+    check |= case.get("result", {})
+    changes = f"{check['how']} of 3 samples changes 0.012 m and 0.5 rad at most"
+    assert halving.text(check) == case["said"].format(changes=changes)
     assert halving.text(None) == "nothing was repeated: no sample is ok"
-    assert halving.text(check) == changes
-    bad = check | {"ok": False, "worst": 7}
-    assert halving.text(bad) == f"NOT TO BE TRUSTED: {changes} (sample 7): take a smaller --step"
-    adaptive = check | {"ok": False, "lost": 2, "how": "a tighter tolerance"}
-    said = "NOT TO BE TRUSTED: a tighter tolerance of 3 samples changes 0.012 m and 0.5 rad at most, and 2 of them are lost"
-    assert halving.text(adaptive) == f"{said}: take settings of a tighter tolerance"
 
 
-@pytest.mark.parametrize(
-    ("engine", "how", "integrator", "step"),
-    [
-        ("gauss-native", How(), "dop853_fixed", 2e-3),
-        ("gauss-native", How(integrator="rk4"), "rk4", 1e-3),
-        ("gauss-native", How(step=5e-4), "dop853_fixed", 5e-4),
-        ("gauss", How(integrator="dop853_fixed"), "dop853_fixed", 1e-3),
-        ("gauss", How(integrator="rk4"), "rk4", 1e-3),
-    ],
-)
-def test_steps_that_nobody_asks_for(engine: str, how: How, integrator: str, step: float) -> None:
+@pytest.mark.parametrize("case", CASES["steps"])
+def test_steps_that_nobody_asks_for(case: dict[str, Any]) -> None:
     needs("llvmlite")
-    choice = _choice(engine, replace(how, stabilization="none"), until=1.0)
-    assert (choice.integrator, choice.step) == (integrator, step)
+    how = Options(stabilization="none", **case.get("options", {}))
+    choice = _choice(case["engine"], how, until=1.0)
+    assert (choice.integrator, choice.step) == (case["integrator"], case["step"])
     if how.step is None:
-        assert _choice(engine, replace(how, stabilization="none"), until=1e-4).step == 1e-4
+        assert _choice(case["engine"], how, until=1e-4).step == 1e-4
 
 
-def test_batches_are_large_where_one_call_takes_them_and_small_elsewhere() -> None:
+def test_batches_are_large_where_one_call_takes_them_and_tasks_as_many_as_jobs_but_on_a_cluster() -> None:
     native, other = (list(_batches(513, [engine])) for engine in ("gauss-native", "gauss"))
     assert [(x.number, x.first, x.end) for x in native] == [(0, 0, 512), (1, 512, 513)]
-    assert [x.end - x.first for x in other] == [8] * 64 + [1]
+    assert [x.size for x in other] == [8] * 64 + [1]
     assert [x.number for x in _batches(9, ["gauss", "lagrange"])] == [0, 1, 2, 3]
-
-
-def test_a_cluster_says_itself_how_many_tasks_it_takes() -> None:
-    assert _tasks(Where("dask", jobs=3)) == -1
-    assert _tasks(Where("local", jobs=3)) == 3
-
-
-def test_too_many_steps_are_refused_by_what_asks_for_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    call = ["sweep", "crank_slider", "--vary", "gravity.y=-9:-10:2", "--engine", "gauss", "--out", str(tmp_path / "s")]
-    assert cli.main([*call, "--until", "1", "--step", "0.99e-8"]) == 2
-    assert "--step 9.9e-09: 1.0e+08 steps a sample; 1e+08 are the most" in capsys.readouterr().err
-
-
-def test_a_grid_has_ten_million_values_at_most() -> None:
-    assert dimension("gravity.y=1:2:10000000").count == 10_000_000
-    with pytest.raises(SweepError, match="from 1 to 10000000"):
-        dimension("gravity.y=1:2:10000001")
+    assert (_tasks(Backend("dask", jobs=3)), _tasks(Backend("local", jobs=3))) == (-1, 3)
+    assert replace(CASE, jobs=9) == CASE != replace(CASE, until=0.3)  # threads change no row
 
 
 def test_a_summary_of_known_rows() -> None:
@@ -462,6 +432,10 @@ def test_a_summary_of_known_rows() -> None:
     assert "rank_correlation" not in y  # of fewer than eight samples
     alone = summary(table[table["sample"] == 0], some, ["y"])["gauss"]["figures"]["y"]
     assert (alone["count"], alone["deviation"]) == (1, 0.0)
+    # dependences in words begin with the strongest
+    sobol = {"a": {"first": 0.1, "total": 0.2}, "b": {"first": 0.3, "total": 0.4}}
+    assert _dependence({"sobol": sobol}) == "b 0.30/0.40, a 0.10/0.20"
+    assert _dependence({"rank_correlation": {"a": 0.5, "b": -0.75}}) == "b -0.75, a +0.50"
 
 
 @pytest.mark.parametrize(("count", "told"), [(7, False), (8, True)])
@@ -471,50 +445,17 @@ def test_a_correlation_needs_eight_samples(count: int, told: bool) -> None:
     assert sensitivities(some, np.ones(count)) == {}
 
 
-def test_dependences_in_words_begin_with_the_strongest() -> None:
-    assert _dependence({"rank_correlation": {"a": 0.5, "b": -0.75}}) == "b -0.75, a +0.50"
-    assert (
-        _dependence({"sobol": {"a": {"first": 0.1, "total": 0.2}, "b": {"first": 0.3, "total": 0.4}}}) == "b 0.30/0.40, a 0.10/0.20"
-    )
-
-
-def test_batches_are_the_same_where_all_that_rows_depend_on_is() -> None:
-    assert replace(ASKED) == ASKED
-    assert hash(replace(ASKED)) == hash(ASKED)
-    assert replace(ASKED, until=0.3) != ASKED
-
-
-@pytest.mark.parametrize(
-    ("path", "welds", "said"),
-    [
-        ("scenarios.paper.start.crank_deg", False, ""),
-        ("scenarios.paper.duration", False, "is no number that a kernel leaves open"),
-        ("joints.guide.offset", False, ""),
-        ("joints.guide.angle_deg", False, "is no number that a kernel leaves open"),
-        ("forces.motor.value", False, ""),
-        ("links.rod.mass", False, ""),
-        ("links.rod.mass", True, "may be part of a welded body"),
-        ("gravity.y", True, ""),
-    ],
-)
-def test_a_kernel_leaves_open_what_no_welded_body_holds(path: str, welds: bool, said: str) -> None:
-    family = Family(DOCUMENT, "paper", [path], "crank_slider")
-    family.document = DOCUMENT | ({"welds": {}} if welds else {})
-    assert family.closed_to_kernels == (f"{path} {said}" if said else "")
-
-
-def test_a_force_that_varies_is_an_open_number_where_the_scenario_has_it() -> None:
-    path = "forces.motor.value"
-    found = Family(DOCUMENT, "paper", [path], "crank_slider").starts(np.array([[-0.4], [-0.6]]))
-    assert {name: x.tolist() for name, x in found.columns.items()} == {path: [-0.4, -0.6]}
-    assert Family(DOCUMENT, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
+@pytest.mark.parametrize("case", CASES["open"])
+def test_a_kernel_leaves_open_what_no_welded_body_holds(case: dict[str, Any]) -> None:
+    family = Family(DOCUMENT, "paper", [case["path"]], "crank_slider")
+    family.document = DOCUMENT | ({"welds": {}} if case.get("welds") else {})
+    assert family.not_open == (f"{case['path']} {case['said']}" if "said" in case else "")
 
 
 def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> None:
-    document = of_one_scenario(document_of("four_bar")[0], "driven")
+    document = reduce_to_scenario(document_of("four_bar")[0], "driven")
     family = Family(document, "driven", ["links.coupler.length"], "four_bar")
-    usual = number_at(document, "links.coupler.length")
-    found = family.starts(np.array([[usual], [5.0 * usual], [0.95 * usual]]))
+    found = family.starts(number_at(document, "links.coupler.length") * np.array([[1.0], [5.0], [0.95]]))
     assert [*found.reasons] == [1]
     assert np.isnan(found.q[1]).all()
     assert np.isfinite(found.q[[0, 2]]).all()
@@ -523,8 +464,8 @@ def test_dimensions_that_cannot_be_assembled_have_a_reason_and_no_start() -> Non
 @pytest.mark.slow
 def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp_path: Path) -> None:
     for tolerance, sound in ((1e-9, True), (0.5, False)):
-        how = How(until=1.0, integrator="dop853", settings=f"dop853_rtol={tolerance},dop853_atol={tolerance}")
-        found = sweep("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{tolerance}", ["gauss"], how=how, where=Where(jobs=1))
+        how = Options(until=1.0, integrator="dop853", settings=f"dop853_rtol={tolerance},dop853_atol={tolerance}")
+        found = sweep("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{tolerance}", ["gauss"], how=how, where=Backend(jobs=1))
         check = found["engines"]["gauss"]["half_the_step"]
         if sound:
             assert (check["how"], check["ok"], check["samples"]) == ("a tighter tolerance", True, 2)
@@ -536,7 +477,7 @@ def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp
 @pytest.mark.slow
 def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    how = How(scenario="paper", until=0.05, step=1e-4)
+    how = Options(scenario="paper", until=0.05, step=1e-4)
     sweep("crank_slider", ["links.rod.length=0.5:0.6:2"], tmp_path / "s", ["gauss-native", "mujoco"], how=how)
     found = rows(tmp_path / "s")
     assert [x["engine"] for x in found] == ["gauss-native"] * 2 + ["mujoco"] * 2
@@ -550,7 +491,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, mon
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 16)
     asked = ("crank_slider", VARIED)
-    sweep(*asked, tmp_path / "local", samples=320, how=SHORT, where=Where(jobs=2))
+    sweep(*asked, tmp_path / "local", samples=320, how=SHORT, where=Backend(jobs=2))
     options = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
     killed: list[int] = []
 
@@ -567,7 +508,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path, mon
 
         thread = threading.Thread(target=kill_one, daemon=True)
         thread.start()
-        sweep(*asked, tmp_path / "dask", samples=320, how=SHORT, where=Where("dask", address))
+        sweep(*asked, tmp_path / "dask", samples=320, how=SHORT, where=Backend("dask", address))
         thread.join(10.0)
     assert killed
     assert table(tmp_path / "dask") == table(tmp_path / "local")

@@ -53,7 +53,7 @@ def words(command: str) -> list[str]:
 @pytest.mark.long("atlas", "conformance", "diagnose", "doctor", "export", "recommend", "selftest", "verify")
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", WORKING)
-def test_what_needs_no_extra_works(verb: str, environment: Bare) -> None:
+def test_verbs_that_need_no_extra_work(verb: str, environment: Bare) -> None:
     done = environment.run(*words(WORKING[verb]))
     assert done.returncode == 0, done.stderr
     assert done.stdout
@@ -80,7 +80,7 @@ def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Ba
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_the_gate_holds_what_is_there_and_says_of_the_rest_why(environment: Bare) -> None:
+def test_the_gate_checks_installed_engines_and_names_missing_ones(environment: Bare) -> None:
     done = environment.run("check", "four_bar", "--engine", "gauss_pinv", "--baseline", "baseline.csv", "--jobs", "1")
     assert done.returncode in (0, 1), done.stderr  # 1 where a figure is not in the baseline as it stands
     missing = environment.run("check", "four_bar", "--engine", "mujoco", "--baseline", "baseline.csv", "--jobs", "1")
@@ -100,7 +100,7 @@ def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bar
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", NEEDING)
-def test_what_needs_an_extra_says_which(what: str, environment: Bare) -> None:
+def test_verbs_that_need_an_extra_name_it(what: str, environment: Bare) -> None:
     command, code, extra = NEEDING[what]
     done = environment.run(*words(command), limit=60.0)
     said = done.stdout + done.stderr
@@ -110,7 +110,7 @@ def test_what_needs_an_extra_says_which(what: str, environment: Bare) -> None:
     assert not (environment.folder / "kernel").exists()  # nothing half-written
 
 
-def test_every_verb_is_asked_here() -> None:
+def test_every_verb_is_tried_here() -> None:
     assert set(VERBS) == {*WORKING, "run", "report", "check", "certify", "sweep", "studio"}
 
 
@@ -121,7 +121,7 @@ def test_the_console_script_and_the_linkages_are_installed(environment: Bare) ->
     assert all(name in json.dumps(found) for name in built_in())
 
 
-def test_every_extra_brings_what_it_is_said_to_bring() -> None:
+def test_every_extra_has_the_library_that_it_names() -> None:
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     assert set(EXTRAS.values()) == set(stated) - {"all", "dev", "docs", *OF_ONE_VERB}
     assert {*EXTRAS.values(), *OF_ONE_VERB} == Requirement(stated["all"][0]).extras

@@ -26,7 +26,7 @@ from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.bench.clock import ratio, spread, time_of
-from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, tolerances, won
+from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, pick_winner, tolerances
 from gauss_bench.bench.survived import list_survivors
 from gauss_bench.bench.ways import Run, Way, choice_of, judge_trial, request_of, sample
 from gauss_bench.engines.base import Variant
@@ -373,7 +373,7 @@ class Recommender:
         for engine in self.engines.values():
             ways = engine.passing()
             if raced := {way: times[way] for way in ways if way in times}:
-                winner = won(raced)[0]
+                winner = pick_winner(raced)[0]
                 chosen[engine.name] = winner, ways[winner]
             elif best := engine.best():
                 chosen[engine.name] = best

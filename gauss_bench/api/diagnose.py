@@ -21,7 +21,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.offers import ChoiceError, check_budget, countable, duration, offer
+from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, duration, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference
@@ -120,7 +120,7 @@ def diagnose(
         named, offered = engine, offer(engine)
         choice = offered.choose(settings, integrator, stabilization, step or STEP)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
-    countable(choice.step, end)
+    check_size(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
 
     def make_diagnosis(verdict: Verdict, reference: str) -> Diagnosis:

@@ -11,7 +11,7 @@ import numpy as np
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.closure import free_coordinates
 from gauss_bench.linkage.errors import Fault, LinkageError
-from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, merge, sketched
+from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, merge, place_by_sketch
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.mechanism.coordinates import value as value_of
@@ -146,7 +146,7 @@ def _motion_held(
         own = load_document(document, scenario, source, digest, stem)
     except LinkageError as error:  # a start may leave freedoms open that are held here: the sketch is enough
         try:
-            own = load_document(document, scenario, source, digest, stem, sketched)
+            own = load_document(document, scenario, source, digest, stem, place_by_sketch)
         except LinkageError:
             raise error from None
     chosen = document["scenarios"][own.scenario]
@@ -166,7 +166,7 @@ def _motion_held(
     mechanism = load_document(moved | {"format": SECOND}, "kinematics", source, digest)
     still: list[AngleDriver | SlideDriver] = []
     for name in start["angles"]:
-        link, _ = mechanism.placed(name)
+        link, _ = mechanism.find_body(name)
         still.append(AngleDriver(name, constant(float(angle_at(mechanism.q0, link)), 0.0), link))
     for joint in mechanism.slides:
         if joint.name in start["slides"]:
@@ -209,7 +209,7 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
 
 def _angle(mechanism: Mechanism, name: str) -> float:
     """Return the angle [rad] of a link of the file at the start."""
-    body, turn = mechanism.placed(name)
+    body, turn = mechanism.find_body(name)
     return float(angle_at(mechanism.q0, body) + turn)
 
 

@@ -21,7 +21,7 @@ from gauss_bench.exchange.export import KINDS, Kind, export_linkage
 from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.offers import ChoiceError, check_budget, countable
+from gauss_bench.runs.offers import ChoiceError, check_budget, check_size
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import write_text
 
@@ -165,7 +165,7 @@ def export(
     path = writable(out, replace, suffix=KINDS[engine].suffix, source=linkage)
     seconds = check_budget(budget, BUDGET)
     mechanism = load(linkage, scenario)
-    countable(step or STEP, mechanism.duration)
+    check_size(step or STEP, mechanism.duration)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
     model = write_file(linkage, mechanism.scenario, engine, step or STEP)
     tuning = None

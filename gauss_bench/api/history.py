@@ -13,7 +13,7 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.api.simulate import Simulation, point_levels
-from gauss_bench.engines.minimal.structure import Links, closed_from
+from gauss_bench.engines.minimal.structure import Links, close_from
 from gauss_bench.mechanism.coordinates import spread
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, Torque
@@ -105,7 +105,7 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
     given = {driver.link for driver in mechanism.drivers if isinstance(driver, AngleDriver)}
     given |= {mechanism.crank} if mechanism.crank is not None and not given else set()
     at = Links.of(q, np.zeros_like(q))
-    for dyad in closed_from(mechanism, given)[0] if given else ():
+    for dyad in close_from(mechanism, given)[0] if given else ():
         if dyad.kind != "RPR":
             names = "-".join(mechanism.link_name(k) for k in dyad.links)
             # the opening of a dyad is the sine of the transmission angle

@@ -11,7 +11,7 @@ import pandas as pd
 from gauss_bench.api.driven import driven, free_at_start
 from gauss_bench.api.simulate import States, link_states, observe_names, point_states
 from gauss_bench.api.telling import HIDDEN, Result, Told, nobody
-from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_changes, branch_of
+from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.link_units import link_type
@@ -215,8 +215,13 @@ def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
 
 def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[dict[str, Any]]:
     """Return the changes of assembly branch: the first time [s] after each, the group of links, and its side before and after."""
-    changes = branch_changes([branch_of(mechanism, inputs, q) for q in states.q])
-    return [{"t": float(states.t[x.index]), "group": x.group, "before": x.before, "after": x.after} for x in changes]
+    branches = [branch_of(mechanism, inputs, q) for q in states.q]
+    changes = []
+    for t, before, after in zip(states.t[1:].tolist(), branches, branches[1:], strict=False):
+        changes += [
+            {"t": t, "group": group, "before": x, "after": after[group]} for group, x in before.items() if x != after[group]
+        ]
+    return changes
 
 
 def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> Trajectory:

@@ -19,7 +19,7 @@ from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, build_first, run_of
-from gauss_bench.runs.offers import ChoiceError, affordable, offer
+from gauss_bench.runs.offers import ChoiceError, check_affordable, offer
 from gauss_bench.runs.one_run import Run, sampling_through
 from gauss_bench.runs.scrutiny import (
     as_truth,
@@ -172,7 +172,7 @@ def simulate(
     asked |= {"model": mechanism, "observed": observe_names(mechanism)}
     if not offered.usable:
         return Simulation(**asked, **_unjudged(mechanism, offered.status, offered.reason))
-    affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
+    check_affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
     wanted = sampling_through(choice.step, at, sample_spacing(mechanism, at[-1]))
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
     adaptive = choice.integrator in offered.adaptive

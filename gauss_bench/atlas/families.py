@@ -128,7 +128,7 @@ def stiffness(k: float) -> Document:
     document = four_bar(speed=0.0, duration=0.2)
     document["ground"]["points"]["S"] = [-0.4, 0.3]
     assembled = load_document(copy.deepcopy(document), SCENARIO)
-    way = position(assembled.q0, assembled.named_point("coupler.P")) - document["ground"]["points"]["S"]
+    way = position(assembled.q0, assembled.find_point("coupler.P")) - document["ground"]["points"]["S"]
     spring = {"type": "spring_damper", "between": ["ground.S", "coupler.P"], "k": k, "rest": SQUEEZED * float(np.hypot(*way))}
     document["scenarios"][SCENARIO]["forces"] = ["spring"]
     return document | {"forces": {"spring": spring}}

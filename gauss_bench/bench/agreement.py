@@ -108,23 +108,24 @@ def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) ->
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
 
 
-def name_fault(choice: Choice) -> str:
+def name_choice(choice: Choice) -> str:
     """Return a choice in words."""
     return ", ".join((choice.settings, choice.integrator, choice.stabilization))
 
 
 def digits(error: float) -> str:
+    """Return the number of digits that agree at a relative error, 16 at most, in words."""
     return f"{-np.log10(max(error, 1e-16)):.1f} digits"
 
 
 def same_states(subject: Subject) -> Iterator[Check]:
     """Check accelerations at given states: on every linkage under each setting, on one under every integrator and variant."""
     for choice in subject.choices():
-        title, offer = f"accelerations ({name_fault(choice)})", subject.offer
+        title, offer = f"accelerations ({name_choice(choice)})", subject.offer
         if cause := offer.unfinished.get(choice.settings):
             yield Check(title, None, f"declared unfinished: {cause}")
             continue
-        subject.tell(f"Accelerations under {name_fault(choice)}.")
+        subject.tell(f"Accelerations under {name_choice(choice)}.")
         on = [probe(*subject.moving[0])]
         if choice.integrator == offer.integrators[0] and choice.settings in offer.settings:
             on = [*(probe(*x) for x in LINKAGES), probe(*subject.moving[0], EVERYTHING)]
@@ -132,10 +133,10 @@ def same_states(subject: Subject) -> Iterator[Check]:
         for x in on:
             name = f"{x.mechanism.name} {x.mechanism.scenario}"
             answers[name if x.change == AS_IT_IS else f"{name}, {x.change}"] = ask(subject, choice, x)
-        yield _sum(title, answers, choice.settings in offer.soft)
+        yield _combine(title, answers, choice.settings in offer.soft)
 
 
-def _sum(title: str, answers: dict[str, Answer], soft: bool) -> Check:
+def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
     """Combine an engine's answers, by the name of the probe, into one check."""
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
@@ -143,17 +144,20 @@ def _sum(title: str, answers: dict[str, Answer], soft: bool) -> Check:
     faults = {name: fault for name, x in taken.items() if (fault := x.fault(soft))}
     if faults:
         worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))
-        others = f"; it shows on {len(faults)} of {len(taken)}: {_few(list(faults))}"
+        others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     off, along = max(x.off for x in taken.values()), max(x.along for x in taken.values())
     count = sum(len(x.given) for x in taken.values() if x.given is not None)
-    told = f"agree to {digits(off)}, those that constraints leave free to {digits(along)}, " if soft else f"agree to {digits(off)} "
-    told += f"at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
+    message = f"agree to {digits(off)} "
+    if soft:
+        message = f"agree to {digits(off)}, those that constraints leave free to {digits(along)}, "
+    message += f"at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
     refused = [name for name, x in answers.items() if x.refused]
-    return Check(title, True, told + (f"; refused or not asked: {_few(refused)}" if refused else ""))
+    return Check(title, True, message + (f"; refused or not asked: {_list_few(refused)}" if refused else ""))
 
 
-def _few(names: list[str]) -> str:
+def _list_few(names: list[str]) -> str:
+    """Return the first three names, and how many more there are."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
@@ -163,14 +167,14 @@ def change_numbers(subject: Subject) -> Iterator[Check]:
     for linkage, scenario in subject.moving:
         names = [x for x in changes(linkage, scenario) if x != AS_IT_IS]
         answers = {name: ask(subject, subject.usual, probe(linkage, scenario, name)) for name in names}
-        yield _sum(f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})", answers, soft)
+        yield _combine(f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})", answers, soft)
 
 
 def forces(subject: Subject) -> Iterator[Check]:
     """Check that every kind of force acts as defined: all together, and each alone where that fails."""
     document, _, _ = document_of(KINDS)
     soft = subject.usual.settings in subject.offer.soft
-    together = _sum("every kind of force acts as defined", {"kinds": ask(subject, subject.usual, probe(KINDS, "loaded"))}, soft)
+    together = _combine("every kind of force acts as defined", {"kinds": ask(subject, subject.usual, probe(KINDS, "loaded"))}, soft)
     yield together
     if together.passed:
         return
@@ -182,7 +186,7 @@ def forces(subject: Subject) -> Iterator[Check]:
         title = f"a {document['forces'][name]['type']} acts as defined ({name})"
         on = probe(KINDS, "loaded", AS_IT_IS, (name,))
         answer = ask(subject, subject.usual, on)
-        check = _sum(title, {"kinds": answer}, soft)
+        check = _combine(title, {"kinds": answer}, soft)
         if check.passed is False and answer.given is not None and unloaded.given is not None:
             check = replace(check, message=effect((answer.given - unloaded.given).ravel(), (on.a - bare.a).ravel()))
         yield check
@@ -215,9 +219,9 @@ def motions(subject: Subject) -> Iterator[Check]:
 
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
     """Compare a run under one choice, and its finer repetitions, with the motion that it should follow."""
-    subject.tell(f"A run under {name_fault(choice)}.")
+    subject.tell(f"A run under {name_choice(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
-    title = f"a run ({name_fault(choice)}; {mechanism.name} {scenario})"
+    title = f"a run ({name_choice(choice)}; {mechanism.name} {scenario})"
     unfinished = choice.settings in subject.offer.unfinished
     soft = choice.settings in subject.offer.soft and not unfinished
     question = partial(own_motion, mechanism.q0, mechanism.v0) if soft else nothing
@@ -229,16 +233,16 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
     if soft and choice.stabilization != "none":
         return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
     *samples, fine = [np.array([x.q, x.v, x.a]) for x in (run.trajectory for run in runs) if x]
-    told = ""
+    distance = ""
     for run, levels in zip(runs, samples, strict=False):
         true = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
         if true.shape != levels.shape:
             return Check(title, False, "its accelerations cannot be integrated")
         # a soft loop's own accelerations are its gap times a stiffness, not the motion's
-        told, fault = _compare(true, levels, fine, LEVELS[: 2 if soft else 3])
+        distance, fault = _compare(true, levels, fine, LEVELS[: 2 if soft else 3])
         if fault:
             return Check(title, None if unfinished else False, fault + ", declared unfinished" * unfinished)
-    return Check(title, True, told)
+    return Check(title, True, distance)
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:

@@ -1,4 +1,4 @@
-"""Cases: a suite's accuracy parts crossed out, engine by engine and variant by variant."""
+"""List the accuracy cases of a suite: each linkage with each engine, setting, integrator, stabilisation and step."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,11 +17,11 @@ Variant = tuple[str, str, str]  # settings, integrator, stabilisation
 
 @dataclass(frozen=True, order=True)
 class Case:
-    """A case of the accuracy table; its fields are the key of every row about it.
+    """A case of the accuracy table; its fields are the key of its rows.
 
     Attributes:
         linkage: name of a built-in linkage, or a path.
-        scenario: of that file; "" for its first with a start.
+        scenario: of that file; "" for the first one that has a start.
         engine, settings, integrator, stabilization: names as the engine offers them.
         step: [s]; where an integrator chooses its own steps, only the spacing of the samples.
         t_end: [s].
@@ -44,16 +44,20 @@ class Case:
 def variants(
     engine: Offer, integrators: int | Sequence[str] | None = None, plain: bool = False, asked: str | None = None
 ) -> list[Variant]:
-    """Return the (settings, integrator, stabilization) that an engine is shown with: defaults, best, and what users would try.
+    """Return the (settings, integrator, stabilization) under which an engine is run.
 
-    Every setting (or that of a user who asked for one) with every integrator (or the first few, or those that are named) without
-    stabilisation, and every stabilisation at the defaults; or, of an engine that is shown plainly, its defaults alone.
+    These are every setting with every integrator, without stabilisation, and every stabilisation with the defaults.
+
+    Args:
+        integrators: only the first so many integrators, or only those of these names.
+        plain: only the defaults of the engine.
+        asked: only this setting.
 
     Raises:
-        ChoiceError: settings that the engine does not know.
+        ChoiceError: the engine has no such settings.
     """
     if not engine.usable:
-        return [("default", "", "none")]  # one row, which says why
+        return [("default", "", "none")]  # one case, whose row has the reason
     if asked is not None:
         engine.require_settings(asked)
     if integrators is None or isinstance(integrators, int):
@@ -77,7 +81,7 @@ def cross(
     plain: Sequence[str] = PLAIN,
     asked: str | None = None,
 ) -> Iterator[Case]:
-    """Combine all engines, at their variants or at the settings `asked`, with all linkages (name or path -> scenario)."""
+    """Yield the cases of all linkages (name or path -> scenario) with all engines, at their variants or at the setting `asked`."""
     for linkage, scenario in linkages.items():
         for name in engines:
             engine = offer(name)
@@ -88,22 +92,22 @@ def cross(
 
 
 def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
-    """Return the cases with the end and the steps that a user asks for.
+    """Return the cases with the end and the steps [s] that a user asks for.
 
-    A linkage and scenario that no suite lists runs as long as its scenario says.
+    Without an end, a linkage and scenario that no suite lists runs for the duration of its scenario.
 
     Raises:
-        ChoiceError: an end or a step that cannot be used.
+        ChoiceError: the end or a step cannot be used.
     """
-    told: dict[Case, None] = {}
+    adapted: dict[Case, None] = {}
     scenario_duration = cache(lambda linkage, scenario: load(linkage, scenario or None).duration)
     for case in chosen:
         suite = case.t_end if (case.linkage, case.scenario) in LISTED else None
         end = duration(scenario_duration(case.linkage, case.scenario), suite, until)
         wanted = usable_steps(steps or (case.step,), end)
         used = wanted[-1:] if case.integrator in offer(case.engine).adaptive else wanted
-        told |= {replace(case, step=step, t_end=end): None for step in used}
-    return list(told)
+        adapted |= {replace(case, step=step, t_end=end): None for step in used}
+    return list(adapted)
 
 
 def cases(suite: Suite) -> list[Case]:
@@ -116,7 +120,7 @@ def cases(suite: Suite) -> list[Case]:
 
 
 def is_left_out(case: Case, rule: LeftOut) -> bool:
-    """Tell whether a rule takes a case out: every field that it fills has to match."""
+    """Tell whether a rule leaves a case out: every field that the rule fills must match."""
     pairs = (
         (rule.linkages, case.linkage),
         (rule.engines, case.engine),

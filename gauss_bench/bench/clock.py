@@ -1,19 +1,19 @@
-"""The clock: everything that is compared races in one process, in blocks, in a new random order every round.
+"""Measure times in races: blocks of work run interleaved in one process, in a new random order every round.
 
-A machine's speed wanders, but it wanders for neighbours alike: the ratio of lower quartiles of interleaved blocks varies by a few
-per cent where single timings vary by half. What counts is the processor's time: waiting for a processor that others use too would
-lengthen long blocks, which always meet it, and spare short ones. Blocks last at least two milliseconds, the garbage collector
-rests, and every block is kept. Work that takes less, such as a second of compiled steps, is repeated within its block, so that the
-first repetition, which finds the processor's caches full of others' code, does not count for all.
+The speed of a machine varies with time, but blocks that run one after the other are affected alike: the ratio of lower quartiles of
+interleaved blocks varies by a few per cent where single timings vary by half. Times are processor times, because waits for a shared
+processor would affect long blocks more often than short ones. A block lasts at least two milliseconds, and shorter work is repeated
+within it: its first repetition is slow, because the processor's caches hold the code of other blocks. The garbage collector is off
+during a race. No block is discarded.
 
-A race is run in several processes, each of which loads code and data anew: where they happen to lie moves a time by some per cent
-and stays as it is for the life of a process, so that rounds of one process scatter less than a second race differs from the first.
-A time is the median over the processes of the lower quartiles of their rounds; a ratio is that of two times, over the processes
-that ran both. The spread of either is where a second race of as many processes falls in 99 of 100 cases, where processes of both
-scatter alike, and holds what each of its own processes tells (`foreseen`). Where there is one process alone, the spread of a time
-is from the 5 % to the 95 % point of its rounds, that of a ratio is over resampled rounds, and neither says anything of a second
-race. What could not be built or run leaves its reason. Sources: the practice of paired benchmarking as in Kalibera and Jones,
-Rigorous benchmarking in reasonable time (2013).
+A race is repeated in several processes, because the addresses of code and data change a time by some per cent and stay the same in
+one process: rounds of one process scatter less than two races differ. A time is the median over the processes of the lower
+quartiles of their rounds; a ratio is the ratio of two such times, over the processes that ran both. The spread of a time or ratio
+covers the value of each process, and the result of a second race of as many processes with a probability of 99 % (`foreseen`).
+With a single process, the spread of a time is the range from the 5 % to the 95 % quantile of its rounds, that of a ratio the same
+range over resampled rounds; neither predicts a second race. An entry that cannot be built or run has a reason instead of times.
+
+Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
 
 import gc
@@ -33,9 +33,9 @@ from gauss_bench.runs.one_run import measure_seconds as measure_seconds
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-BLOCK = 2e-3  # [s] shortest block, twice the millisecond that the clock and the scheduler need to look fine
-MOTION = 1.0  # [s] longest run in a block: beyond it drift would change what is timed
-SLOW, SLOW_ROUNDS = 0.1, 4  # [s] blocks beyond it run in the first rounds only: all of them would take minutes
+BLOCK = 2e-3  # [s] shortest block, long compared with the resolution of the clock and of the scheduler, 1 ms
+MOTION = 1.0  # [s] longest run in a block: drift would change the work of a longer one
+SLOW, SLOW_ROUNDS = 0.1, 4  # [s] slower blocks run in the first rounds only: all rounds would take minutes
 CERTAIN = 0.99  # chance that a second race falls within a spread
 RESAMPLES = 200  # of the rounds, for the spread of a ratio
 
@@ -44,7 +44,7 @@ K = TypeVar("K", bound=Hashable)
 
 
 class Key(NamedTuple):
-    """The key of a timed quantity: what is timed, engine and setting."""
+    """The key of a timed quantity: its name, the engine and its setting."""
 
     quantity: str
     engine: str
@@ -55,21 +55,25 @@ class Key(NamedTuple):
 
 @dataclass
 class Block:
-    """A piece of work to be timed, one for each entry of a race.
+    """The work of one entry of a race.
 
-    `ready()` is not timed, `go()` is, both `again` times; `count` repetitions, or a share of one, are in one `go()`. `facts()` is
-    asked after the race for what else a row says of the entry.
+    Attributes:
+        ready: prepares the work; not timed.
+        go: does the work; timed.
+        count: how many repetitions, or which part of one, a call of `go` does.
+        again: how often `ready` and `go` are called in one block.
+        facts: returns further columns of the entry, after the race.
     """
 
     entry: Hashable
-    ready: Callable[[], None]
+    ready: Callable[[], object]
     go: Callable[[], object]
     count: float
     again: int = 1
     facts: Callable[[], Row] = dict
 
     def seconds(self) -> float:
-        """Of one repetition, over the whole block."""
+        """Return the time of one repetition [s], averaged over the block."""
         whole = 0.0
         for _ in range(self.again):
             self.ready()
@@ -90,7 +94,9 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
 
 
 def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
-    """Steps of a model, called from Python or in its own loop: for BLOCK seconds, over MOTION at most, again where that is less.
+    """Return a block of steps of a model, called from Python or in its own loop.
+
+    The block lasts BLOCK seconds. Its motion covers MOTION seconds at most; a shorter block repeats that motion.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -131,7 +137,7 @@ def interleave(
 
 
 class Missing(LookupError):
-    """A quantity that was not measured, with a status and a sentence."""
+    """Raised for a quantity that was not measured; holds a status and the reason in a sentence."""
 
     def __init__(self, status: Status, message: str):
         self.status = status
@@ -140,9 +146,13 @@ class Missing(LookupError):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The result of a race: seconds per repetition (processes, rounds) and facts of each entry, or why it has no times.
+    """The result of a race.
 
-    NaN stands for rounds that an entry sat out, and for all those of a process in which it did not run.
+    Attributes:
+        samples: entry -> seconds per repetition (processes, rounds); NaN in rounds that the entry skipped, and in all rounds of a
+            process in which it did not run.
+        failed: entry -> why it has no times.
+        facts: entry -> further columns.
     """
 
     samples: Mapping[Hashable, Array]
@@ -150,10 +160,10 @@ class Measured:
     facts: Mapping[Hashable, Row] = field(default_factory=dict)
 
     def of(self, key: Hashable) -> Array:
-        """The samples of an entry.
+        """Return the samples (processes, rounds) of an entry.
 
         Raises:
-            Missing: there are none.
+            Missing: it was not measured.
         """
         if key in self.samples:
             return self.samples[key]
@@ -161,15 +171,15 @@ class Measured:
         raise self.failed.get(key) or Missing(Status.SKIP, f"{' '.join(map(str, words))} was not measured")
 
     def time(self, key: Hashable) -> float:
-        """The time [s] of an entry.
+        """Return the time [s] of an entry.
 
         Raises:
-            Missing: there is none.
+            Missing: it was not measured.
         """
         return time_of(self.of(key))
 
-    def compared(self, own: Hashable, rival: Hashable) -> Row:
-        """`compared` of two entries.
+    def compare(self, own: Hashable, rival: Hashable) -> Row:
+        """Return the times of two entries and their ratio, as `compare` does for samples.
 
         Raises:
             Missing: one of them was not measured.
@@ -178,9 +188,9 @@ class Measured:
 
 
 class Race:
-    """Entries to be timed against each other; one that cannot be built drops out with its reason.
+    """Entries that are timed against each other; one that cannot be built is left out with the reason.
 
-    Before anything is done for an entry, `watch` is told, so that others know whose fault a crash is.
+    `watch` is called with an entry before its code runs, so that a crash can be attributed to it.
     """
 
     def __init__(self, watch: Callable[[Hashable], object] = id) -> None:
@@ -216,7 +226,7 @@ def key_of(row: Row) -> Key:
 def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
     """Collect the rows of races by entry: seconds of each round in each process, facts, or a status with its reason.
 
-    With `strict` an entry that failed in one process has failed, whatever it took in others.
+    With `strict`, an entry that failed in one process counts as failed, even if others have times.
     """
     samples: dict[Hashable, dict[int, list[float]]] = {}
     failed: dict[Hashable, Missing] = {}
@@ -241,7 +251,7 @@ def pad(processes: Sequence[Array]) -> Array:
 
 
 def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
-    """Samples (processes, rounds) of every entry, from those of each process, by its number, in which it ran."""
+    """Return the samples (processes, rounds) of every entry, given the seconds of its rounds by number of the process."""
     numbers = sorted({number for x in samples.values() for number in x})
     return {key: pad([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
 
@@ -272,7 +282,7 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 
 
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
-    """Return the ratio of two times over the rounds that both have, and its spread; NaN without common rounds."""
+    """Return the ratio of two times over the rounds that both have, with the lower and upper end of its spread; NaN without any."""
     one, other = common(samples, baseline)
     if not len(one):
         return math.nan, math.nan, math.nan
@@ -281,7 +291,7 @@ def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
 
 
 def ends(values: Array, several: bool) -> tuple[float, float]:
-    """Return the spread of the values of several processes; of one process, the range of the middle 90 % of its rounds."""
+    """Return the ends of the spread of values: of several processes, or of the rounds of one, as the middle 90 %."""
     if several:
         return foreseen(values)
     low, high = np.quantile(values, (0.05, 0.95)).tolist()
@@ -289,10 +299,10 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 
 
 def foreseen(values: Array) -> tuple[float, float]:
-    """Return bounds that hold the median of a second race with probability CERTAIN, and all `values` (processes,), two or more.
+    """Return an interval that covers all `values` (processes,) and, with probability CERTAIN, the median of a second race.
 
-    Logarithms scatter about their median by s, two medians of n of them differ by s (pi / n)^(1/2), and n values tell s as well as
-    Student's t has it.
+    With a standard deviation s of the logarithms, two medians of n values each differ with a standard deviation of
+    s (pi / n)^(1/2). As s is estimated from n values, n >= 2, the quantile is that of Student's t with n - 1 degrees of freedom.
     """
     logarithms = np.log(values)
     scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))
@@ -302,7 +312,7 @@ def foreseen(values: Array) -> tuple[float, float]:
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Return both samples (processes, rounds) of the processes that ran both; NaN stands for rounds that a slow block sat out."""
+    """Return both samples (processes, rounds), restricted to processes that ran both; NaN where either has no value."""
     pair = [np.atleast_2d(x) for x in (one, other)]
     rounds = min(x.shape[1] for x in pair)
     first, second = (x[:, :rounds] for x in pair)
@@ -312,7 +322,7 @@ def common(one: Array, other: Array) -> tuple[Array, Array]:
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """Return a time and its spread; `samples` (processes, rounds), or (rounds,) of one process."""
+    """Return the columns of a time and its spread; `samples` (processes, rounds), or (rounds,) of one process."""
     found = quartiles(samples)
     found = found[np.isfinite(found)]
     rounds = samples[np.isfinite(samples)]
@@ -323,7 +333,7 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 def compare(own: Array, rival: Array) -> Row:
     """Return both times, each over all its rounds, and the ratio of the rival's to the own over the rounds that both have.
 
-    A time has one value, whoever it is compared with; where one has fewer rounds, the ratio is not the quotient of the two.
+    A time is the same in every comparison. Where one entry has fewer rounds, the ratio is therefore not the quotient of the times.
     """
     row: Row = spread("seconds", own) | {"rival_seconds": time_of(rival)}
     return row | dict(zip(("ratio", "ratio_low", "ratio_high"), ratio(rival, own), strict=True))

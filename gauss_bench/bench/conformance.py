@@ -1,9 +1,9 @@
-"""The contract of engines, checked from outside: by runs in a worker, whose answers nobody believes.
+"""Check that an engine keeps the contract, by runs in a worker whose answers are verified.
 
     conformance("my_engine")          an installed plug-in, or one of the built-in engines
     conformance("my_package.adapter:Engine")     a class that is not installed as a plug-in yet
 
-The manners of an adapter (times, start, repetition, counts) are looked at here; what is measured stands in `agreement`.
+This file checks the form of runs: times, start, repetition, counts. `agreement` checks accelerations and motions.
 """
 
 from collections.abc import Callable, Iterator
@@ -87,22 +87,22 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
 
     def look(m: Mechanism, x: Trajectory) -> str:
         for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
-            slope, told = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]
-            apart = np.median(np.abs(slope - told).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
+            slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]
+            apart = np.median(np.abs(slope - reported).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
             if apart > DERIVED:
                 return f"{words} and differences are {apart:.1%} apart: units, order of links, a reference point, or another time"
-            if abs(late := lateness(slope, told)) > LATE:
+            if abs(late := lateness(slope, reported)) > LATE:
                 return f"{words} are {abs(late):.2g} steps {'late' if late > 0 else 'early'}"
         return ""
 
     yield from _judge(subject, "velocities and accelerations are derivatives", look)
 
 
-def lateness(slope: Array, told: Array) -> float:
-    """By how many samples rates (k, n) come after those that differences show (k, n), in the mean of least squares."""
+def lateness(slope: Array, reported: Array) -> float:
+    """Return by how many samples the reported rates (k, n) lag behind the difference quotients `slope` (k, n), by least squares."""
     change = (slope[2:] - slope[:-2]) / 2
     scale = float((change * change).sum())
-    return float(((slope - told)[1:-1] * change).sum()) / scale if scale else 0.0
+    return float(((slope - reported)[1:-1] * change).sum()) / scale if scale else 0.0
 
 
 def _same_again(subject: Subject) -> Iterator[Check]:
@@ -111,12 +111,12 @@ def _same_again(subject: Subject) -> Iterator[Check]:
         runs = [subject.whole[linkage], *(subject.run(linkage, scenario, EVERY_STEP, ask) for ask in (nothing, run_before))]
         first, second, third = (run.trajectory for run in runs)
         if first is None or second is None or third is None:
-            told = next(run.message for run in runs if run.trajectory is None)
-            yield Check("a run repeats bit by bit", None if runs[0].status is Status.SKIP else False, told)
+            fault = next(run.message for run in runs if run.trajectory is None)
+            yield Check("a run repeats bit by bit", None if runs[0].status is Status.SKIP else False, fault)
             continue
         yield Check("a run repeats bit by bit", _equal(first, second), "" if _equal(first, second) else "two runs differ")
-        told = "" if _equal(first, third) else "a model that has run before gives another motion: prepare must reset everything"
-        yield Check("a model can run again", not told, told)
+        fault = "" if _equal(first, third) else "a model that has run before gives another motion: prepare must reset everything"
+        yield Check("a model can run again", not fault, fault)
 
 
 def _is_undisturbed(subject: Subject) -> Iterator[Check]:
@@ -127,10 +127,10 @@ def _is_undisturbed(subject: Subject) -> Iterator[Check]:
     if plain.trajectory is None or asked.trajectory is None:
         yield Check("asking for an acceleration changes nothing", None if plain.status is Status.SKIP else False, asked.message)
         return
-    told = "" if asked.answer is not None and np.isfinite(np.asarray(asked.answer, dtype=float)).all() else "it is not finite"
-    yield Check("an acceleration is a finite number for each coordinate", not told, told)
-    told = "" if _equal(plain.trajectory, asked.trajectory) else "a run goes another way after a question at its start"
-    yield Check("asking for an acceleration changes nothing", not told, told)
+    fault = "" if asked.answer is not None and np.isfinite(np.asarray(asked.answer, dtype=float)).all() else "it is not finite"
+    yield Check("an acceleration is a finite number for each coordinate", not fault, fault)
+    fault = "" if _equal(plain.trajectory, asked.trajectory) else "a run goes another way after a question at its start"
+    yield Check("asking for an acceleration changes nothing", not fault, fault)
 
 
 def _steps(subject: Subject) -> Iterator[Check]:

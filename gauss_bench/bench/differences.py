@@ -1,4 +1,4 @@
-"""Differences between two runs: accuracy by the gate's own limits, ratios of times by their spreads."""
+"""Compare two runs: accuracy by the limits of the gate, ratios of times by their spreads."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -13,11 +13,11 @@ from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
 
 @dataclass(frozen=True)
 class Differences:
-    """Accuracy figures of the cases that two runs share.
+    """The differences of accuracy between two runs.
 
     Attributes:
         compared: how many figures both runs have.
-        beyond: those that lie apart by more than the gate allows, and cases that ended otherwise.
+        beyond: figures that differ by more than the gate allows, and cases with different statuses.
         only_here, only_there: how many cases one run has and the other has not.
     """
 
@@ -30,7 +30,7 @@ class Differences:
 def differences(here: Path, there: Path) -> Differences:
     """Compare the figures in the folder `here` with those in the folder `there`.
 
-    A figure that is better by as much as the gate calls worse lies apart too: between two runs neither is the measure.
+    A figure that is better by the factor of the gate counts as a difference too, because neither run is a baseline.
 
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or of a later format than is known here.
@@ -69,12 +69,14 @@ class Clocked:
 
     @property
     def row(self) -> tuple[str, str, str]:
-        """As a table shows it."""
+        """The cells of its row in a table."""
         return self.what, self.here, self.there
 
 
 def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
-    """Count the ratios, targets and claims that both runs have, and list those that lie apart: ratios whose spreads do not overlap.
+    """Count the ratios, targets and claims that both runs have, and return those that differ.
+
+    Ratios differ if their spreads do not overlap.
 
     Raises:
         TableError: a table is damaged, or of a later format than is known here.
@@ -95,7 +97,7 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
 
 
 def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Clocked | None]:
-    """The difference of a column that both rows tell, or None where they do not lie apart; nothing where one does not tell it."""
+    """Yield the difference of a column that both rows have, None if they agree; nothing if a row lacks it."""
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
         if row[column] not in (None, "") and other[column] not in (None, ""):
@@ -109,10 +111,12 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
 
 
 def _word(value: bool | str) -> str:
+    """Return a text as it is, and a boolean as yes or no."""
     return value if isinstance(value, str) else "yes" if value else "no"
 
 
 def _range(x: float, low: float, high: float) -> str:
+    """Return a ratio with its spread in words."""
     return f"{x:.3g} ({low:.3g}..{high:.3g})"
 
 
@@ -121,7 +125,7 @@ def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:
 
 
 def accuracy_rows(folder: Path) -> tuple[dict[str, Any], ...]:
-    """The accuracy cases of a run.
+    """Return the rows of the accuracy cases of a run.
 
     Raises:
         TableError: there are none, or they cannot be read.

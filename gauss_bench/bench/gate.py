@@ -1,8 +1,8 @@
-"""The accuracy gate: the gate suite against a committed baseline. It never reads a time.
+"""The accuracy gate: compare the figures of the gate suite with a committed baseline. Times are not compared.
 
-A figure fails when it is worse than its limit, and is reported when it is better by as much. One that is better by far fails too,
-because a metric that has begun to flatter looks like that; a real improvement is accepted like any other change. Limits are
-computed from the baseline by the rules below; a new baseline is accepted only with a dated reason.
+A figure fails if it is worse than its limit, and is reported as better if it improved by the same factor. A much better figure
+fails too, because a faulty metric may cause it; a real improvement is accepted like any other change. Limits follow from the
+baseline by the rules below. A new baseline is accepted only with a reason, which is stored with the date.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,8 +21,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import offer
 from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, csv_text, read_file, row_of, write_text
 
-FIGURE = [*KEY, "metric"]  # what tells figures apart
-Key = tuple[Any, ...]  # their values
+FIGURE = [*KEY, "metric"]  # columns that identify a figure
+Key = tuple[Any, ...]  # values of the columns FIGURE
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,15 @@ RULES = {
     "velocity_drift": Rule(2.0, 1e-10),
     "energy_error": Rule(2.0, 1e-8),  # [J] the quadrature of the work through samples a millisecond apart
 }
-SCATTERING = {"idas": 10.0, "idas_ggl": 10.0}  # times: a start that is moved by 1e-15 moves figures of IDAS by as much
-FLATTERING = 10.0  # better than the baseline by this factor, where that stands as far above its floor: not by chance
-ORDER_FLATTERING = 1.0  # an integrator has no order to gain
+SCATTERING = {"idas": 10.0, "idas_ggl": 10.0}  # a start moved by 1e-15 changes figures of IDAS by this factor
+FLATTERING = 10.0  # a figure better than the baseline by this factor fails, if the baseline is as far above its floor
+ORDER_FLATTERING = 1.0  # an order that is higher by more fails: integrators do not gain an order
 ORDER_MARGIN = 0.2  # observed orders scatter by 0.1 between neighbouring steps
-TRUTH_MARGIN = 1e-9  # a reference that moves by more than its bar (1e-11) is another truth; libraries may move it below that
+TRUTH_MARGIN = 1e-9  # references have an error bar of 1e-11; a larger change is a fault
 TRUTHS = ("measured_t05", "measured_t1")
-LOST = 1.0  # [m, rad] figures of a run that is so far off differ between machines
+LOST = 1.0  # [m, rad] with such an error the figures of a run differ between machines
 ENDED = ("ok", "invalid")
-BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # the process failed, or did something else
+BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # statuses of a failed process or an unfinished run
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class Verdict:
 def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
     """Return the gated figures in long form: one row per case and metric.
 
-    Runs that have lost their way keep only their status, whether they are valid and their acceleration error: what else they say
-    differs between machines, but they must stay what they are.
+    A run with large errors has only its status, its validity and its acceleration error, because its other figures differ between
+    machines.
     """
     figures: list[dict[str, Any]] = []
     for row in rows.to_dict("records"):
@@ -95,21 +95,27 @@ def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_order(figures: list[dict[Any, Any]], columns: list[str]) -> pd.DataFrame:
+    """Return figures as a data frame, sorted by the columns FIGURE."""
     frame = pd.DataFrame(figures, columns=columns).astype({"step": float, "t_end": float})
     return frame.sort_values(FIGURE, kind="stable", ignore_index=True)
 
 
 def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
+    """Return figures by the values of the columns FIGURE."""
     return {tuple(r[k] for k in FIGURE): r for r in figures.to_dict("records")}
 
 
 def _repeatable(row: Mapping[Any, Any]) -> bool:
+    """Tell whether the errors of a run are so small that its figures are the same on every machine."""
     lost = (("acceleration_error_median", OFF_ACCELERATION), ("position_drift", OFF_DRIFT), ("position_error", LOST))
     return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in lost)
 
 
 def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
-    """A verdict for every figure; one that is missing on either side fails. A case that ends otherwise has that one verdict."""
+    """Return a verdict for every figure; one that is missing on either side fails.
+
+    A case whose status differs has the verdict on its status alone.
+    """
     here, there = by_key(figures), by_key(baseline)
     verdicts = []
     for key in sorted(here.keys() | there.keys(), key=str):
@@ -129,7 +135,7 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> tuple[str, st
     """Judge a figure against its baseline; return the outcome, and value, limit and baseline in words."""
     metric, missing = key[-1], "none"
     if base is None or value is None:
-        # an order exists only while the errors stand above their floor: its loss is told, not judged
+        # an order exists only while errors are above their floor: its loss is reported, and does not fail
         outcome = "better" if metric == "observed_order" else "fail"
         return outcome, value or missing, "present on both sides", base or missing
     if metric in ("status", "valid"):
@@ -154,7 +160,7 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> tuple[str, st
 
 
 def read_baseline(path: Path) -> pd.DataFrame:
-    """The committed figures, as `accept` wrote them, under the names of today.
+    """Return the committed figures that `accept` wrote, under the present names.
 
     Raises:
         TableError: the file is damaged, or of a later format than is known here.
@@ -163,11 +169,13 @@ def read_baseline(path: Path) -> pd.DataFrame:
 
 
 def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
-    """Write a new baseline; every figure that changed beyond its limits carries today's date and the reason.
+    """Write a new baseline, in which every figure that changed beyond its limits has today's date and the reason.
 
-    Returns how many figures changed, and a sentence for every case that was not accepted because it failed: one whose process,
-    not its mathematics, failed, and one that the baseline does not know to fail so. Only a first baseline takes failures for what
-    they are. Those keep what the baseline says, as do mechanisms and engines that were not measured.
+    A failed case is not accepted and keeps the figures of the old baseline, unless the old baseline has the same failure or there
+    is none. A case whose process failed is never accepted. Mechanisms and engines that were not measured keep their figures too.
+
+    Returns:
+        How many figures changed, and a sentence for every case that was not accepted.
     """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
     before, found = by_key(read_baseline(path)) if path.exists() else {}, by_key(figures)
@@ -193,7 +201,7 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
 
 
 def is_known(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
-    """The cases that a baseline has figures of, and those that stand for an engine of it which cannot be used here."""
+    """Return the cases of which a baseline has figures, and those of its engines that cannot be used here."""
     there = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
     pairs = {(row[0], row[2]) for row in there}
 
@@ -212,11 +220,12 @@ def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) ->
 
 
 def failures(verdicts: list[Verdict]) -> Iterator[Verdict]:
+    """Yield the verdicts that fail."""
     return (v for v in verdicts if v.outcome == "fail")
 
 
 def scale_inertia(factor: float, mechanism: Mechanism) -> Mechanism:
-    """A planted fault: the inertia of the crank, or of every link where there is none, times a factor."""
+    """Plant a fault: multiply the inertia of the crank, or of every link without a crank, by a factor."""
     heavy = [mechanism.crank in (None, k) for k in range(len(mechanism.links))]
     links = [replace(x, inertia=x.inertia * factor) if y else x for x, y in zip(mechanism.links, heavy, strict=True)]
     return replace(mechanism, links=tuple(links))

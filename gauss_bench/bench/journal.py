@@ -1,8 +1,8 @@
-"""Finished tasks, one line each, appended and synced: a killed run loses nothing and repeats nothing.
+"""The journal of finished tasks, by which a run that was killed is resumed.
 
-A line ends with the checksum of what stands before it, and counts only if it is whole, is as it was written, and was made by the
-same code, linkage and libraries. A torn last line is cut off before the next one is written. A damaged line before it stays where
-it is, is told on stderr, and its task is run again.
+Each finished task is one line of a file, appended and synced to disk. A line ends with the checksum of its content; it is used
+only if the checksum agrees and the code, linkage and libraries are still the same. An incomplete last line is cut off before the
+next one is written. A damaged line stays in the file; a warning on stderr reports it, and its task is run again.
 """
 
 import fcntl
@@ -25,26 +25,24 @@ class Busy(BadInput, RuntimeError):
 
 
 def fingerprint() -> str:
-    """Digest of the package's sources and data, and of the versions of what computes."""
+    """Return a digest of the package's sources and data, and of the versions of its engines and libraries."""
     versions = json.dumps(package_versions(), sort_keys=True)
-    sources = source_digest(
-        "", without=("report", "docs", "cli.py", "verbs", "_mechanisms")
-    )  # linkages are known by digests of their own
+    sources = source_digest("", without=("report", "docs", "cli.py", "verbs", "_mechanisms"))  # linkages have digests of their own
     return hashlib.sha256(f"{versions} {sources}".encode()).hexdigest()[:16]
 
 
-SUM = b', "sum": "'  # before the checksum of a line
+SUM = b', "sum": "'  # stands before the checksum of a line
 DIGITS = 16
 
 
 def line_of(entry: dict[str, Any]) -> bytes:
-    """An entry as a line of the journal."""
+    """Return an entry as a line of the journal."""
     content = json.dumps(entry).encode()
     return content[:-1] + SUM + _sum(content) + b'"}\n'
 
 
 def entry_of(line: bytes) -> dict[str, Any] | None:
-    """Read a line's entry; None where the line is not as it was written."""
+    """Return the entry of a line, or None where the checksum does not agree."""
     at = len(line) - len(SUM) - DIGITS - len(b'"}\n')
     content = line[: max(0, at)] + b"}"
     if at < 0 or line != content[:-1] + SUM + _sum(content) + b'"}\n':
@@ -58,11 +56,11 @@ def _sum(content: bytes) -> bytes:
 
 
 class Journal:
-    """The lines of one file, locked while open.
+    """The finished tasks in one file, which is locked while the journal is open.
 
     Raises:
         Busy: another run writes to it.
-        OSError: the folder cannot be written, or the disk is full; what was finished before stays.
+        OSError: the folder cannot be written, or the disk is full; earlier lines stay.
     """
 
     def __init__(self, path: Path):
@@ -94,13 +92,13 @@ class Journal:
             said = f"{self.path}: {damaged} of {len(lines)} lines are not as they were written; what they told is run again"
             print(harmless(f"warning: {said}"), file=sys.stderr)
 
-    def finished(self, key: str, stamp: str) -> dict[str, Any] | None:
-        """The rows of a task, by table, if they were made under the same stamp."""
+    def find(self, key: str, stamp: str) -> dict[str, Any] | None:
+        """Return the rows of a task, by table, if the journal holds them under the same stamp; else None."""
         entry = self.entries.get(key)
         return entry["tables"] if entry and entry["stamp"] == stamp else None
 
     def add(self, key: str, stamp: str, tables: dict[str, Any]) -> None:
-        """Append one finished task and wait until it is on disk."""
+        """Append a finished task, and return when it is on disk."""
         entry = {"key": key, "stamp": stamp, "tables": tables}
         line, end = memoryview(line_of(entry)), self.file.seek(0, os.SEEK_END)
         try:

@@ -1,4 +1,4 @@
-"""Measure one case into one row: foreign engines run in a process of their own, and every run is judged here."""
+"""Run one case and compute its row; foreign engines run in a process of their own, and every run is judged in this one."""
 
 import json
 from contextlib import suppress
@@ -29,7 +29,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
 SERIES = 100  # points per curve in the report
-NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # what a linkage without a reference raises
+NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # raised for a linkage without a reference
 
 
 @lru_cache(maxsize=8)
@@ -63,12 +63,13 @@ def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference
 def measure(
     case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False
 ) -> dict[str, Any]:
-    """The row of a case and the curves of its report, {"row": ..., "series": [...], "poses": [...]}; judged in this process.
+    """Run a case and return {"row": ..., "series": [...], "poses": [...]}: its row, and curves and poses for the report.
 
-    Poses are worked out where they are asked for (`posed`), there is a truth and the run has ended.
-
-    `alter` is applied to the mechanism the engine is given, never to the one it is judged by: a planted fault. An engine that has a
-    process of its own is stopped after `limit` seconds.
+    Args:
+        store: the folder of the references.
+        alter: plants a fault in the mechanism that the engine is given; the run is judged by the unaltered one.
+        limit: [s] after which an engine in a process of its own is stopped.
+        posed: whether poses are computed; they need a reference and a run that ended.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
@@ -117,7 +118,7 @@ def measure(
 
 
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
-    """Return a finer repetition of a run, or why it is not tried: it may take half of what is left of `limit` [s]."""
+    """Return a finer repetition of a run, or the reason why there is none; it may take half the rest of `limit` [s]."""
     assert run.trajectory is not None
     spent = run.seconds + run.build_time
     longest = min(LONGEST, (limit - spent) / 2)
@@ -133,7 +134,7 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
 
 
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
-    """Return median and largest relative error at the same states; NaN where the given array is no acceleration of them."""
+    """Return median and largest relative error of accelerations at `states`; NaN if `given` is not an array of their shape."""
     error = np.full(1, np.nan)
     with suppress(TypeError, ValueError):
         a = np.asarray(given, dtype=float)
@@ -143,7 +144,7 @@ def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
 
 
 def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> dict[str, Any]:
-    """The columns that need the whole trajectory."""
+    """Return the columns of drift, energy and errors, which are maxima over the trajectory."""
     drift, errors = evidence.drift, evidence.errors
     row: dict[str, Any] = {
         "position_drift": float(drift.position.max()),
@@ -176,7 +177,7 @@ def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
 
 
 def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]:
-    """Return error, drift and energy over time, thinned to what a figure can show; empty without a reference."""
+    """Return error, drift and energy over time, about SERIES points of a run; empty without a reference."""
     drift, errors = evidence.drift, evidence.errors
     if errors is None:
         return []

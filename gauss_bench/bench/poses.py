@@ -4,11 +4,11 @@ A run's pose at a time is written as the sum
 
     q = truth + ahead + gap,    truth + ahead: the nearest pose to q whose loops are closed,
 
-so that `ahead` is a motion of the linkage, early, late or elsewhere, and `gap` is how far links stand off where loops would be
-closed. Whoever magnifies a difference follows the linkage with the one and pulls links apart by the other alone: magnified without
-being told apart, a run that is merely late would be drawn with open loops, since links turn along arcs.
+so that `ahead` is a motion of the linkage and `gap` the distance of links from their places in closed loops. A player that
+magnifies the deviation moves the linkage by `ahead` and separates links by `gap`. If it magnified the sum, a run that is only late
+would be drawn with open loops, because links move along arcs.
 
-Each part keeps digits of its own: a gap of 1e-12 m is not lost beside a run that is late by a centimetre.
+The two are stored as separate numbers, so that a gap of 1e-12 m is not lost beside a delay of a centimetre.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,13 +29,13 @@ from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
-STEP = 1e-3  # [s] of the runs that are played, or what is nearest to it
-FRAMES = 50  # of a run
+STEP = 1e-3  # [s] the case whose step is nearest is played
+FRAMES = 50  # poses that are kept of a run
 AXES = ("x", "y", "angle")
 
 
 def play(cases: Sequence[Case]) -> frozenset[Case]:
-    """Of each linkage, engine and setting the case at the step nearest to STEP; no negative controls."""
+    """Return, for each linkage, engine and setting, the case with the step nearest to STEP; negative controls are left out."""
     nearest: dict[Case, Case] = {}  # by the case at any step
     for case in sorted(cases, key=lambda x: abs(np.log(x.step / STEP))):
         if case.engine not in CONTROLS:
@@ -49,7 +49,7 @@ def frames(truth: Reference) -> Array:
 
 
 def wrap(q: Array) -> Array:
-    """States or differences (..., n) with angles between -pi and pi."""
+    """Return states or differences (..., n) with their angles reduced to [-pi, pi)."""
     q = q.copy()
     angles(q)[...] = (angles(q) + np.pi) % (2 * np.pi) - np.pi
     return q
@@ -78,7 +78,7 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
 
 
 def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
-    """One row a link: name of a part -> its coordinates (n,)."""
+    """Return one row for each link; `parts` maps the suffix of the columns to coordinates (n,)."""
     rows: Rows = [{"link": link.name, "t": t} for link in mechanism.links]
     for part, x in parts.items():
         for row, pose in zip(rows, bodies(x).tolist(), strict=True):
@@ -87,14 +87,15 @@ def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
 
 
 def keep(results: Rows, poses: Rows) -> Rows:
-    """Of each linkage and engine the poses of its default and of its most exact valid case, among the cases that have poses.
+    """Return, for each linkage and engine, the poses of its default case and of its most accurate valid case.
 
     Args:
-        results: rows of the cases; poses: those of their poses.
+        results: rows of the cases.
+        poses: rows of their poses.
     """
     have = {_key(row) for row in poses}
     shown: set[tuple[Any, ...]] = set()
-    exact: dict[tuple[Any, ...], tuple[float, tuple[Any, ...]]] = {}  # of each linkage and engine: error and key
+    exact: dict[tuple[Any, ...], tuple[float, tuple[Any, ...]]] = {}  # linkage, scenario, engine -> least error and its case
     for row in results:
         key = _key(row)
         if key not in have:

@@ -25,8 +25,8 @@ from gauss_bench.terms import Array
 
 PROBE = str(FOLDER / "linkages" / "probe.toml")
 STATES, SEED = 8, 20261123
-REACH, SLOW, FAST = 0.4, 2.0, 6.0  # of steps [m, rad] from state to state; of velocities [m/s, rad/s] along what can move
-FLOOR = 0.05  # of the largest among the states: below it a state counts as an equilibrium, where a share of nothing says nothing
+REACH, SLOW, FAST = 0.4, 2.0, 6.0  # steps [m, rad] between states; least and largest velocities [m/s, rad/s] along free directions
+FLOOR = 0.05  # of the largest among the states: errors at states near equilibrium are relative to this share
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
 FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
     "mass": ("masses", 1.3),
@@ -57,11 +57,11 @@ class Probe:
     a: Array
 
     def off(self, a: Array) -> float:
-        """The largest error of accelerations (k, n), relative to the largest acceleration of the state."""
+        """Return the largest error of accelerations (k, n), relative to the largest acceleration of the state."""
         return _share(np.abs(a - self.a).max(axis=1), np.abs(self.a).max(axis=1))
 
     def off_along(self, a: Array) -> float:
-        """The largest N^T (M a - Q) of accelerations (k, n), relative to N^T Q; 0 where nothing can move freely."""
+        """Return the largest N^T (M a - Q) of accelerations (k, n), relative to N^T Q; 0 without degrees of freedom."""
         motion = AbsoluteCoordinates(self.mechanism)
         left, loads = [], []
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
@@ -99,7 +99,7 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
     q, states = mechanism.q0, []
     for t in times:
         N = motion.null_space(q)  # (n, dof)
-        for _ in range(2):  # the second closes what the first, from far away, leaves open
+        for _ in range(2):  # the second projection starts near and removes the error that the first leaves
             q, _ = motion.evaluator.project(t, q + N @ random.normal(0.0, REACH, N.shape[1]), 0.0 * q)
             N = 0.0 * N
         N = motion.null_space(q)
@@ -111,7 +111,7 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
 
 @lru_cache(maxsize=8)
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
-    """The factors of a linkage's numbers by the name of the change: none, all, those of a kind, then one by one."""
+    """Return name of a change -> path of a number -> its factor: no number, all, those of one kind, and each alone."""
     document, _, _ = document_of(linkage)
     every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]
     found: dict[str, dict[Path, float]] = {AS_IT_IS: {}, EVERYTHING: {path: factor for path, _, factor in every}}
@@ -124,7 +124,7 @@ def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
 
 
 def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
-    """The paths of every number but zero that a scenario's motion follows from, its start and laws apart."""
+    """Yield the paths of all numbers but 0 that a scenario's motion depends on, except its start and its laws."""
     for key in ("gravity", "ground", "links", "joints"):
         yield from _numbers(document.get(key), (key,))
     for name in document["scenarios"][scenario].get("forces", ()):
@@ -140,7 +140,7 @@ def _numbers(item: Any, path: Path) -> Iterator[Path]:
 
 
 def _kind(path: Path) -> str:
-    """The kind of number that stands at a path."""
+    """Return the kind of the number at a path: a key of FACTORS."""
     words = [x for x in path if isinstance(x, str)]
     if words[0] in ("gravity", "forces"):
         return words[0].removesuffix("s")
@@ -148,7 +148,7 @@ def _kind(path: Path) -> str:
 
 
 def scale(item: Any, factors: Mapping[Path, float], path: Path = ()) -> Any:
-    """A copy of a part of a document, numbers at some paths times their factors."""
+    """Return a copy of a part of a document in which the numbers at some paths are multiplied by their factors."""
     if isinstance(item, dict):
         return {key: scale(x, factors, (*path, key)) for key, x in item.items()}
     if isinstance(item, list):

@@ -15,7 +15,7 @@ PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudy
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of what computes; engines that are not installed are left out."""
+    """Return the versions of libraries and engines; those that are not installed are left out."""
     versions = {}
     for name in PACKAGES:
         try:
@@ -26,17 +26,17 @@ def package_versions() -> dict[str, str]:
 
 
 def check_publishable(folder: Path) -> None:
-    """Refuse a run that others could not trace: of code that was changed or is not named, or timed on a machine without a name.
+    """Check that a run can be traced: its commit is known, its code unchanged, and the processor of its times named.
 
     Raises:
         TableError: the run may not be published.
     """
-    told = read_environment(folder)
+    facts = read_environment(folder)
     faults = {
-        "does not name the commit that the run was made from": not told.get("commit"),
-        "the run was made from changed code": told.get("dirty"),
-        f"kernels were made in haste, with {told.get('shortened')}": told.get("shortened"),
-        "does not name the processor that times were taken on": (folder / TIMES).exists() and not told.get("cpu"),
+        "does not name the commit that the run was made from": not facts.get("commit"),
+        "the run was made from changed code": facts.get("dirty"),
+        f"kernels were made in haste, with {facts.get('shortened')}": facts.get("shortened"),
+        "does not name the processor that times were taken on": (folder / TIMES).exists() and not facts.get("cpu"),
     }
     for fault in (words for words, there in faults.items() if there):
         raise TableError(f"{folder / ENVIRONMENT}: {fault}: not to be published")

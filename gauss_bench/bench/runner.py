@@ -1,8 +1,11 @@
-"""Runs a suite: untimed tasks in parallel workers, then timed tasks one by one, then the tables. Every stage is resumable.
+"""Run a suite: tasks without times in parallel, then timing tasks one by one, then the tables. A killed run can be resumed.
 
-A measurement is a file in `measurements`. It may offer `exact(suite, context)`, tasks in whose answers no time counts;
-`timed(suite, context, tables)`, tasks that run one after the other, given the tables so far; `timed_again`, the same after all of
-those; and `complete(suite, tables)`, which fills in what follows from the rows of other tasks.
+A measurement is a file in `measurements`. It may have these functions:
+
+    exact_tasks(suite, context)                     tasks that measure no time; they run side by side
+    timing_tasks(suite, context, tables)            tasks that measure times, one after the other, given all rows so far
+    second_timing_tasks(suite, context, tables)     further timing tasks, which depend on the rows of the first ones
+    complete(suite, tables)                         fills in columns that depend on the rows of several tasks
 """
 
 import json
@@ -22,7 +25,7 @@ from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, finish, gather
+from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, Task, finish, gather
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
@@ -32,13 +35,18 @@ from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table, write_text
 
-ORDER = ("accuracy", "cost")  # what others are worked out from comes first
+ORDER = ("accuracy", "cost")  # these come first, because others depend on their rows
 
 
 def modules() -> list[ModuleType]:
     """Return every measurement; those that others depend on come first."""
     names = sorted((m.name for m in iter_modules(measurements.__path__)), key=lambda x: (x not in ORDER, x))
     return [import_module(f"{measurements.__name__}.{name}") for name in names]
+
+
+def list_tasks(stage: str, *arguments: Any) -> list[Task]:
+    """Return the tasks of all measurements that have the function `stage`."""
+    return [task for module in modules() if hasattr(module, stage) for task in getattr(module, stage)(*arguments)]
 
 
 def run(
@@ -51,13 +59,13 @@ def run(
     steps: Sequence[float] | None = None,
     limit: float = CASE_LIMIT,
 ) -> Tables:
-    """Run what is not finished yet, write every table that the suite fills into `folder`, and return them.
+    """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return their rows.
 
     Args:
-        costs: whether anything is timed.
-        name: of the suite, for the report.
-        until, steps: [s] of the accuracy cases, instead of the suite's.
-        limit: [s] that one of them may take.
+        costs: whether timing tasks are run.
+        name: the name of the suite, for the report.
+        until, steps: end and steps [s] of the accuracy cases, instead of the suite's.
+        limit: the longest time [s] of one accuracy case.
 
     Raises:
         Busy: another run writes into the same folder.
@@ -65,10 +73,10 @@ def run(
     stamp, asked = f"{fingerprint()}.{certificates_digest()}", tuple(steps) if steps else None
     context = Context(str(folder / ".run" / "references"), stamp, until=until, steps=asked, limit=limit)
     with Journal(folder / ".run" / "journal.jsonl") as journal:
-        tasks = [task for m in modules() if hasattr(m, "exact") for task in m.exact(suite, context)]
-        tables = gather(finish(tasks, jobs, "accuracy", journal).values())
-        for stage, label in (("timed", "times"), ("timed_again", "times again")) if costs else ():
-            tasks = [task for m in modules() if hasattr(m, stage) for task in getattr(m, stage)(suite, context, tables)]
+        tables = gather(finish(list_tasks("exact_tasks", suite, context), jobs, "accuracy", journal).values())
+        timing_stages = {"timing_tasks": "times", "second_timing_tasks": "times again"} if costs else {}
+        for stage, label in timing_stages.items():
+            tasks = list_tasks(stage, suite, context, tables)
             for table, rows in gather(finish(tasks, 1, label, journal).values()).items():
                 tables.setdefault(table, []).extend(rows)
     complete_rows(suite, tables)
@@ -80,7 +88,7 @@ def run(
 
 
 def complete_rows(suite: Suite, tables: Tables) -> None:
-    """Fill in what follows from several tasks together."""
+    """Fill in the columns that depend on the rows of several tasks."""
     for module in modules():
         if hasattr(module, "complete"):
             module.complete(suite, tables)
@@ -89,9 +97,9 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 def measure_all(
     cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Accuracy rows and references of the cases, without costs and without a journal; only references are kept in `folder`.
+    """Return the accuracy rows and the references of cases, without costs and without a journal.
 
-    `alter` plants a fault in what the engines are given.
+    Only the references are kept in `folder`. `alter` changes the mechanism that engines are given, to plant a fault.
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
     tables = gather(finish(accuracy.tasks(cases, context), jobs, "accuracy").values())
@@ -100,12 +108,12 @@ def measure_all(
 
 
 def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """Rows of a table with all its columns, for whoever calculates with them."""
+    """Return rows of a table as a data frame with all columns of the table."""
     return pd.DataFrame([row_of(TABLES[name], row) for row in rows], columns=list(TABLES[name].names))
 
 
 def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
-    """Describe a run for the report: place, time, and version and settings of its engines."""
+    """Describe a run for the report: machine, date, suite, and the versions and settings of its engines."""
     engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
     return environment() | {
         "suite": name,
@@ -120,6 +128,6 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def own_files(suite: Suite) -> dict[str, str]:
-    """Name -> text of the linkage files that do not come with the suite, so that a report can draw them wherever it is written."""
+    """Return name -> text of the linkage files that are not built in, so that a report can draw them without the files."""
     paths = [Path(x) for x in linkages_of(suite) if x not in built_in()]
     return {load(x).name: x.read_text(encoding="utf-8") for x in paths if x.is_file()}

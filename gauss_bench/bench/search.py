@@ -1,15 +1,15 @@
-"""Search: find the cheapest of an engine's variants that is accurate enough, by fixed rules.
+"""Find the cheapest of an engine's variants that meets a requirement, by fixed rules.
 
-A variant is tried at sizes from coarse to fine: steps, or tolerances where the integrator chooses its own steps. Errors are of the
-whole run and depend on no clock, so that what passes is the same in every run. A ladder first walks over some of the sizes until
-each requirement is met or cannot be; then the gap in front of each requirement is halved until no size lies in it. `budget` counts
-these evaluations, of each variant on its own: a further variant takes nothing from others.
+First, each variant is evaluated at sizes from coarse to fine; a size is a step, or a tolerance where the integrator chooses its own
+steps. An evaluation is a whole run and its largest errors, which no timing affects, so that the same sizes pass in every search. A
+ladder of some of the sizes ends when each requirement is met or cannot be met. Then the gap between the coarsest size that meets a
+requirement and the next coarser one is halved until no size is left between them. `budget` limits the evaluations of one variant.
 
-Of what passes, cost decides. What is more than NEAR times as dear as the cheapest, by the time of one step and the number of steps,
-is not raced; the rest runs interleaved, in several processes, and whoever is as fast as the fastest in a quarter of them ties with
-it: the middle half of their ratios does not tell the two apart. By the whole range a way would tie that takes a tenth longer. Of
-those that tie, the first of the engine's file wins, so that a second search names the same one, or one that tied. The race goes on
-after the first process with those that are within CLOSE times the fastest there.
+Second, the variants that meet the requirement race. A setting is left out if it costs more than NEAR times the cheapest, estimated
+as the time of a step times the number of steps. The first process of the race includes all others, further processes only those
+within CLOSE times the fastest in the first. A setting ties with the fastest if it is as fast in a quarter of the processes: then 1
+lies within the middle half of their ratios. The whole range of ratios would also let a setting tie that takes a tenth longer. Of
+those that tie, the first in the engine's file wins, so that a second search names the same winner, or one that tied.
 """
 
 import math
@@ -24,35 +24,43 @@ from gauss_bench.reach import Requirement, Trial, convergence
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)  # by a finer size
+MENDABLE = (
+    Status.NAN,
+    Status.DIVERGED,
+    Status.NOT_CONVERGED,
+    Status.WARNING,
+    Status.ERROR,
+    Status.RANK_LOST,
+)  # a finer size may cure these
 COARSEST = 10  # steps of a run
 PER_OCTAVE = 4  # sizes: neighbours differ by a fifth where they need not meet beats, and by a half at most
 FIFTHS = 50  # steps of a run: fewer are multiples of five
-SETTLED = 300  # steps of a run: below, errors of quickly turning links are as large as the motion and say nothing of the method
-STALLED = 3  # rungs of a ladder without ...
-FALLS = 0.7  # ... any unmet error falling below so much of the least before: even order one at half the step falls to 0.5
-HOPE = 2.0  # times the steps there may be, and an error that falls as it just fell is still given up
-NEAR = 2.0  # times the cheapest: the estimate is within a few per cent, unless Newton's iterations grow with the step
-CLOSE = 1.25  # times the fastest of the first process: between processes a ratio of two ways moves by a tenth and more
-LUCK = 0.05  # of the resampled rounds of one process, in which one has to be as fast as the fastest
-FINALISTS = 8  # of an engine for a requirement, at most: others of equal work differ in what makes no difference
+SETTLED = 300  # steps of a run: with fewer, errors of fast links are as large as the motion and show no convergence
+STALLED = 3  # a ladder ends after so many rungs without ...
+FALLS = 0.7  # ... an unmet error below this share of the least before; order one at half the step gives 0.5
+HOPE = 2.0  # a ladder ends if extrapolated errors need more than so many times the allowed steps
+NEAR = 2.0  # times the cheapest estimate, which is right to a few per cent unless Newton's iterations grow with the step
+CLOSE = 1.25  # times the fastest of the first process: ratios differ between processes by a tenth and more
+LUCK = 0.05  # share of the resampled rounds of one process in which a setting that ties is as fast as the fastest
+FINALISTS = 8  # settings of an engine that race for a requirement, at most
 
 K = TypeVar("K", bound=Hashable)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The sizes that may be tried, from coarse to fine, and the indices of those that the first ladder tries."""
+    """The sizes that may be tried, from coarse to fine, and the indices (`rungs`) of those that the ladder tries."""
 
     sizes: tuple[float, ...]
     rungs: tuple[int, ...]
 
 
 def equal_steps(until: float, beats: int, most: int) -> Scale:
-    """Steps [s] that divide a run of `beats` beats, a multiple of ten, into COARSEST to `most` equal parts, PER_OCTAVE an octave.
+    """Return steps [s] that divide a run into COARSEST to `most` equal parts, PER_OCTAVE sizes for each factor of two.
 
-    Each meets a fifth of the beats or more: below FIFTHS parts they are multiples of five, below five a beat of ten, and beyond
-    every beat is met. The ladder walks over the octaves, and ends with the finest.
+    The run has `beats` equally spaced reference times, a multiple of ten. Steps must end at a fifth of them or more: numbers of
+    steps below FIFTHS are multiples of 5, those below 5 `beats` multiples of 10, and larger ones multiples of `beats`. The ladder
+    tries every factor of two, and the finest size.
     """
     wanted = [COARSEST * 2 ** (k / PER_OCTAVE) for k in range(math.floor(PER_OCTAVE * math.log2(most / COARSEST)) + 1)]
     units = [5 if x < FIFTHS else 10 if x < 5 * beats else beats for x in wanted]
@@ -63,13 +71,13 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
 
 
 def no_coarser(scale: Scale, size: float) -> Scale:
-    """The part of a scale from the first size on that is not larger than `size`; all but the finest where none is."""
+    """Return the sizes of a scale that are not larger than `size`; the finest alone where all are larger."""
     first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)
     return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
 
 def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
-    """10^-largest to 10^-smallest by half powers; the ladder walks over the whole ones."""
+    """Return tolerances from 10^-largest to 10^-smallest by factors of 10^(1/2); the ladder tries the whole powers."""
     exponents = range(2 * largest, 2 * smallest + 1)
     return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
 
@@ -79,7 +87,7 @@ def explore(
 ) -> tuple[list[Trial], str]:
     """Return the trials of one variant, from coarse to fine, and the reason why the search ended.
 
-    `most` is how many steps a run may have, 0 where the integrator chooses them.
+    `most` is the largest number of steps of a run, 0 where the integrator chooses its steps.
     """
     tried: dict[int, Trial] = {}
     ended = "the finest size was tried"
@@ -97,14 +105,14 @@ def explore(
 
 
 def _gap(tried: Mapping[int, Trial], wanted: Requirement) -> int | None:
-    """The size halfway between the coarsest that meets a requirement and the next coarser one tried; None if none is between."""
+    """Return the index halfway between the coarsest size that meets a requirement and the next coarser one tried, or None."""
     passing = min((k for k, trial in tried.items() if trial.meets(wanted)), default=0)
     coarser = max((k for k in tried if k < passing), default=passing)
     return (passing + coarser) // 2 if passing - coarser > 1 else None
 
 
 def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
-    """The reason why a ladder ends with its last trial, or an empty text."""
+    """Return the reason why a ladder ends with its last trial, or an empty text if it goes on."""
     last = trials[-1]
     if last.status is not Status.OK and last.status not in MENDABLE:
         return last.message
@@ -113,7 +121,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
         return "every requirement is met"
     if not most or len(trials) <= STALLED or trials[-STALLED].steps < SETTLED:
         return ""
-    if all(_stall([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
+    if all(_has_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
         return f"no error fell in {STALLED} rungs"
     if all(convergence(trials, [w])[1] > HOPE * most for w in unmet):
         return f"errors fall too slowly for {most:,} steps".replace(",", " ")
@@ -121,10 +129,12 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
 
 
 def _is_undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
+    """Tell whether the required error is NaN in a trial, such as joint forces of redundant rows."""
     return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
 
 
-def _stall(errors: Sequence[float]) -> bool:
+def _has_stalled(errors: Sequence[float]) -> bool:
+    """Tell whether the last STALLED errors are all larger than FALLS times the least one before."""
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
     return after > FALLS * before or (math.isinf(before) and math.isinf(after))
 
@@ -141,30 +151,30 @@ def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
 
 
 def finalists(costs: Mapping[K, float]) -> list[K]:
-    """Return the settings worth a race, in their order: near the cheapest by estimated cost [s], FINALISTS at most."""
+    """Return the settings that race: FINALISTS at most, within NEAR times the cheapest by estimated cost [s]; order is kept."""
     chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
     least = min(costs.values(), default=math.inf)
     return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
 
 
 def close(times: Mapping[K, float]) -> list[K]:
-    """Return the settings that may be the fastest in another process, in their order, judged by times [s] in the first."""
+    """Return the settings within CLOSE times the fastest, by their times [s] in the first process; order is kept."""
     least = min(times.values(), default=math.inf)
     return [k for k, x in times.items() if x <= CLOSE * least]
 
 
-def won(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
+def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
     """Return the winner of a race, and all settings that tie with the fastest.
 
-    `samples`: seconds (processes, rounds), or (rounds,) of one process, of everyone raced, in the order that breaks ties.
+    `samples` are the seconds (processes, rounds), or (rounds,) of one process, of each setting; of those that tie, the first wins.
     """
     times = {k: time_of(x) for k, x in samples.items()}
     fastest = min(times, key=lambda k: times[k])
-    tied = [k for k in times if k == fastest or level(samples[k], samples[fastest])]
+    tied = [k for k in times if k == fastest or ties_with(samples[k], samples[fastest])]
     return tied[0], tied
 
 
-def level(samples: Array, fastest: Array) -> bool:
-    """Tell whether one ties with the fastest: it took no longer in a quarter of the processes, or in LUCK of resamplings."""
+def ties_with(samples: Array, fastest: Array) -> bool:
+    """Tell whether a setting ties with the fastest: it took no longer in a quarter of the processes, or in LUCK of resamplings."""
     several = len(common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

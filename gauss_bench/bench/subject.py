@@ -1,4 +1,4 @@
-"""An engine under test: how checks ask it in a worker, and the result of a check."""
+"""The engine under test of `conformance`: its runs in a worker, and the results of checks."""
 
 import os
 import time
@@ -20,8 +20,8 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-LIMIT = 60.0  # [s] of one run; the slowest engine generates and compiles C in it
-LONGEST = 100.0  # [s] of the processor, after which nothing more is asked
+LIMIT = 60.0  # [s] of one run, in which the slowest engine generates and compiles C
+LONGEST = 100.0  # [s] of processor time, after which no further run is started
 STEP, DURATION = 1e-3, 0.1  # [s]
 EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)
 PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))
@@ -32,9 +32,9 @@ class Check:
     """The result of one check.
 
     Attributes:
-        name: what an engine must keep to.
-        passed: whether it does; None where it could not be asked.
-        message: what was measured, what is wrong, or why it could not be asked.
+        name: the rule that is checked.
+        passed: whether the engine keeps it; None where the check could not be made.
+        message: the measured value, the fault, or why the check could not be made.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Check:
 
 
 def time_of(pid: int) -> float:
-    """Processor time [s] of a process and of its children that have ended; 0 where the system does not tell."""
+    """Return the processor time [s] of a process and of its ended children; 0 where the system does not report it."""
     try:
         words = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
         return sum(map(int, words[11:15])) / os.sysconf("SC_CLK_TCK")
@@ -53,7 +53,7 @@ def time_of(pid: int) -> float:
 
 @dataclass(eq=False)
 class Subject:
-    """An engine and the worker it runs in; `tell` hears of each run before it is made."""
+    """An engine and the worker that it runs in; `tell` is called with a sentence before each run."""
 
     offer: Offer
     worker: Worker
@@ -61,43 +61,43 @@ class Subject:
     before: float = field(default_factory=time.process_time)
 
     @property
-    def spent(self) -> float:
-        """Processor time [s] of this process and of the worker, with the compilers that it has started, so far."""
+    def processor_time(self) -> float:
+        """The processor time [s] of this process and of the worker so far, its compilers included."""
         return time.process_time() - self.before + time_of(self.worker.process.pid if self.worker.process else 0)
 
     @cached_property
     def usual(self) -> Choice:
-        """The engine's own defaults."""
+        """The engine's default setting, integrator and stabilisation."""
         return self.offer.choose(None, None, None, STEP)
 
     @cached_property
     def whole(self) -> dict[str, Run]:
-        """The same run of each linkage, at every step, that most checks look at."""
+        """The run of each linkage of PLAIN with a sample at every step, which most checks use."""
         return {linkage: self.run(linkage, scenario, EVERY_STEP) for linkage, scenario in PLAIN}
 
     @cached_property
     def moving(self) -> list[tuple[str, str]]:
-        """Return the linkage with every kind of load, or those with few loads where an engine refuses it."""
+        """The linkage with every kind of load, or those of PLAIN where the engine refuses it."""
         one = np.array([0.0, STEP])
         taken = [x for x in ((PROBE, "loaded"), *PLAIN) if self.run(*x, one).status is not Status.SKIP]
         return taken[:1] if taken[:1] == [(PROBE, "loaded")] else taken or [*PLAIN]
 
     def run(self, linkage: str, scenario: str, times: Array, ask: Asked = nothing, answers: int = 0) -> Run:
-        """Run a linkage, given by name, under the engine's defaults."""
+        """Run a linkage, given by name, with the engine's defaults."""
         return self.perform(mechanism_of(linkage, scenario), self.usual, times, ask, answers)
 
     def perform(
         self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = nothing, answers: int = 0, again: bool = False
     ) -> Run:
-        """A run of a linkage; with `again` the worker may keep its model for the next step or tolerance of the same."""
+        """Run a linkage; with `again` the worker may keep the model for a further step or tolerance."""
         wanted = sampling_at(choice.step, times)
-        if self.spent > LONGEST:
+        if self.processor_time > LONGEST:
             return Run(Status.SKIP, f"not asked: {LONGEST:g} s of the processor are spent", None, None, wanted)
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, 0.0, answers)
         return run_apart(request, mechanism, LIMIT, self.worker, again=again)
 
     def choices(self) -> Iterator[Choice]:
-        """The defaults, then every other settings label and integrator, then every variant."""
+        """Yield the defaults, every other setting and integrator, and every variant."""
         usual, offer = self.usual, self.offer
         yield usual
         yield from (replace(usual, settings=label) for label in offer.settings if label != usual.settings)

@@ -1,7 +1,7 @@
-"""Races that survive a crash: all engines race in one process; one that crashes it becomes a row with a reason.
+"""Races that survive a crash: an engine that crashes the process has one row with the reason, and the others race again.
 
-The process of a race tells in a few bytes of a file who is at work, which a crash or a hang leaves standing. The race is
-then run again without the one that stands there.
+The process of a race writes the name of the running engine into a small file. After a crash or a hang the parent reads it there,
+and starts the race again without that engine.
 """
 
 import math
@@ -11,23 +11,23 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.bench.clock import Block, Race
+from gauss_bench.bench.clock import Block, Measured, Race, gather_rounds
 from gauss_bench.bench.tasks import LIMIT, LOST, Rows
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
-ROOM = 256  # bytes of a name
+ROOM = 256  # bytes for the name of the running engine
 Watch = Callable[[Hashable], object]
-Entries = Callable[..., Iterable[tuple[Any, Callable[[], Block]]]]  # names, each with an `engine`, and how their blocks are made
+Entries = Callable[..., Iterable[tuple[Any, Callable[[], Block]]]]  # keys (with a field `engine`) and functions that make blocks
 
 
 def race_here(
     entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str] | None = None, path: str = ""
 ) -> Rows:
-    """Race entries(*arguments): rows of their names with the seconds of a round, with facts, or with why they have none.
+    """Race entries(*arguments) in this process; return one row for each round of an entry, for its facts, or for its failure.
 
     Args:
-        engines: that take part; all, if not given.
-        path: of the file in which the race tells who is at work: `watching`.
+        engines: the engines that take part; all, if not given.
+        path: the file into which the name of the running engine is written.
     """
     watch = watching(path) if path else id
     race = Race(watch)
@@ -47,12 +47,22 @@ def race_here(
 
 
 def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:
-    """As `race_here`, in a process of its own: all that an engine was to be timed at tells why it brought the process down."""
+    """Race as `race_here` in a process of its own; every entry of an engine that crashes it has a row with the reason."""
     rows, lost = list_survivors(race_here, (entries, arguments, rounds), engines)
     for key, _ in entries(*arguments) if lost else ():
         if key.engine in lost:
-            rows.append(key._asdict() | lost[key.engine].told)
+            rows.append(key._asdict() | lost[key.engine].columns)
     return list(rows)
+
+
+def race_processes(
+    race: Callable[..., Rows], entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str], processes: int
+) -> Measured:
+    """Race several times by `race`; an engine that crashes or hangs in one of the processes has that reason and no times."""
+    rows: Rows = []
+    for number in range(processes):
+        rows += [row | {"process": number} for row in race(entries, arguments, rounds, engines)]
+    return gather_rounds(rows, strict=True)
 
 
 def list_survivors(
@@ -62,14 +72,17 @@ def list_survivors(
     limit: float = LIMIT,
     longest: float = math.inf,
 ) -> tuple[Any, dict[str, WorkerFailure]]:
-    """race(*arguments, engines, path) in a process of its own, and the engines that brought it down, which are left out of those.
+    """Call race(*arguments, engines, path) in a worker, again without each engine that crashes it or hangs.
 
     Args:
-        path: of the file in which the race tells who is at work: `watching`.
+        race: writes the name of the running engine into the file `path`.
         limit, longest: [s] of one race, as `Worker.call` takes them.
 
+    Returns:
+        What the last race returned, and engine -> failure of those that were left out.
+
     Raises:
-        WorkerFailure: the race fails of itself, or nobody was at work.
+        WorkerFailure: the race failed while no engine was running, or raised an error itself.
     """
     lost: dict[str, WorkerFailure] = {}
     with tempfile.NamedTemporaryFile() as file, Worker() as worker:
@@ -86,11 +99,11 @@ def list_survivors(
 
 
 def watching(path: str) -> Watch:
-    """Report to the parent who is at work in a race, at a microsecond between blocks; entries have an `engine`."""
+    """Return a function that writes the engine of an entry into the file, which takes a microsecond."""
     file = os.open(path, os.O_WRONLY)
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)
 
 
 def at_work(path: str) -> str:
-    """Return the engine that ran last."""
+    """Return the engine whose name was written last."""
     return Path(path).read_bytes().rstrip(b"\0").decode()

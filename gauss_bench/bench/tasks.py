@@ -1,7 +1,7 @@
-"""Tasks answered in worker processes: named, resumable, and never lost with the worker.
+"""Tasks: functions that run in worker processes and return rows of tables.
 
-A task answers with rows of tables. One that is lost answers too: with a row of the table it was to fill, and the reason. The
-context that all tasks of a run share says where references are kept, and what their answers depend on.
+A run that is resumed does not repeat a finished task. A task whose worker crashed or was stopped has one row with the reason. All
+tasks of a run share a `Context`: the folder of the references, and a digest of the code and data that the results depend on.
 """
 
 import hashlib
@@ -22,17 +22,17 @@ from gauss_bench.suites.schema import OnLinkages
 from gauss_bench.tables import TABLES
 from gauss_bench.trajectory import Status
 
-CASE_LIMIT = 120.0  # [s] the slowest case of the suites takes 10 s on a slow core
-LIMIT = 600.0  # [s] the slowest task of the suites races all engines on one linkage, in a minute
+CASE_LIMIT = 120.0  # [s] of one case; the slowest of the suites takes 10 s on a slow core
+LIMIT = 600.0  # [s] of one task; the slowest of the suites, a race of all engines on one linkage, takes a minute
 LOST = (Status.CRASHED, Status.TIMEOUT)
-RACES = 3  # of a task at most: who brings two of them down is a bug to be found, not a result
+RACES = 3  # of a task at most: after two crashes of the same race the cause is a bug of the suite
 PAUSE = 15.0  # [s] between lines of progress
 Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
 
 
 def place_of(mechanism: Mechanism) -> dict[str, Any]:
-    """The linkage and the scenario that a row is about."""
+    """Return the columns that name a linkage and its scenario."""
     return {"mechanism": mechanism.name, "scenario": mechanism.scenario}
 
 
@@ -40,11 +40,11 @@ class Task(NamedTuple):
     """A task for a worker.
 
     Attributes:
-        key: names the task and nothing else.
-        function, arguments: function(*arguments) gives the rows of tables, by table.
-        stamp: what the answer depends on besides.
-        table, start: where a failure is told, and the names that its row begins with.
-        limit: [s] that the answer may take.
+        key: identifies the task in the journal.
+        function, arguments: function(*arguments) returns table -> rows.
+        stamp: digest of the code and data that the rows depend on.
+        table, start: the table that has a row if the task fails, and the first columns of that row.
+        limit: [s] after which the worker is stopped.
     """
 
     key: str
@@ -55,21 +55,21 @@ class Task(NamedTuple):
     start: Mapping[str, Any] = {}
     limit: float = LIMIT
 
-    def lost(self, failure: WorkerFailure) -> Tables:
-        """The answer of a task whose worker was lost."""
-        told = failure.told
+    def rows_of_failure(self, failure: WorkerFailure) -> Tables:
+        """Return the row of a task whose worker crashed, was stopped, or raised."""
+        columns = failure.columns
         if "status" in TABLES[self.table].names:
-            return {self.table: [{**self.start, **told}]}
+            return {self.table: [{**self.start, **columns}]}
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
-        return {"lost": [{"table": self.table, **place, **told}]}
+        return {"lost": [{"table": self.table, **place, **columns}]}
 
     @property
     def stamp_if_lost(self) -> str:
-        """The stamp of a lost task, which includes its limit: with more time it might be answered."""
+        """The stamp of a task that crashed or was stopped: it includes the limit, as the task may end within a longer one."""
         return f"{self.stamp}.{self.limit:g}"
 
     def stamp_of(self, answer: Tables) -> str:
-        """The stamp of an answer, in which a row may tell that the process of an engine was lost."""
+        """Return the stamp of the rows of a task; a row may report that an engine crashed or was stopped."""
         lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
         return self.stamp_if_lost if lost else self.stamp
 
@@ -80,11 +80,11 @@ def patient(task: Task, processes: int = 1) -> Task:
 
 
 def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> dict[str, Tables]:
-    """Answers of all tasks by key, in their order: from the journal where they stand there, else from workers."""
+    """Run the tasks that the journal does not hold yet, `jobs` at a time; return the rows of all tasks by key, in their order."""
     done = {
         task.key: entry
         for task in tasks
-        if journal and (entry := journal.finished(task.key, task.stamp) or journal.finished(task.key, task.stamp_if_lost))
+        if journal and (entry := journal.find(task.key, task.stamp) or journal.find(task.key, task.stamp_if_lost))
     }
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
@@ -93,7 +93,7 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
     for item in [*waiting.values(), *[None] * workers]:
         todo.put(item)
     for _ in range(workers):
-        threading.Thread(target=_serve, args=(todo, answers), daemon=True).start()
+        threading.Thread(target=_run_tasks, args=(todo, answers), daemon=True).start()
     for _ in describe_tasks(len(waiting), label):
         answer = answers.get()
         if isinstance(answer, BaseException):
@@ -106,9 +106,9 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
 
 
 def describe_tasks(count: int, label: str) -> Iterator[int]:
-    """0 to count - 1; meanwhile a bar on stderr, or a line first and every PAUSE seconds where that is no terminal."""
+    """Yield 0 to count - 1 and report progress on stderr: a bar on a terminal, else a line every PAUSE seconds."""
     if sys.stderr.isatty():
-        from tqdm import tqdm  # nothing else has a use for it
+        from tqdm import tqdm  # imported only where a bar is shown
 
         yield from tqdm(range(count), desc=label, file=sys.stderr)
         return
@@ -123,7 +123,7 @@ def describe_tasks(count: int, label: str) -> Iterator[int]:
 
 
 def gather(answers: Iterable[Tables]) -> Tables:
-    """All rows by table, in the order of the answers."""
+    """Merge rows by table, in the order of the tasks."""
     tables: Tables = {}
     for answer in answers:
         for name, rows in answer.items():
@@ -131,8 +131,8 @@ def gather(answers: Iterable[Tables]) -> Tables:
     return tables
 
 
-def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
-    """One thread with one worker process, taking tasks until there are none."""
+def _run_tasks(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
+    """Run tasks in one worker process until a None is taken; an unexpected error is passed on as the answer."""
     try:
         with Worker() as worker:
             while task := todo.get():
@@ -140,20 +140,20 @@ def _serve(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[A
                     answer = worker.call(task.function, task.arguments, task.limit)
                     answers.put((task.key, task.stamp_of(answer), answer))
                 except WorkerFailure as failure:
-                    answers.put((task.key, task.stamp_if_lost, task.lost(failure)))
+                    answers.put((task.key, task.stamp_if_lost, task.rows_of_failure(failure)))
     except BaseException as error:
         answers.put(error)
 
 
 @dataclass(frozen=True)
 class Context:
-    """A run's surroundings.
+    """The settings that all tasks of a run share.
 
     Attributes:
         store: folder of the references.
         stamp: digest of the code, the libraries and the certificates.
         alter: a fault that is planted in what engines are given.
-        until, steps: [s] what a user asks for instead of the suite's.
+        until, steps: [s] end and steps that a user asks for instead of the suite's.
         limit: [s] that one case may take.
     """
 
@@ -166,13 +166,13 @@ class Context:
     _loaded: dict[tuple[str, str], Mechanism] = field(default_factory=dict, repr=False, compare=False)
 
     def mechanism(self, linkage: str, scenario: str) -> Mechanism:
-        """A linkage, read once in a run: hundreds of tasks ask for the same few."""
+        """Return a linkage; a file is read once, as hundreds of tasks name the same few."""
         if (linkage, scenario) not in self._loaded:
             self._loaded[linkage, scenario] = load(linkage, scenario or None)
         return self._loaded[linkage, scenario]
 
     def each(self, parts: Iterable[OnLinkages], table: str, function: Callable[..., Tables]) -> list[Task]:
-        """A task function(linkage, scenario, part) for each linkage of some parts of a suite."""
+        """Return a task function(linkage, scenario, part) for each linkage of some parts of a suite."""
         tasks = []
         for part in parts:
             asked = part.model_copy(update={"linkages": {}})
@@ -192,12 +192,15 @@ class Context:
         seen: str = "",
         **names: Any,
     ) -> Task:
-        """A task that fills a table; `names` begin the row that tells of its failure, `seen` is what else it depends on.
+        """Return a task that fills a table.
 
-        What every task is given besides, the store, the alteration and the limit, does not name it.
+        Args:
+            names: columns that, beside linkage and scenario, identify the row of a failure.
+            seen: text that the rows depend on beside the arguments.
         """
-        told = [repr(x) for x in arguments if not any(x is y for y in (self.store, self.alter, self.limit))]
-        digest = hashlib.sha256("\n".join([*told, seen]).encode()).hexdigest()[:16]
+        # store, alteration and limit are arguments of many tasks and do not change their rows: the key leaves them out
+        identifying = [repr(x) for x in arguments if not any(x is y for y in (self.store, self.alter, self.limit))]
+        digest = hashlib.sha256("\n".join([*identifying, seen]).encode()).hexdigest()[:16]
         start: dict[str, Any] = dict(names)
         stamp = self.stamp
         if linkage:

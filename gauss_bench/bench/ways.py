@@ -1,7 +1,6 @@
-"""Ways: a way is a variant of an engine at a step or tolerance, run over a linkage's whole motion, judged, and timed.
+"""Ways: a way is a variant of an engine at a step or tolerance. This file runs, judges and times ways for searches.
 
-What `measurements/search.py` and `../advice` share: which ways there are, how large the errors of one are (no clock is looked
-at), and what of one is raced.
+The searches are `measurements/search.py` and `../advice`.
 """
 
 import math
@@ -25,9 +24,9 @@ from gauss_bench.runs.one_run import measure_seconds as processor_time
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
-BEATS = (50, 40, 30, 20, 10)  # of a run: the first of which the truth has samples
-FIRST = 20  # steps that tell how long the others take
-ROUGH_ROUNDS = 8  # of the estimate of a step: whoever it misjudges by more than `search.NEAR` is not raced
+BEATS = (50, 40, 30, 20, 10)  # parts of a run; the first number is used for which the reference has samples at all ends of parts
+FIRST = 20  # steps from which the time of the others is extrapolated
+ROUGH_ROUNDS = 8  # rounds of the estimate of a step, which must be right within `search.NEAR`
 
 
 class Way(NamedTuple):
@@ -41,7 +40,7 @@ class Way(NamedTuple):
 
 
 class Run(NamedTuple):
-    """The runs of a search: a linkage (name or path) from 0 to `until` [s]."""
+    """The motion of a search: a linkage (name or path) from 0 to `until` [s]."""
 
     linkage: str
     mechanism: Mechanism
@@ -49,7 +48,7 @@ class Run(NamedTuple):
 
 
 def space(engine: Offer) -> list[Variant]:
-    """The variants of an engine: its own list, or every setting with every integrator and stabilisation."""
+    """Return the variants of an engine: its own list, or every setting with every integrator and stabilisation."""
     if engine.variants:
         return list(engine.variants.values())
     return [
@@ -68,19 +67,20 @@ def loop_of(way: Way) -> str:
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
+    """Return the choice that a way stands for; its size is a tolerance if the integrator is adaptive, else a step [s]."""
     chosen = (way.settings, way.integrator, way.stabilization)
     return Choice(*chosen, step=until, tolerance=way.size) if adaptive else Choice(*chosen, step=way.size)
 
 
 def has_samples(truth: Reference, until: float, beats: int) -> bool:
-    """Tell whether the reference is known at every beat of a run."""
+    """Tell whether the reference has samples at the ends of all `beats` equal parts of a run."""
     times = until / beats * np.arange(beats + 1)
     near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
     return bool((np.abs(truth.t[near] - times) < 1e-9).all())
 
 
 def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
-    """Run over all beats, and return the run's largest errors."""
+    """Run a way, with samples at the beats that its steps meet, and return the largest errors of the run."""
     steps = beats if adaptive else round(run.until / way.size)
     wanted = sample(run, steps, math.gcd(steps, beats))
     return judge_trial(
@@ -89,11 +89,12 @@ def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptiv
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:
-    """Return the sampling of a run by equal steps that keeps the start and `samples` further samples."""
+    """Return the sampling of a run of equal steps, with the start and `samples` further samples."""
     return Sampling(run.until / samples * np.arange(samples + 1), run.until / steps, steps, 0)
 
 
 def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
+    """Return the request for a run of a way."""
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
@@ -109,14 +110,15 @@ def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: End
 
 
 def is_adaptive(way: Way) -> bool:
+    """Tell whether the integrator of a way chooses its steps, so that its size is a tolerance."""
     return way.integrator in offer(way.engine).adaptive
 
 
-Models = dict[Way, Any]  # by variants: ways of size 0
+Models = dict[Way, Any]  # variant, as a way of size 0 -> model
 
 
 def build_model(run: Run, way: Way, models: Models) -> Model:
-    """Return the model of a way: that of another size of the same variant, where an engine's models take other sizes."""
+    """Return the model of a way; all sizes of a variant share a model if the engine is `resizable`."""
     engine, variant = get(way.engine), way._replace(size=0.0)
     if variant not in models or not getattr(engine, "resizable", False):
         models[variant] = engine.build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
@@ -124,7 +126,7 @@ def build_model(run: Run, way: Way, models: Models) -> Model:
 
 
 def one_step(run: Run, way: Way, steps: int, models: Models) -> Block:
-    """Return a block of one step; where the integrator chooses its steps, of a whole run, each step being a repetition."""
+    """Return a block of steps; if the integrator chooses its steps, the block is a whole run of `steps` repetitions."""
     if not is_adaptive(way):
         return stepping(way, build_model(run, way, models), way.size, native=True)
     block = whole_run(run, way, steps, 0.0, math.inf, models)
@@ -148,9 +150,9 @@ def share_of(seconds: float, lead: float, steps: int) -> float:
 
 
 def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: Models) -> Block:
-    """As `whole_run`, for a setting whose run time is not known yet.
+    """Return a block as `whole_run` does, for a way whose run time is not known: its first steps are timed before.
 
-    Steps of its own choice end at so many samples, as where they were judged.
+    If the integrator chooses its steps, the run has `samples` samples, as the run that was judged.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -166,7 +168,7 @@ def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: 
 
 
 def _block(run: Run, way: Way, model: Any, times: Array, share: float) -> Block:
-    """Return a block that runs over the times, a known part of a whole run, on a model that other sizes share."""
+    """Return a block that runs over the sample times, which are the part `share` of a whole run."""
     choice = choice_of(way, is_adaptive(way), run.until)
 
     def ready() -> None:
@@ -177,10 +179,10 @@ def _block(run: Run, way: Way, model: Any, times: Array, share: float) -> Block:
 
 
 def _repeat(run: Run, way: Way, model: Model, times: Array, share: float) -> Block:
-    """Return the block repeated for BLOCK seconds."""
+    """Return the block of `_block`, repeated for BLOCK seconds."""
     block = _block(run, way, model, times, share)
     block.ready()
     taken = processor_time(block.go)
-    model.read()  # a run that is not to be trusted is not raced
+    model.read()  # raises RunFailure if the run failed: it must not race
     block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
     return block

@@ -22,7 +22,7 @@ from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.integrate.legs import Leg, legs
-from gauss_bench.mechanism.lines import line_up, with_lines
+from gauss_bench.mechanism.lines import list_lines, with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
@@ -132,7 +132,7 @@ class Kernel:
         damping = options.baumgarte if options.stabilization == "baumgarte" else None
         self._rank = RankDecision(mechanism, damping)
         self._driver = Driver(self._programs, self._rank, options.stabilization == "projection", len(self.parameters))
-        self._kinks = tuple(sorted({t for _, factor in line_up(mechanism) for t in factor.kinks}))
+        self._kinks = tuple(sorted({t for _, factor in list_lines(mechanism) for t in factor.kinks}))
         self._programs.prepare("rk4", many=False, extended=False)
         self.generate_seconds = time.perf_counter() - start - self.compile_seconds
 

@@ -28,7 +28,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import PLANE, angles, bodies, places
+from gauss_bench.mechanism.spaces import SIZE, angles, bodies, places
 from gauss_bench.reference.build import TrueStates, random_states
 from gauss_bench.reference.certificate import ARRAYS, as_reference, certificate_path, read_certificate
 from gauss_bench.reference.verification import verify
@@ -206,7 +206,7 @@ def measures() -> str | None:
     """Check the metrics of motions with known, planted errors."""
     mechanism, reference = load(*FOUR_BAR), truth(FOUR_BAR)
     evaluator, sound = Evaluator(mechanism), exact(reference)
-    x, y = PLANE.size, PLANE.size + 1  # places of the second link
+    x, y = SIZE, SIZE + 1  # places of the second link
 
     def errors(told: Trajectory) -> metrics.Errors:
         return metrics.state_errors(mechanism, told, reference)
@@ -268,7 +268,7 @@ def judge_case() -> str | None:
     if not verdict(sound).valid:
         return f"the judge objects to the truth: {verdict(sound).sentence}"
     spoilt = {
-        judging.Subject.LOOPS: verdict(shifted(sound, "q", PLANE.size, 0.05 * mechanism.size)),
+        judging.Subject.LOOPS: verdict(shifted(sound, "q", SIZE, 0.05 * mechanism.size)),
         judging.Subject.MOTION: verdict(replace(sound, q=turned)),
         judging.Subject.ENERGY: verdict(replace(sound, v=1.1 * sound.v)),
         judging.Subject.MODEL: verdict(sound, 0.05),

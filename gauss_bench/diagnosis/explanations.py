@@ -223,7 +223,7 @@ def of_all_forces(own: OwnMotion, x: States) -> Iterator[Explanation]:
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
-    angular = [f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.lowered())]
+    angular = [f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.to_loads())]
     moments = np.zeros_like(parts.Q)
     angles(moments)[...] = angles(parts.Q)
     sums = {"all angular forces": pushed(*angular), "all moments on links": moments}

@@ -100,7 +100,7 @@ def diagnose_sound(where: tuple[str, str]) -> str | None:
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
 
-def name_fault(fault: Fault) -> Finding:
+def name_choice(fault: Fault) -> Finding:
     """Whether the diagnosis of an engine names its fault."""
     verdict = diagnose_fault(fault)
     return Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
@@ -125,7 +125,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
         told(f"faults in {kind}")
         asked = [(x, _ask(x.check)) for x in chosen if x.kind == kind]
         findings += [Finding(kind, x.sentence, said is not None, said or "nothing was seen") for x, said in asked]
-        findings += map(name_fault, ENGINES if kind == ADAPTERS else ())
+        findings += map(name_choice, ENGINES if kind == ADAPTERS else ())
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
         told("the smallest faults that are seen")

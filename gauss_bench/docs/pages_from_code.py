@@ -16,13 +16,13 @@ BEGINS = "## A complete example"
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Add to a page's text the part that code says."""
-    more = {"grammar.md": grammar, "commands.md": commands}.get(page.file.src_uri)
-    return f"{markdown}\n{more()}" if more else markdown
+    """Return the text of a page, followed by the part that is computed from code."""
+    computed = {"grammar.md": write_grammar, "commands.md": write_commands}.get(page.file.src_uri)
+    return f"{markdown}\n{computed()}" if computed else markdown
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """Takes out what no page uses: maps of sources, and the search, which works from a server alone."""
+    """Remove files that no page uses: maps of sources, and the theme's search, which only works from a server."""
     scripts = Path(config["site_dir"]) / "assets"
     for path in scripts.rglob("*.map"):
         path.unlink()
@@ -30,30 +30,33 @@ def on_post_build(config: Any, **_: Any) -> None:
         shutil.rmtree(scripts / "javascripts" / folder, ignore_errors=True)
 
 
-def grammar() -> str:
-    """The guide from its complete example on, and every key of the schema with its default and edition."""
+def write_grammar() -> str:
+    """Return the guide from its complete example on, and every key of the schema with its default and edition."""
     text = GUIDE.read_text(encoding="utf-8")
     lines = ["## Every key", "", "| table | key | default | edition |", "| --- | --- | --- | --- |"]
-    for name, table in tables().items():
+    for name, table in list_tables().items():
         for field, info in table.model_fields.items():
-            key = info.alias or field
-            default = info.default
-            told = "required" if default is PydanticUndefined else "-" if default in (None, {}, []) else f"`{default}`"
-            if isinstance(default, schema.Table):
-                told = "-"
-            lines.append(f"| {name} | `{key}` | {told} | {2 if key in table.second else 1} |")
+            key, edition = info.alias or field, 2 if (info.alias or field) in table.second else 1
+            lines.append(f"| {name} | `{key}` | {print_default(info.default)} | {edition} |")
     return "\n".join([text[text.index(BEGINS) :], *lines, ""])
 
 
-def tables() -> dict[str, type[schema.Table]]:
-    """Every table of the grammar that a file may have, by the name of its class in words."""
+def print_default(default: Any) -> str:
+    """Return the default of a key as the table prints it; a dash for an empty one."""
+    if default is PydanticUndefined:
+        return "required"
+    return "-" if default in (None, {}, []) or isinstance(default, schema.Table) else f"`{default}`"
+
+
+def list_tables() -> dict[str, type[schema.Table]]:
+    """Return the tables that a linkage file may have, by the name of their class in words."""
     classes = {n: x for n, x in vars(schema).items() if isinstance(x, type) and issubclass(x, schema.Table)}
     bases = {schema.Table, schema.AngledTable, schema.LinearTable, schema.VaryingTable, schema.DrivenTable}
     return {"".join(f" {c.lower()}" if c.isupper() else c for c in n).strip(): x for n, x in classes.items() if x not in bases}
 
 
-def commands() -> str:
-    """Every verb with its help."""
+def write_commands() -> str:
+    """Return every verb with its help."""
     os.environ["COLUMNS"] = "100"
     lines = []
     for name, table in VERBS.items():

@@ -1,30 +1,30 @@
 """Engines in C: find a compiler, generate fixed steps around an acceleration, compile both and call them.
 
-The caller's source defines N and
+The engine's C source defines
 
     static void acceleration(double t, const double *q, const double *v, double *a)        q, v, a of N numbers
 
-and is compiled in one source with the steps, so that the compiler may inline it. The methods are those of
-`integrate/fixed_step.py`, with DOP853's coefficients from scipy. -ffast-math lets the compiler reorder sums, as anyone who writes C
-for speed would.
+and is compiled in one file with the steps, so that the compiler may inline it. The methods are those of `integrate/fixed_step.py`,
+with DOP853's coefficients from scipy. -ffast-math lets the compiler reorder sums, as anyone who writes C for speed would.
 """
 
 import ctypes
 import shutil
 import subprocess
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.integrate.fixed_step import EVALUATIONS, step_counts, tableau
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, finite, in_a_sentence
 
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
-LONGEST = 300.0  # [s] after which compilation is given up
+LONGEST = 300.0  # [s] of one run of the compiler
 NO_COMPILER = "no C compiler: none of cc, gcc and clang is installed"
 
 ACCELERATE = "void accelerate(double t, const double *q, const double *v, double *a) { acceleration(t, q, v, a); }"
@@ -36,22 +36,27 @@ def compiler() -> str | None:
     return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
 
 
-def steps(name: str) -> str:
+def write_steps(name: str) -> str:
     """Write the C function of a Runge-Kutta method, without terms whose coefficient is zero."""
     nodes, rows, weights = tableau(name)
-    last = len(weights)
-    lines = [f"    double x[N], {', '.join(f'v{k}[N], a{k}[N]' for k in range(last))};"]
+    stages = ", ".join(f"v{k}[N], a{k}[N]" for k in range(len(weights)))
+    lines = [
+        f"void {name}(double *q, double *v, double t, double h, long steps)",
+        "{",
+        "    for (long k = 0; k < steps; k++) {",
+        "    double at = t + k * h;",
+        f"    double x[N], {stages};",
+    ]
     for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
-        move, turn = _sums(row, "v"), _sums(row, "a")
+        move, turn = _write_sum(row, "v"), _write_sum(row, "a")
         lines.append(f"    for (int i = 0; i < N; i++) {{ x[i] = q[i] + h * ({move}); v{k}[i] = v[i] + h * ({turn}); }}")
         lines.append(f"    acceleration(at + {node!r} * h, x, v{k}, a{k});")
-    end = f"q[i] += h * ({_sums(weights, 'v')}); v[i] += h * ({_sums(weights, 'a')});"
-    body = "\n".join([*lines, f"    for (int i = 0; i < N; i++) {{ {end} }}"])
-    head = f"void {name}(double *q, double *v, double t, double h, long steps)"
-    return f"{head}\n{{\n    for (long k = 0; k < steps; k++) {{\n    double at = t + k * h;\n{body}\n    }}\n}}\n"
+    end = f"q[i] += h * ({_write_sum(weights, 'v')}); v[i] += h * ({_write_sum(weights, 'a')});"
+    lines += [f"    for (int i = 0; i < N; i++) {{ {end} }}", "    }", "}", ""]
+    return "\n".join(lines)
 
 
-def _sums(row: Array, name: str) -> str:
+def _write_sum(row: Array, name: str) -> str:
     """Write a weighted sum of stages, such as "0.5 * v0[i] + 0.5 * v1[i]"."""
     return " + ".join(f"{float(x)!r} * {name}{k}[i]" for k, x in enumerate(row) if x) or "0.0"
 
@@ -65,59 +70,62 @@ class Code:
 
     def __init__(self, acceleration: str, n: int):
         self.n = n
-        self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(steps, METHODS)]))
+        self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(write_steps, METHODS)]))
+        # Without these types ctypes would pass an address as an int of 32 bits, and refuse a float.
+        self.library.accelerate.argtypes = [ctypes.c_double, *[ctypes.c_void_p] * 3]
+        for method in METHODS:
+            numbers = ctypes.c_double, ctypes.c_double, ctypes.c_long
+            getattr(self.library, method).argtypes = [ctypes.c_void_p, ctypes.c_void_p, *numbers]
 
     def step(self, integrator: str, q: Array, v: Array, t: float, h: float, count: int) -> None:
         """Take `count` steps of h [s] in place; q, v (n,) contiguous."""
-        function = getattr(self.library, integrator)
-        function(_pointer(q), _pointer(v), ctypes.c_double(t), ctypes.c_double(h), ctypes.c_long(count))
+        getattr(self.library, integrator)(q.ctypes.data, v.ctypes.data, t, h, count)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        a = np.empty(self.n)
-        states = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
-        self.library.accelerate(ctypes.c_double(t), *map(_pointer, states), _pointer(a))
+        a, q, v = np.empty(self.n), np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
+        self.library.accelerate(t, q.ctypes.data, v.ctypes.data, a.ctypes.data)
         return a
-
-
-def _pointer(x: Array) -> ctypes.c_void_p:
-    return ctypes.c_void_p(x.ctypes.data)
 
 
 @lru_cache(maxsize=64)
 def _library(source: str) -> ctypes.CDLL:
-    """Compile and load a source; linked without -ffast-math, which would change rounding in the whole process."""
+    """Compile and load a source.
+
+    Raises:
+        RunFailure: there is no compiler, or it rejects the source.
+    """
     program = compiler()
     if program is None:
         raise RunFailure(Status.SKIP, NO_COMPILER)
     with TemporaryDirectory() as folder:
-        text, compiled, linked = (Path(folder) / name for name in ("engine.c", "engine.o", "engine.so"))
-        text.write_text(source)
-        commands: list[list[str | Path]] = [
-            [program, *FLAGS, "-c", text, "-o", compiled],
-            [program, "-shared", compiled, "-o", linked, "-lm"],
-        ]
-        for command in commands:
+        text, compiled, linked = f"{folder}/engine.c", f"{folder}/engine.o", f"{folder}/engine.so"
+        Path(text).write_text(source)
+        compiling = [program, *FLAGS, "-c", text, "-o", compiled]
+        # Linked in a second step without -ffast-math, which would change rounding in the whole process.
+        linking = [program, "-shared", compiled, "-o", linked, "-lm"]
+        for command in (compiling, linking):
             done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
             if done.returncode:
                 raise RunFailure(Status.ERROR, f"{program} refuses the source: {in_a_sentence(done.stderr)}")
-        return ctypes.CDLL(str(linked))
+        return ctypes.CDLL(linked)
+
+
+Advance = Callable[[Array, Array, float, float, int], None]  # (x, dx, t, h, count): takes `count` steps of h [s] from t, in place
 
 
 class CompiledSteps:
-    """A model that compiled code steps in place, from one sample to the next.
+    """A model that compiled code steps from one sample to the next; a subclass supplies the steps and the motion of the links.
 
     Attributes:
         start: coordinates and rates (n,) at the beginning.
-        note: a remark that goes with every run.
+        advance: the steps.
+        note: the note of every trajectory.
     """
 
     choice: Choice
     start: tuple[Array, Array]
+    advance: Advance
     note: str
-
-    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
-        """Take `count` steps of h [s] from t, in place."""
-        raise NotImplementedError
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a (k, n_q) of the linkage at times t (k,) and states x, dx (k, n)."""
@@ -126,8 +134,7 @@ class CompiledSteps:
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start; steps are always taken by the compiled loop, whatever `native` says."""
         self.times, self.plan = times, step_counts(times, self.choice.step)
-        self.x, self.dx = np.full((2, len(times), len(self.start[0])), np.nan)
-        self.x[0], self.dx[0] = self.start
+        self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
         for k, (count, h) in enumerate(self.plan):
@@ -135,9 +142,9 @@ class CompiledSteps:
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)
 
     def read(self) -> Trajectory:
-        reached = finite(self.x, self.dx)
-        known = self.motion(self.times[:reached], self.x[:reached], self.dx[:reached])
-        q, v, a = np.full((3, len(self.times), known[0].shape[1]), np.nan)
-        q[:reached], v[:reached], a[:reached] = known
+        reached = slice(finite(self.x, self.dx))
+        motion = np.array(self.motion(self.times[reached], self.x[reached], self.dx[reached]))  # (3, reached, n_q)
+        q, v, a = np.full((3, len(self.times), motion.shape[2]), np.nan)
+        q[reached], v[reached], a[reached] = motion
         steps = sum(count for count, _ in self.plan)
         return Trajectory(self.times, q, v, a, steps, EVALUATIONS[self.choice.integrator] * steps, self.note)

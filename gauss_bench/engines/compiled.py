@@ -1,6 +1,6 @@
-"""The suite's own formulations as native code, generated from the same linkage file that the interpreted engines read.
+"""The suite's own formulations as native code, generated from the same mechanism that the interpreted engines evaluate.
 
-The same code generator eliminates Gauss's and Lagrange's equations, so the two engines differ in nothing but the formulation.
+The same code generator eliminates Gauss's and Lagrange's equations, so the two engines differ in the formulation alone.
 """
 
 from collections.abc import Callable
@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from gauss_bench.engines import require
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.own_options import Known
+from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.own_options import OptionTable
 from gauss_bench.engines.shared import finite
 from gauss_bench.integrate import BAUMGARTE_RATE
 from gauss_bench.integrate.fixed_step import EVALUATIONS, equal_runs
@@ -21,7 +21,21 @@ FORMULATIONS = {"gauss-native": "gauss", "lagrange-native": "lagrange"}
 ADAPTIVE, IMPLICIT = "dop853", "gauss_legendre"
 TOLERANCES = {"dop853_rtol": 1e-10, "dop853_atol": 1e-12}  # those of the interpreted engines
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "pivot_guard": "on", **TOLERANCES}}
-KNOWN = Known(SETTINGS, ("baumgarte_alpha_beta_per_s", *TOLERANCES))
+KNOWN = OptionTable(SETTINGS, dict.fromkeys(("baumgarte_alpha_beta_per_s", *TOLERANCES), ()))
+
+
+def compiler_version() -> str:
+    """Return the versions of the suite and of the compiler library.
+
+    Raises:
+        MissingExtra: llvmlite is not installed.
+    """
+    from importlib.metadata import version
+
+    from gauss_bench import __version__
+
+    require("llvmlite")
+    return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
 
 
 class Compiled:
@@ -31,7 +45,7 @@ class Compiled:
     stabilizations = ("none", "baumgarte", "projection")
     settings = SETTINGS
     options = KNOWN.options
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = True
 
@@ -39,23 +53,16 @@ class Compiled:
         self.name = name
 
     def version(self) -> str:
-        from importlib.metadata import version
-
-        from gauss_bench import __version__
-
-        require("llvmlite")
-        return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
+        return compiler_version()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return ""
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if mechanism.has_friction:
-            return "dry friction has no kernel: its loads are found by iteration"
-        return None
+        return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
-        self.version()
+        compiler_version()  # raises if llvmlite is missing
         return CompiledModel(FORMULATIONS[self.name], mechanism, choice)
 
 
@@ -77,25 +84,24 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and compile whatever the run needs, so that no timed run compiles."""
+        """Reset to the start, and compile whatever the run needs, so that no timed run compiles."""
         self.kernel.prepare(self.choice.integrator)
-        self.times, self.native, self.steps, self.switches, self.fallbacks = times, native, 0, 0, 0
-        self.evaluations = 0
-        self.runs = equal_runs(times, self.choice.step)
-        legs = [self.kernel.legs(float(times[x.row]), x.size, x.steps * x.samples) for x in self.runs]
-        self.planned = sum(leg.n for some in legs for leg in some)
-        self.q, self.v = np.full((2, len(times), self.mechanism.n), np.nan)
-        self.q[0], self.v[0] = self.mechanism.q0, self.mechanism.v0
+        self.times, self.native = times, native
+        self.steps = self.evaluations = self.switches = self.fallbacks = 0
+        self.parts = equal_runs(times, self.choice.step)
+        self.planned = 0  # steps of the run; the kernel adds some at times where forces jump
+        for part in self.parts:
+            legs = self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples)
+            self.planned += sum(leg.n for leg in legs)
+        self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
-        if self.choice.integrator == ADAPTIVE:
-            self._adaptive()
-        else:
+        if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
+        elif self.times[-1] > self.times[0]:
+            self._run_adaptive()
 
-    def _adaptive(self) -> None:
-        if self.times[-1] == self.times[0]:  # no duration: there is nothing to integrate
-            return
+    def _run_adaptive(self) -> None:
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
         self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
@@ -103,7 +109,7 @@ class CompiledModel:
 
     def _run_fixed(self) -> None:
         """Take fixed steps; consecutive sample intervals with the same steps are one call of the native loop."""
-        for row, count, h, intervals in self.runs:
+        for row, count, h, intervals in self.parts:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:
                 self.q[row + 1], self.v[row + 1] = self._roll(q, v, t, h, count, None)
@@ -121,19 +127,25 @@ class CompiledModel:
         self.evaluations = (EVALUATIONS[self.choice.integrator] + differences) * self.steps
 
     def _roll(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
-        """Take n steps and return q, v: a sample (n / every, n_q) after each `every` steps, or the last state (n_q,) if None."""
+        """Take n steps; return q, v after each `every` steps (n / every, n_q), or only the last (n_q,) if `every` is None."""
         samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
-        self.switches, self.fallbacks = self.switches + self.kernel.switches, self.fallbacks + self.kernel.fallbacks
+        self.switches += self.kernel.switches
+        self.fallbacks += self.kernel.fallbacks
         return samples
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
-        """Return a call that steps every state q, v (k, n), or one (n,), `count` times and gives the last positions."""
+        """Return a call that steps every state q, v (k, n), or a single one (n,), `count` times and returns the last positions."""
         return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count, integrator=self.choice.integrator)[0])
 
     def read(self) -> Trajectory:
-        """Return the samples; the note counts changes of the coordinate partition and steps that were left to the rank decision."""
+        """Return the samples.
+
+        The note counts changes of the partition into dependent and independent coordinates, and steps for which no partition was
+        usable, so that the rank of the constraints was decided numerically.
+        """
         reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
         a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])
-        changed = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"
-        note = changed if self.switches or self.fallbacks else ""
+        note = ""
+        if self.switches or self.fallbacks:
+            note = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"
         return Trajectory(self.times, self.q, self.v, a, self.steps, self.evaluations, note)

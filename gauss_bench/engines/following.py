@@ -1,4 +1,4 @@
-"""Unwrapping of link angles: each angle is known only up to whole turns, as a function of one coordinate of the linkage."""
+"""Unwrapping of link angles that are known only up to whole turns, as functions of one coordinate of the linkage."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,8 @@ PIECES = 720  # grid points in a turn: away from dead centres a link turns by fa
 def follow(lines: Callable[[Array], Array], start: float, at: Array, angles: Array, length: float | None = None) -> Array:
     """Return approximate, unwrapped angles (k, links) [rad] at the values `at` (k,) of the coordinate.
 
-    The angles are continuous in the coordinate and equal `angles` at `start`; `wind` then makes the exact angles of it.
+    The angles are continuous in the coordinate and equal `angles` at `start`. They are interpolated in a table, and only accurate
+    enough for `wind`, which adds the right number of whole turns to exact angles.
 
     Args:
         lines: values (j,) of the coordinate -> the angles (j, links), up to whole turns.
@@ -22,7 +23,8 @@ def follow(lines: Callable[[Array], Array], start: float, at: Array, angles: Arr
         length: typical length [m] if the coordinate is a length; None if it is an angle.
     """
     low, high = min(start, at.min()), max(start, at.max())
-    # Over more than a turn of an angle the motion repeats: one turn is tabulated and its advance is added for every further turn.
+    # If the coordinate is an angle and goes beyond a turn, the motion repeats: one turn is tabulated, and for every further turn
+    # each angle advances by as much as in the first.
     turning = length is None and high - low > TURN
     if turning:
         low, high = start, start + TURN

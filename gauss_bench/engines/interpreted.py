@@ -1,7 +1,7 @@
-"""The suite's own formulations as engines in numpy: terms, stabilisation, formulation and integrator are put together here.
+"""The suite's own formulations as engines in numpy: this file combines terms, stabilisation, formulation and integrator.
 
-Friction in joints is a fixed-point iteration around any formulation: the friction force depends on the multipliers, and these on
-the accelerations. For a formulation that has no multipliers they are recovered from J^T lambda = Q - M a.
+Friction in joints is found by a fixed-point iteration around any formulation: the friction force depends on the multipliers, and
+these on the accelerations. If a formulation returns no multipliers, they are computed from J^T lambda = Q - M a.
 """
 
 from dataclasses import replace
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import __version__
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.own_options import Known
+from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.own_options import OptionTable
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.integrate import ADAPTIVE, BAUMGARTE_RATE, STABILIZATIONS, StepFailure
 from gauss_bench.integrate.fixed_step import STEPS, held_back, stretches
@@ -23,7 +23,7 @@ from gauss_bench.terms import Array, SingularSystem, Solution, Terms, baumgarte,
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, with_accelerations
 
 SETTINGS = {"default": {"baumgarte_alpha_beta_per_s": BAUMGARTE_RATE, "dop853_rtol": 1e-10, "dop853_atol": 1e-12}}
-KNOWN = Known(SETTINGS, [*SETTINGS["default"]])
+KNOWN = OptionTable(SETTINGS, dict.fromkeys(SETTINGS["default"], ()))
 
 
 class Interpreted:
@@ -33,7 +33,7 @@ class Interpreted:
     stabilizations = STABILIZATIONS
     settings = SETTINGS
     options = KNOWN.options
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = False
     python_loop = True
 
@@ -61,8 +61,9 @@ class OwnSteps:
     Attributes:
         start: coordinates and rates (n,) at the beginning.
         x, dx: (k, n) samples of coordinates and rates.
-        stabilized: (t, x, dx) -> the acceleration (n,) that the integrator sees.
+        stabilized: function (t, x, dx) -> the acceleration (n,) that is integrated, with Baumgarte's terms if they are chosen.
         tolerances: relative and absolute tolerance of an adaptive integrator if the choice has none.
+        steps, evaluations: counts of the last run.
     """
 
     mechanism: Mechanism
@@ -79,24 +80,23 @@ class OwnSteps:
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start; steps are always taken in Python, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
-        self.x, self.dx = np.full((2, len(times), len(self.start[0])), np.nan)
-        self.x[0], self.dx[0] = self.start
+        self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
-        with np.errstate(all="ignore"):  # values that are not finite are looked for after the steps
+        with np.errstate(all="ignore"):  # no warnings: the steps check for values that are not finite
             if self.choice.integrator not in ADAPTIVE:
                 self._run_fixed()
             elif self.times[-1] != self.times[0]:
                 try:
-                    self.steps = self._adapt(*self.choice.tolerances(*self.tolerances))
+                    self.steps = self._run_adaptive(*self.choice.tolerances(*self.tolerances))
                 except StepFailure as error:
                     raise RunFailure(Status.NOT_CONVERGED, f"DOP853 could not continue: {error}") from error
 
-    def _adapt(self, rtol: float, atol: float) -> int:
+    def _run_adaptive(self, rtol: float, atol: float) -> int:
         """Fill the samples with an adaptive integrator and return the number of its steps."""
-        return resolve_name(ADAPTIVE[self.choice.integrator])(  # type: ignore[no-any-return]
-            self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks
-        )[0]
+        integrate = resolve_name(ADAPTIVE[self.choice.integrator])  # imported only now: scipy's import takes longer than most runs
+        steps, *_ = integrate(self.stabilized, self.times, self.x, self.dx, rtol, atol, kinks=self.mechanism.kinks)
+        return int(steps)
 
     def _run_fixed(self) -> None:
         x, dx = self.start
@@ -109,8 +109,8 @@ class OwnSteps:
             self.steps += count
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
-        """Return the state after `count` steps of h [s]; accelerations asked for after time `last` [s] are those at `last`."""
-        # A step that ends where forces jump must not see what comes after the jump: `held_back` evaluates it on the near side.
+        """Return the state after `count` steps of h [s]; accelerations after time `last` [s] are taken at `last`."""
+        # A step that ends where a force jumps must be computed with the force before the jump: `held_back` does that.
         step, rate = STEPS[self.choice.integrator], held_back(self.stabilized, last)
         for i in range(count):
             t = begin + i * h
@@ -124,9 +124,10 @@ class InterpretedModel(OwnSteps):
     """A mechanism under one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
-        self.mechanism, self.choice, self.options = mechanism, choice, KNOWN.resolve(choice.settings)
-        self.start, self.tolerances = (mechanism.q0, mechanism.v0), (self.options["dop853_rtol"], self.options["dop853_atol"])
-        self.rate = float(self.options["baumgarte_alpha_beta_per_s"])
+        options = KNOWN.resolve(choice.settings)
+        self.mechanism, self.choice, self.start = mechanism, choice, (mechanism.q0, mechanism.v0)
+        self.tolerances = options["dop853_rtol"], options["dop853_atol"]
+        self.rate = float(options["baumgarte_alpha_beta_per_s"])
         self.formulation = FORMULATIONS[name]
         self.evaluator = Evaluator(mechanism)
         self.friction = self.evaluator.friction
@@ -134,26 +135,28 @@ class InterpretedModel(OwnSteps):
             self.evaluator.check_loads()
         except UndeterminedLoads as error:
             raise RunFailure(Status.RANK_LOST, str(error)) from error
-        self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
+        self.rank = mechanism.n - mechanism.dof + len(mechanism.drivers) + len(mechanism.knife_edges)  # at the start
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._move(t, q, v, self.evaluator.terms(t, q, v))
+        return self._accelerate(t, q, v, self.evaluator.terms(t, q, v))
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
-        """The acceleration the integrator sees."""
+        """Return the acceleration (n,) that is integrated, with Baumgarte's terms if they are chosen."""
         self.evaluations += 1
         terms = self.evaluator.terms(t, q, v)
-        return self._move(t, q, v, baumgarte(terms, self.rate, self.rate) if self.choice.stabilization == "baumgarte" else terms)
+        if self.choice.stabilization == "baumgarte":
+            terms = baumgarte(terms, self.rate, self.rate)
+        return self._accelerate(t, q, v, terms)
 
-    def _move(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
-        """Return the accelerations (n,) under the terms, with friction where joints have any."""
+    def _accelerate(self, t: float, q: Array, v: Array, terms: Terms) -> Array:
+        """Return the accelerations (n,) under the terms and the friction of joints."""
         solution = self._solve(t, terms)
-        return self._resist(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
+        return self._add_friction(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
 
-    def _resist(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
-        """Iterate a = solve(Q + W N(lambda(a))) to its fixed point, beginning with the solution without friction.
+    def _add_friction(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
+        """Return the fixed point (n,) of a = solve(Q + W N(lambda(a))); the iteration begins with the solution without friction.
 
-        W (n, p) holds the directions of the p friction forces per unit of joint load N.
+        W (n, p) holds the generalised forces of the p joints with friction, each per unit of its joint's load N.
 
         Raises:
             RunFailure: the iteration does not converge (the joints jam), or values are not finite.
@@ -164,21 +167,24 @@ class InterpretedModel(OwnSteps):
         loaded, change = terms, np.inf
         for _ in range(self.friction.ITERATIONS):
             multipliers = solution.multipliers
-            multipliers = recover_multipliers(loaded, solution.a) if multipliers is None else multipliers
-            before, previous, loads = loads, change, self.friction.loads(multipliers)
-            change, scale = float(np.abs(loads - before).max()), float(np.abs(multipliers).max())
-            # Done when the loads settle to the tolerance, or when rounding keeps a change this small from shrinking further.
-            if change <= self.friction.TOLERANCE * scale or previous <= change <= self.friction.STALLED * scale:
+            if multipliers is None:
+                multipliers = recover_multipliers(loaded, solution.a)
+            previous_loads, previous_change = loads, change
+            loads = self.friction.loads(multipliers)
+            change, scale = float(np.abs(loads - previous_loads).max()), float(np.abs(multipliers).max())
+            if change <= self.friction.TOLERANCE * scale:
+                return solution.a
+            if previous_change <= change <= self.friction.STALLED * scale:  # rounding keeps the change from shrinking further
                 return solution.a
             loaded = replace(terms, Q=terms.Q + W @ loads)
             solution = self._solve(t, loaded)
         raise RunFailure(Status.NOT_CONVERGED, f"t = {t:.6g} s: {JAMMED.format(self.friction.ITERATIONS)}")
 
     def _solve(self, t: float, terms: Terms) -> Solution:
-        """Solve the terms by the formulation, and refuse a solution whose rank is higher than at the start.
+        """Solve the terms by the formulation.
 
         Raises:
-            RunFailure: the system is singular or not finite, or redundant constraint rows have become independent.
+            RunFailure: the system is singular or not finite, or its rank is higher than at the start.
         """
         try:
             solution = self.formulation(terms)
@@ -188,15 +194,16 @@ class InterpretedModel(OwnSteps):
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help") from error
         # Redundant rows that have drifted apart contradict each other: counted as independent they would lock the linkage.
         if self.mechanism.redundant and solution.rank > self.rank:
-            drifted = f"t = {t:.6g} s: redundant rows have drifted apart and count as independent (rank {solution.rank}, "
-            raise RunFailure(Status.RANK_LOST, f"{drifted}{self.rank} at the start): the linkage would lock; use projection")
+            message = f"t = {t:.6g} s: redundant rows have drifted apart and count as independent "
+            message += f"(rank {solution.rank}, {self.rank} at the start): the linkage would lock; use projection"
+            raise RunFailure(Status.RANK_LOST, message)
         return solution
 
     def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
         return self.evaluator.project(t, x, dx)
 
     def read(self) -> Trajectory:
-        def at(k: int) -> Array:
+        def acceleration_of_sample(k: int) -> Array:
             return self.acceleration(float(self.times[k]), self.x[k], self.dx[k])
 
-        return with_accelerations(self.times, self.x, self.dx, at, self.steps, self.evaluations)
+        return with_accelerations(self.times, self.x, self.dx, acceleration_of_sample, self.steps, self.evaluations)

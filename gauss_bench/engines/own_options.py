@@ -1,14 +1,14 @@
 """An engine's own options as a user writes them: NAME, KEY=VALUE,... or NAME,KEY=VALUE,... where NAME is a setting or a variant.
 
-Without a name the engine's first settings apply. These settings also define which options exist and their types: a number stays a
-number, a list keeps its length, and a word must be one that a setting or variant of the engine uses or its knob lists.
+Without a name the engine's first settings apply. These settings also define which options exist and their types: a number must stay
+a number, a list must keep its length, and a word must be one that a setting or variant of the engine uses or that its knob lists.
 """
 
 import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from gauss_bench.untrusted import parse_toml
@@ -18,25 +18,23 @@ BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # a word, or several, wi
 
 
 class OptionError(ValueError):
-    """An option that an engine does not know, or a value that it cannot take; the message lists what is known."""
+    """An option that an engine does not have, or a value that an option cannot take; the message lists what is possible."""
 
 
 @dataclass(frozen=True)
-class Known:
-    """The names that an engine knows.
+class OptionTable:
+    """The settings, variants and options of an engine, by name.
 
     Attributes:
         labels: name of a setting or variant -> option -> value; the first entry holds the engine's defaults.
-        options: the options that a user may give one by one.
-        words: option -> further permitted words, for options whose values are words.
+        options: option that a user may give as KEY=VALUE -> further permitted words, if its values are words.
     """
 
     labels: Mapping[str, Mapping[str, Any]]
-    options: Sequence[str]
-    words: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    options: Mapping[str, Sequence[str]]
 
     def resolve(self, text: str) -> dict[str, Any]:
-        """Return all options that a text stands for: the name of a setting or variant, options one by one, or both.
+        """Return the value of every option under a text: the name of a setting or variant, KEY=VALUE pairs, or both.
 
         Raises:
             KeyError: no setting and no variant has that name.
@@ -44,28 +42,34 @@ class Known:
         """
         if text in self.labels:
             return dict(self.labels[text])
-        first, *others = parts = [x.strip() for x in COMMA.split(text)]
-        name, given = (next(iter(self.labels)), parts) if is_own(first) else (first, others)
-        if strange := [x for x in (name, *given) if not is_own(x) and x not in self.labels]:
-            raise KeyError(f"neither settings nor a variant: {strange[0]!r}; there are {', '.join(self.labels)}")
-        if bare := [x for x in given if not is_own(x)]:
-            raise OptionError(f"{bare[0]!r}: only the first may be a name, what follows is KEY=VALUE")
-        options = dict(self.labels[name])
-        pairs = [[x.strip() for x in part.split("=", 1)] for part in given]
-        for key, _ in pairs:
+        parts = [x.strip() for x in COMMA.split(text)]
+        name = next(iter(self.labels)) if is_assignment(parts[0]) else parts.pop(0)
+        for part in (name, *parts):
+            if not is_assignment(part) and part not in self.labels:
+                raise KeyError(f"neither settings nor a variant: {part!r}; there are {', '.join(self.labels)}")
+        changes: dict[str, Any] = {}
+        for part in parts:
+            if not is_assignment(part):
+                raise OptionError(f"{part!r}: only the first may be a name, what follows is KEY=VALUE")
+            key, value = (x.strip() for x in part.split("=", 1))
             if key not in self.options:
-                raise OptionError(f"no option {key!r}; there are {self.told() or 'none'}")
-            if [x for x, _ in pairs].count(key) > 1:
+                raise OptionError(f"no option {key!r}; there are {self.describe() or 'none'}")
+            if key in changes:
                 raise OptionError(f"the option {key!r} is given twice")
-        return options | {key: self._value(key, value) for key, value in pairs}
+            changes[key] = self._read_value(key, value)
+        return {**self.labels[name], **changes}
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """List the options with their default values, as KEY=VALUE."""
         usual = next(iter(self.labels.values()), {})
         return ", ".join(f"{key}={_write(usual[key])}" for key in self.options)
 
-    def _value(self, key: str, text: str) -> Any:
-        """Read an option's value; its default decides which type it must have."""
+    def _read_value(self, key: str, text: str) -> Any:
+        """Read the value of an option; it must have the type of the option's default.
+
+        Raises:
+            OptionError: it has another type, or is not in the range of the option.
+        """
         usual = next(iter(self.labels.values()))[key]
         value = _read(text)
         match usual:
@@ -90,16 +94,16 @@ class Known:
     def _words(self, key: str) -> list[str]:
         """List the words that an option may take, without repetition."""
         used = (options[key] for options in self.labels.values() if key in options)
-        return list(dict.fromkeys([*used, *self.words.get(key, ())]))
+        return list(dict.fromkeys([*used, *self.options[key]]))
 
 
-def is_own(text: str) -> bool:
-    """Tell whether a text gives an option by KEY=VALUE, not a name."""
+def is_assignment(text: str) -> bool:
+    """Tell whether a text has the form KEY=VALUE; otherwise it is a name."""
     return "=" in text
 
 
 def _read(text: str) -> Any:
-    """Parse a value as TOML, or return the text itself if it is plain words; None if it is neither."""
+    """Return the value that a text is in TOML, or the text itself if it is plain words, or None if it is neither."""
     try:
         return parse_toml(f"x = {text}")["x"] if "\n" not in text else None
     except tomllib.TOMLDecodeError:

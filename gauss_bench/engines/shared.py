@@ -1,4 +1,4 @@
-"""The common part of adapters to foreign engines: reasons to refuse a linkage, and checks of the built model against it."""
+"""What adapters to foreign engines share: reasons to refuse a linkage, and checks of the built model against the linkage."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -31,10 +31,6 @@ SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start;
 PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
 
 
-def _nothing() -> None:
-    """Do nothing: for calls that need no preparation."""
-
-
 @dataclass(frozen=True, eq=False)
 class LibraryCall:
     """One evaluation of a library's right-hand side, in its own coordinates, as an expert of the library would call it.
@@ -42,31 +38,31 @@ class LibraryCall:
     Attributes:
         call: the function that is timed.
         acceleration: (n,) result of the call, translated to absolute coordinates.
-        ready: preparation before every call, not timed.
+        ready: preparation before every call, not timed; by default it does nothing.
         count: number of right-hand sides, or implicit steps, in one call.
     """
 
     call: Callable[[], object]
     acceleration: Array
-    ready: Callable[[], None] = _nothing
+    ready: Callable[[], object] = lambda: None
     count: int = 1
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
-    """Return why a library that takes only steady forces cannot model the mechanism, or None if it can."""
+    """Return the reason why an adapter that gives its library only steady forces cannot model the mechanism, or None if it can."""
     names = ", ".join(f.name for f in mechanism.varying)
     return f"force {names} varies with time or direction, which {library} is not given here" if names else None
 
 
-def refused(mechanism: Mechanism, library: str) -> str | None:
-    """Return why no adapter takes the mechanism, or None if they do.
+def common_refusal(mechanism: Mechanism, library: str) -> str | None:
+    """Return the reason why no adapter to a library can model the mechanism, or None if there is none.
 
     Raises:
-        TypeError: a force is of a kind that cannot be lowered to loads.
+        TypeError: a force is of a kind that cannot be expressed by loads.
     """
     for force in mechanism.forces:
-        lowered = [] if factor_of(force) else loads([force])  # a force that varies is no sum of constant loads
-        if any(isinstance(x, Law) and x.inverse_square for x in lowered):
+        own = [] if factor_of(force) else loads([force])  # a force that varies is no sum of constant loads
+        if any(isinstance(x, Law) and x.inverse_square for x in own):
             return f"force {force.name} falls with the square of a distance, for which {library} is given no element here"
     if mechanism.couplings:
         return f"{library} is given no {type(mechanism.couplings[0]).__name__} ({mechanism.couplings[0].name}) here"
@@ -76,7 +72,7 @@ def refused(mechanism: Mechanism, library: str) -> str | None:
 
 
 def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
-    """List the drivers that prescribe a link's angle or a slide, in order; a driven length is no coordinate of a tree."""
+    """List the drivers that prescribe a link's angle or a slide, in order: a driven length is no coordinate of a tree."""
     return [d for d in mechanism.drivers if not isinstance(d, LengthDriver)]
 
 
@@ -88,13 +84,15 @@ def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Return why a tree of joints whose loops are closed by pins alone cannot model the mechanism, or None if it can."""
-    if reason := refused(mechanism, library):
+    """Return the reason why a tree of joints whose loops are closed by pins alone cannot model the mechanism, or None if it can."""
+    if reason := common_refusal(mechanism, library):
         return reason
     if mechanism.knife_edges:
         return f"{library} has no constraint on velocities alone (knife edge)"
-    slide = next((j.name for j in spanning_tree(mechanism).closures if isinstance(j, Prismatic)), None)
-    return slide and f"the slide {slide} closes a loop of slides, for which {library} has no constraint"
+    for joint in spanning_tree(mechanism).closures:
+        if isinstance(joint, Prismatic):
+            return f"the slide {joint.name} closes a loop of slides, for which {library} has no constraint"
+    return None
 
 
 TREES = {"file order": False, "least depth": True}  # value of the knob `tree` -> `least_depth` of spanning_tree
@@ -106,12 +104,12 @@ def joint_tree(mechanism: Mechanism, options: Mapping[str, Any]) -> Tree:
 
 
 def closing_pins(tree: Tree) -> list[tuple[Point, Point]]:
-    """List the pairs of points that the open pins join: closing them closes the loops of the tree."""
+    """List the pairs of points that must coincide to close the loops: those of the pins that are not in the tree."""
     return [(joint.a, joint.b) for joint in tree.closures if isinstance(joint, Revolute)]
 
 
 def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the start and random tree states y, dy (n,) around it; their loops need not be closed."""
+    """Yield the start and random tree states y, dy (n,) around it, at which loops may be open."""
     random = np.random.default_rng(0)
     for size in SPREAD:
         yield y0 + size * random.uniform(-1.0, 1.0, tree.n), dy0 + 10.0 * size * random.uniform(-1.0, 1.0, tree.n)
@@ -119,9 +117,10 @@ def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Arra
 
 @dataclass(frozen=True, eq=False)
 class OpenTree:
-    """The suite's own terms at a tree state whose open pins may be apart: the reference for a library's model of the tree.
+    """The suite's own terms at a tree state whose loops may be open: the reference for a library's model of the tree.
 
-    With V the map from tree rates to absolute speeds, and a0 the absolute acceleration at y'' = 0, the open tree obeys
+    With V the map from tree rates to absolute speeds, and a0 the absolute acceleration at y'' = 0, a tree without its closing pins
+    obeys
 
         V^T M V y'' = V^T (Q - M a0)
 
@@ -129,8 +128,8 @@ class OpenTree:
         q: (n_q,) absolute coordinates.
         mass: (n, n) V^T M V.
         forces: (n,) V^T (Q - M a0).
-        load: size of the parts of `forces`, by which differences are judged.
-        gaps: (pins, 2) point b minus point a of each open pin [m].
+        load: size of the terms in `forces`, to which differences are compared.
+        gaps: (pins, 2) point b minus point a of each closing pin [m].
     """
 
     q: Array
@@ -152,7 +151,10 @@ def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree
 
 
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:
-    """Check a generated model against the linkage: for each quantity its value in both, and the scale of their difference.
+    """Check that a generated model is the linkage.
+
+    Args:
+        pairs: quantity -> its value in the model, its value in the linkage, and the scale of a difference.
 
     Raises:
         RunFailure: a quantity differs by more than the tolerance times its scale.

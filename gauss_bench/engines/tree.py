@@ -1,20 +1,20 @@
-"""The spanning tree of a linkage and the joints it leaves open, for engines in relative coordinates.
+"""The spanning tree of a linkage and the joints that close its loops, for engines in relative coordinates.
 
-Each link hangs on its parent by one branch with one coordinate (a free link by three). Vectors of the plane are complex numbers,
-with E = exp(i theta) of the parent, z the centres of mass and r = exp(i theta) anchor of the child:
+Each link is connected to its parent by one branch with one coordinate (a free link with three). Vectors of the plane are complex
+numbers, with E = exp(i theta) of the parent, z the centres of mass and r = exp(i theta) anchor of the child:
 
     revolute    theta = theta_parent + y,      z + r = z_parent + E parent_anchor
     prismatic   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free        x, y, theta of the centre of mass
 
-Slides enter the tree before pins, so that the joints left open are pins wherever possible. Of the pins, the tree takes either the
-first ones of the file or those that keep links near the ground. Branches are listed depth first. A single state (n,) is mapped in
-plain Python numbers, because that is fastest; a batch (..., n) is mapped in numpy.
+Slides enter the tree before pins, so that loops are closed by pins wherever possible. Of the pins, the tree takes either the first
+ones of the file or those that keep links near the ground. Branches are listed depth first. A single state (n,) is mapped in plain
+Python numbers, because that is fastest; a batch (..., n) is mapped in numpy.
 """
 
 import cmath
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
@@ -26,13 +26,13 @@ from gauss_bench.mechanism.coordinates import state
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Joint, Mechanism, Point
-from gauss_bench.mechanism.spaces import PLANE, bodies
+from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.terms import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A link with the joint by which it hangs on its parent.
+    """A link and the joint that connects it to its parent.
 
     Attributes:
         link, parent: indices; parent may be GROUND.
@@ -73,7 +73,14 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Branches in depth-first order, and the joints left open ("closures"); `n` is the number of tree coordinates."""
+    """A spanning tree.
+
+    Attributes:
+        branches: in depth-first order, so that a parent comes before its children.
+        closures: the joints that are not in the tree; they close its loops.
+        n: number of tree coordinates.
+        links: number of links.
+    """
 
     branches: tuple[Branch, ...]
     closures: tuple[Joint, ...]
@@ -107,32 +114,35 @@ class Tree:
             q[i] = (z + arm - r, theta_i)
             v[i] = (u + 1j * w * arm + slide - 1j * w_i * r, w_i)
             a[i] = (c + turning - (1j * alpha_i - w_i * w_i) * r, alpha_i)
-        return self._stack(q, y), self._stack(v, y), self._stack(a, y)
+        shape = y.shape[:-1]
+        return self._stack(q, shape), self._stack(v, shape), self._stack(a, shape)
 
-    def _stack(self, states: dict[int, Any], like: Array) -> Array:
-        out = np.empty((*like.shape[:-1], self.links, 3))
+    def _stack(self, states: dict[int, Any], shape: tuple[int, ...]) -> Array:
+        """Return the vectors and angles of all links as one array (*shape, 3 links)."""
+        out = np.empty((*shape, self.links, 3))
         for i in range(self.links):
             z, theta = states[i]
             out[..., i, 0], out[..., i, 1], out[..., i, 2] = z.real, z.imag, theta
-        return out.reshape(*like.shape[:-1], -1)
+        return out.reshape(*shape, -1)
 
     @cached_property
-    def _written(self) -> Callable[..., list[Array]]:
+    def _coordinates(self) -> Callable[..., list[Array]]:
         """A generated function (t, q, v) -> tree coordinates and their rates, for `relative`."""
-        at = Symbols(PLANE.size * self.links)
+        at = Symbols(SIZE * self.links)
         states = [state(x, at) for b in self.branches for x in b.coordinates]
-        return at.written([x.value for x in states], [x.rate for x in states])
+        return at.generate([x.value for x in states], [x.rate for x in states])
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Map absolute states (..., 3 links) to tree coordinates and rates (..., n); gaps at the tree's joints are ignored."""
-        y, dy = self._written(0.0, q, v)
+        y, dy = self._coordinates(0.0, q, v)
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
         """Return the generalised forces (..., n) of the tree that do the same virtual work as Q (..., 3 links) at q."""
         y, _ = self.relative(q, np.zeros_like(q))
-        each, none = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
-        speeds = self.absolute(each, none + np.eye(self.n), none)[1]  # (..., n, 3 links), of each coordinate alone
+        same, rest = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
+        # speeds (..., n, 3 links): row k is the motion of all links if tree coordinate k alone moves, at unit rate
+        speeds = self.absolute(same, rest + np.eye(self.n), rest)[1]
         return np.asarray((speeds @ Q[..., None])[..., 0])
 
 
@@ -146,10 +156,39 @@ def columns(x: Array) -> Any:
     return x.tolist() if x.ndim == 1 else np.moveaxis(x, -1, 0)
 
 
-def states_of(x: Array) -> dict[int, Any]:
-    """Return link index -> (complex vector, angle) of an absolute state, with the ground at rest."""
-    rows = bodies(x).tolist() if x.ndim == 1 else np.moveaxis(bodies(x), (-2, -1), (0, 1))
-    return {GROUND: (0j, 0.0)} | {i: (a + 1j * b, angle) for i, (a, b, angle) in enumerate(rows)}
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """The angles of all links as theta = rows . y + constants.
+
+    Attributes:
+        rows: (links + 1, n) of zeros and ones; the last row is the ground.
+        constants: (links + 1,) [rad].
+    """
+
+    rows: Array
+    constants: Array
+
+    def together(self, a: int, b: int) -> bool:
+        """Tell whether two links never turn relative to each other."""
+        return bool((self.rows[a] == self.rows[b]).all())
+
+    def turns_with(self, a: int, b: int) -> bool:
+        """Tell whether every hinge that turns link a turns b as well."""
+        return bool((self.rows[a] <= self.rows[b]).all())
+
+    def apart(self, a: int, b: int) -> bool:
+        """Tell whether no hinge turns both links."""
+        return not (self.rows[a] * self.rows[b]).any()
+
+
+def turning(tree: Tree) -> Turning:
+    """Return the links' angles as functions of the tree coordinates."""
+    rows, constants = np.zeros((tree.links + 1, tree.n)), np.zeros(tree.links + 1)
+    for b in tree.branches:  # a parent's row is complete before its children use it; GROUND = -1 is the last row, of zeros
+        rows[b.link], constants[b.link] = rows[b.parent], constants[b.parent] + b.turn
+        if b.kind != "prismatic":
+            rows[b.link, b.at + (2 if b.kind == "free" else 0)] = 1.0
+    return Turning(rows, constants)
 
 
 def ends(joint: Joint) -> tuple[int, int]:
@@ -167,33 +206,31 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     slides = _without_loops(mechanism, mechanism.slides)
     pins = mechanism.pins
     chosen = _nearest(mechanism, slides, pins) if least_depth else _without_loops(mechanism, [*slides, *pins])
+    neighbours = _neighbours(joint for joint in mechanism.joints if joint in chosen)  # in the order of the file
     branches: list[Branch] = []
     reached = {GROUND}
-    count = 0
-    order = {id(joint): k for k, joint in enumerate(mechanism.joints)}
-    chosen.sort(key=lambda j: order[id(j)])
+    n = 0
 
     def descend(parent: int) -> None:
-        nonlocal count
-        for joint in chosen:
-            if parent in ends(joint):
-                child = next(i for i in ends(joint) if i != parent)
-                if child not in reached:
-                    reached.add(child)
-                    branches.append(_branch(joint, parent, child, count))
-                    count += 1
-                    descend(child)
+        """Add branches to all links that are reached from `parent`, depth first."""
+        nonlocal n
+        for joint, child in neighbours[parent]:
+            if child not in reached:
+                reached.add(child)
+                branches.append(_branch(joint, parent, child, n))
+                n += 1
+                descend(child)
 
     descend(GROUND)
-    none = np.zeros(2)
-    for i in range(len(mechanism.links)):
-        if i not in reached:
-            reached.add(i)
-            branches.append(Branch(i, GROUND, "free", None, count, none, none, none, none, 0.0))
-            count += 3
-            descend(i)
-    closures = tuple(j for j in mechanism.joints if all(j is not b.joint for b in branches))
-    return Tree(tuple(branches), closures, count, len(mechanism.links))
+    origin = np.zeros(2)
+    for link in range(len(mechanism.links)):
+        if link not in reached:
+            reached.add(link)
+            branches.append(Branch(link, GROUND, "free", None, n, origin, origin, origin, origin, 0.0))
+            n += 3
+            descend(link)
+    closures = tuple(joint for joint in mechanism.joints if joint not in chosen)
+    return Tree(tuple(branches), closures, n, len(mechanism.links))
 
 
 def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
@@ -211,9 +248,9 @@ def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]
 def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint]) -> list[Joint]:
     """Return all slides, and the pins by which links are reached from the ground over the fewest joints (Dijkstra's algorithm).
 
-    With a link, all links that slides hold to it are reached at once: a pin to one of those would close a loop over a slide.
+    All links that slides connect to a reached link are reached with it: a pin to one of those would close a loop over a slide.
     """
-    held, pinned = _neighbours(slides), _neighbours(pins)
+    by_slides, by_pins = _neighbours(slides), _neighbours(pins)
     chosen: list[Joint] = []
     reached: set[int] = set()
     waiting: list[tuple[int, int]] = []  # (depth, link), nearest first
@@ -221,7 +258,7 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
     def reach(link: int, depth: int) -> None:
         reached.add(link)
         heappush(waiting, (depth, link))
-        for joint, other in held[link]:
+        for joint, other in by_slides[link]:
             if other not in reached:
                 chosen.append(joint)
                 reach(other, depth + 1)
@@ -231,14 +268,14 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
             reach(root, 0)
         while waiting:
             depth, link = heappop(waiting)
-            for joint, other in pinned[link]:
+            for joint, other in by_pins[link]:
                 if other not in reached:
                     chosen.append(joint)
                     reach(other, depth + 1)
     return chosen
 
 
-def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
+def _neighbours(joints: Iterable[Joint]) -> defaultdict[int, list[tuple[Joint, int]]]:
     """Return link -> its joints, each with the link at the other end."""
     neighbours: defaultdict[int, list[tuple[Joint, int]]] = defaultdict(list)
     for joint in joints:
@@ -249,7 +286,7 @@ def _neighbours(joints: Sequence[Joint]) -> defaultdict[int, list[tuple[Joint, i
 
 
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
-    """Return the branch by which `child` hangs on `parent`; a joint whose first link is the child is used backwards."""
+    """Return the branch that connects `child` to `parent`; a joint whose first link is the child is used backwards."""
     none = np.zeros(2)
     (_, offset), (_, turn) = joint.held
     first, second = joint.ends

@@ -1,4 +1,4 @@
-"""An engine's knobs, settings and variants as data: `variants.toml` in its room, read in one place.
+"""An engine's knobs, settings and variants as data: the file `variants.toml` in the engine's folder, and its reader.
 
     [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source; `values` lists
                  further words that the knob may take besides those used in the file
@@ -12,19 +12,19 @@ stabilisation is then "none". A list of values stands for each of its entries: t
 combination is named by the line's name and its own values ("lean/rk4/2"). Settings may carry a `remark` for readers, which is no
 knob, and `soft`: the reason why accelerations under them, and under their variants, satisfy J a = gamma only roughly.
 
-Every knob must give the address of a documentation page, example or tracker, or the reason why it is our own search; otherwise the
-file is refused, as is a value of an unknown knob. So a reader can look up everything that is raced.
+Every knob must give the address of a documentation page, example or tracker, or the reason why the suite's authors try it;
+otherwise the file is refused, as is a value of an unknown knob. So a reader can look up every option that is compared.
 """
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from gauss_bench.engines.base import CHOSEN, Variant
-from gauss_bench.engines.own_options import Known
+from gauss_bench.engines.own_options import OptionTable
 from gauss_bench.untrusted import parse_toml
 
 FILE = "variants.toml"
@@ -80,7 +80,7 @@ class Variants:
             OptionError: an option is unknown, or its value has the wrong type.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
-        return Known(labels, [k for k in self.knobs if k not in CHOSEN], {k: x.values for k, x in self.knobs.items()}).resolve(name)
+        return OptionTable(labels, {k: x.values for k, x in self.knobs.items() if k not in CHOSEN}).resolve(name)
 
 
 def read_variants(room: Path) -> Variants:
@@ -99,47 +99,42 @@ def read_variants(room: Path) -> Variants:
 
 
 def _read(file: Mapping[str, Any]) -> Variants:
-    """Check the parsed file table by table and build its variants: knobs, settings, variants, first, unfinished."""
-    for name in ("knobs", "settings", "variants"):
-        lines = file.get(name)
-        tables = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
-        _require(tables and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
+    """Check the parsed file table by table, and build its variants."""
+    knob_lines, setting_lines, variant_lines = (_lines(file, name) for name in ("knobs", "settings", "variants"))
     unfinished_lines = file.get("unfinished", [])
     _require(isinstance(unfinished_lines, list), "unfinished", "a list of tables is wanted")
-    knobs = {name: _knob(f"knobs.{name}", line) for name, line in file["knobs"].items()}
-    own = [name for name in knobs if name not in CHOSEN]
-    usual, settings, soft = next(iter(file["settings"])), dict[str, Line](), dict[str, str]()
-    for label, line in file["settings"].items():
-        _known(line, (*own, REMARK, SOFT), f"settings.{label}")
-        options = {**settings.get(usual, {}), **line}  # the first label has no defaults and must give every knob
-        lacking = ", ".join(x for x in own if x not in options)
-        _require(not lacking, f"settings.{label}", f"{lacking} has no value")
-        settings[label] = {x: options[x] for x in own} | ({REMARK: line[REMARK]} if REMARK in line else {})
-        if SOFT in line:
-            soft[label] = _cause(line[SOFT], f"settings.{label}.{SOFT}")
+    knobs = {name: _read_knob(f"knobs.{name}", line) for name, line in knob_lines.items()}
+    settings, soft = _read_settings(setting_lines, [name for name in knobs if name not in CHOSEN])
     space: dict[str, Variant] = {}
-    for name, line in file["variants"].items():
-        label = line.get("settings", usual)
-        _require(label in settings, f"variants.{name}", f"there are no settings {label!r}")
-        _known(line, (*knobs, "settings"), f"variants.{name}")
-        _require("integrator" in line, f"variants.{name}", "integrator is missing")
-        for variant in _points(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label]):
-            _require(variant.name not in {**space, **settings}, f"variants.{name}", f"{variant.name} is there already")
+    for name, line in variant_lines.items():
+        label = line.get("settings", next(iter(settings)))
+        for variant in _read_line(name, line, label, settings, knobs):
+            taken = variant.name in space or variant.name in settings
+            _require(not taken, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
-            soft |= {variant.name: soft[label]} if label in soft else {}
+            if label in soft:
+                soft[variant.name] = soft[label]
     first = tuple(file.get("first", ()))
     for name in first:
         _require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
     for line in unfinished_lines:
-        wanted = {key: x for key, x in line.items() if key != "cause"}
-        _known(wanted, tuple(knobs), "unfinished")
-        cause = _cause(line.get("cause"), "unfinished.cause")
-        unfinished |= {name: cause for name, x in space.items() if wanted.items() <= x.options.items()}
+        values = {key: x for key, x in line.items() if key != "cause"}
+        _require_known(values, tuple(knobs), "unfinished")
+        cause = _read_cause(line.get("cause"), "unfinished.cause")
+        unfinished |= {name: cause for name, x in space.items() if values.items() <= x.options.items()}
     return Variants(knobs, settings, space, first, soft, unfinished)
 
 
-def _knob(place: str, line: Line) -> Knob:
+def _lines(file: Mapping[str, Any], name: str) -> dict[str, Line]:
+    """Return a table whose values are inline tables; only the variants may be none."""
+    lines = file.get(name)
+    good = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
+    _require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
+    return lines or {}
+
+
+def _read_knob(place: str, line: Line) -> Knob:
     """Check one line of [knobs]: it must have a meaning, and either a source or a reason to try it."""
     for field_name in line.keys() - {"meaning", "source", "own_search", "values"}:
         raise VariantError(f"{place}: unknown field {field_name}")
@@ -151,34 +146,64 @@ def _knob(place: str, line: Line) -> Knob:
     return Knob(meaning.strip(), address or OWN_SEARCH + reason, tuple(line.get("values", ())))
 
 
+def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:
+    """Return label -> knob -> value for all `own` knobs, and label -> cause of the settings that are declared soft."""
+    settings: dict[str, Line] = {}
+    soft: dict[str, str] = {}
+    defaults: Line = {}
+    for label, line in lines.items():
+        place = f"settings.{label}"
+        _require_known(line, (*own, REMARK, SOFT), place)
+        options = {**defaults, **line}
+        defaults = defaults or line  # the first label has no defaults and must give every knob a value
+        lacking = ", ".join(x for x in own if x not in options)
+        _require(not lacking, place, f"{lacking} has no value")
+        settings[label] = {x: options[x] for x in own}
+        if REMARK in line:
+            settings[label][REMARK] = line[REMARK]
+        if SOFT in line:
+            soft[label] = _read_cause(line[SOFT], f"{place}.{SOFT}")
+    return settings, soft
+
+
+def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], knobs: Mapping[str, Knob]) -> Iterator[Variant]:
+    """Check one line of [variants] and yield its variants; `label` names its settings."""
+    place = f"variants.{name}"
+    _require(label in settings, place, f"there are no settings {label!r}")
+    _require_known(line, (*knobs, "settings"), place)
+    _require("integrator" in line, place, "integrator is missing")
+    # a stabilization that the line lists keeps its place in the line, which orders the names of variants
+    yield from _combinations(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label])
+
+
 def _require(good: bool, place: str, otherwise: str) -> None:
+    """Raise a VariantError unless a condition holds."""
     if not good:
         raise VariantError(f"{place}: {otherwise}")
 
 
-def _known(line: Line, names: tuple[str, ...], place: str) -> None:
+def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
     """Refuse a line that has a key besides `names`."""
     for name in line.keys() - {*names}:
         raise VariantError(f"{place}: {name} is no knob: nothing says what it is and where it comes from")
 
 
-def _cause(text: Any, place: str) -> str:
+def _read_cause(text: Any, place: str) -> str:
     """Return a cause if it is a text that is long enough to be one."""
     _require(isinstance(text, str) and len(text) >= LEAST_WORDS, place, f"gives no cause: {text}")
     return str(text)
 
 
-def _points(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant]:
-    """Yield a variant for every combination of the values that a line lists."""
+def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant]:
+    """Yield a variant for every combination of the values that a line lists; `usual` are the values of its settings."""
     values = {k: x for k, x in line.items() if k != "settings"}
-    lists = {k: x for k, x in values.items() if _several(x, usual.get(k))}
-    for choice in product(*lists.values()):
-        chosen = {**values, **dict(zip(lists, choice, strict=True))}
-        options = {**usual, **{k: x for k, x in chosen.items() if k not in CHOSEN}}
-        integrator, stabilization = (str(chosen[x]) for x in CHOSEN)
-        yield Variant("/".join([name, *map(str, choice)]), integrator, stabilization, options)
+    lists = {k: x for k, x in values.items() if _is_choice(x, usual.get(k))}
+    for picked in product(*lists.values()):
+        point = {**values, **dict(zip(lists, picked, strict=True))}
+        options = {**usual, **{k: x for k, x in point.items() if k not in CHOSEN}}
+        yield Variant("/".join([name, *map(str, picked)]), str(point["integrator"]), str(point["stabilization"]), options)
 
 
-def _several(value: Any, usual: Any) -> bool:
+def _is_choice(value: Any, usual: Any) -> bool:
     """Tell whether a value lists several values; for a knob whose default is itself a list, only a list of lists does."""
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -1,4 +1,4 @@
-"""The common part of exports: the kinds of files, the head of every file, and the list of what a file leaves out."""
+"""The common part of exports: the kinds of files, the head of every file, and the list of parts that a file leaves out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Kind:
     Attributes:
         writer: name of the module whose `write` makes the text.
         engine: the suite's engine whose model the file holds.
-        settings, integrator, stabilization: the setting of that engine with which the file is written.
+        settings, integrator, stabilization: the setting of that engine in the file.
         what: the kind in words, such as "a Python script".
         suffix: the usual suffix of such files.
     """
@@ -46,7 +46,7 @@ OWNED = "This file is yours: whoever exported it owns it and may use, change and
 
 @dataclass(frozen=True)
 class Exported:
-    """The text of a file that is not written yet, and sentences on the parts of the linkage file that it leaves out."""
+    """The text of a file that is not yet written, and sentences on the parts of the linkage that it leaves out."""
 
     text: str
     left_out: tuple[str, ...]
@@ -60,7 +60,7 @@ def export_linkage(mechanism: Mechanism, name: str, step: float, remarks: tuple[
         remarks: sentences for the head of the file, such as measured errors.
 
     Raises:
-        ExchangeError: the kind cannot hold the linkage; the message names the part.
+        ExchangeError: files of this kind cannot express the linkage; the message names the part.
         ImportError: the library that builds the model is not installed.
     """
     kind = KINDS[name]
@@ -85,7 +85,7 @@ def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[st
     """Return the text that a module of this folder writes.
 
     Raises:
-        ExchangeError: there is a `reason` against it, or the model is refused; the message begins with `refused`.
+        ExchangeError: a `reason` is given, or the adapter refuses the model; the message begins with `refused`.
         ImportError: the library that builds the model is not installed.
     """
     if reason:

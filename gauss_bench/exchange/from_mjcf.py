@@ -1,6 +1,6 @@
-"""Import of MJCF: from the model that MuJoCo's compiler makes of a document to a mechanism in space.
+"""Import of MJCF: from the model that MuJoCo compiles from a document to a mechanism in space.
 
-Elements that a linkage cannot have are refused; elements that do not change its motion are listed as left out.
+Elements that a linkage cannot have are refused. Elements that do not change its motion are listed as left out.
 """
 
 import tomllib
@@ -18,7 +18,7 @@ from gauss_bench.terms import Array
 
 NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # features that must not be disabled
 START = "start"  # name of the preferred keyframe
-TAGS = {"jnt": "joint"}  # MuJoCo's name of a kind -> its tag in a file, if they differ
+TAGS = {"jnt": "joint"}  # MuJoCo's name of a kind of element -> its tag in a file, if they differ
 FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))
 
 
@@ -41,7 +41,13 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
 
 
 class Reader:
-    """A reader of a compiled document `x`, the result of `engines.mujoco.compiled.compile_document`."""
+    """A reader of a compiled document.
+
+    Attributes:
+        x: the result of `engines.mujoco.compiled.compile_document`, with MuJoCo's names of the fields.
+        dropped: sentences on elements that are left out.
+        key: number of the keyframe that is the start.
+    """
 
     def __init__(self, x: dict[str, Any], file: str):
         self.x, self.file = x, file
@@ -51,8 +57,8 @@ class Reader:
     def refuse(self, element: str, reason: str) -> ExchangeError:
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
-    def called(self, kind: str, k: int, tag: str | None = None) -> str:
-        """Return an element as a message names it: by its name, or by its number if it has none."""
+    def describe(self, kind: str, k: int, tag: str | None = None) -> str:
+        """Return an element as a message names it: by its name, or by its number if it has no name."""
         name, tag = self.x["names"][kind][k], tag or TAGS.get(kind, kind)
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
@@ -64,59 +70,88 @@ class Reader:
         return str(self.x["types"][kind][str(int(number))])
 
     def spatial(self) -> Spatial:
-        """Read the whole document."""
+        """Return the mechanism of the whole document.
+
+        Raises:
+            ExchangeError: the document holds an element that a linkage cannot have.
+        """
         x = self.x
-        self._whole()
+        self._check_document()
         joints = tuple(self._joint(k) for k in range(x["njnt"]))
         for known in FIELDS["refused"]:
             for k in range(len(x["names"][known["kind"]])):
                 if any(np.any(x[field][k]) for field in known["fields"]):
-                    raise self.refuse(self.called(known["kind"], k), known["reason"])
+                    raise self.refuse(self.describe(known["kind"], k), known["reason"])
         for known in FIELDS["left_out"]:
             set_ones = np.flatnonzero(x[known["fields"][0]])
             self.dropped += [f"{known['reason']} {self.name(known['kind'], int(k))}" for k in set_ones]
         closures, welds = self._equalities()
         acting = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in range(x["nu"]))]
         gravity = np.zeros(3) if "gravity" in x["disabled"] else x["gravity"]
-        fields = (x["body_parentid"].tolist(), x["xpos"], x["xmat"], x["body_mass"].tolist(), x["xipos"], x["inertia"])
-        bodies = tuple(Body(self.name("body", k), *parts) for k, parts in enumerate(zip(*fields, strict=True)))
+        bodies = tuple(self._body(k) for k in range(len(x["body_mass"])))
         spots = tuple(self._site(k) for k in range(x["nsite"]))
         return Spatial(self.file, bodies, joints, gravity, tuple(closures), tuple(welds), spots, tuple(acting), tuple(self.dropped))
 
-    def _whole(self) -> None:
+    def _check_document(self) -> None:
         """Refuse or list the properties of the document as a whole: media, flags, contacts, keyframes, sensors."""
         x = self.x
         if x["nflex"] or x["nplugin"]:
-            raise self.refuse("<mujoco>", "flexible bodies and plug-ins are no parts of a linkage")
+            raise self.refuse("<mujoco>", "a linkage has no flexible bodies and plug-ins")
         if any(x["medium"]):
             raise self.refuse("<option>", "a medium with density or viscosity")
-        if wrong := NEEDED & {*x["disabled"]}:
-            raise self.refuse("<flag>", f"{min(wrong)} is disabled, so that the model does not act as it is written")
+        disabled = NEEDED & {*x["disabled"]}
+        if disabled:
+            raise self.refuse("<flag>", f"{min(disabled)} is disabled, so that the model does not behave as its elements say")
         if (x["body_mocapid"] >= 0).any():
-            raise self.refuse(self.called("body", int(x["body_mocapid"].argmax())), "a motion capture body")
-        if touching := int(np.count_nonzero(x["geom_contype"] | x["geom_conaffinity"]) + x["npair"]):
-            self.dropped.append(f"contacts of {touching} geoms and pairs: bodies pass through each other")
+            raise self.refuse(self.describe("body", int(x["body_mocapid"].argmax())), "a motion capture body")
+        contacts = int(np.count_nonzero(x["geom_contype"] | x["geom_conaffinity"]) + x["npair"])
+        if contacts:
+            self.dropped.append(f"contacts of {contacts} geoms and pairs: bodies pass through each other")
         if x["nkey"] > 1:
             self.dropped.append(f"keyframes other than {self.name('key', self.key)!r}, which is the start")
         if x["nsensor"]:
             self.dropped.append(f"{x['nsensor']} sensors")
 
     def _joint(self, k: int) -> Joint:
+        """Return a joint; its start is that of the keyframe, if there is one.
+
+        Raises:
+            ExchangeError: the joint is neither a hinge nor a slide.
+        """
         x, kind = self.x, self.word("jnt", self.x["jnt_type"][k])
         if kind not in ("hinge", "slide"):
-            raise self.refuse(self.called("jnt", k), f"a {kind} joint does not move in a plane")
+            raise self.refuse(self.describe("jnt", k), f"a {kind} joint does not move in a plane")
         start, speed = (x["key_qpos"][self.key][k], x["key_qvel"][self.key][k]) if x["nkey"] else (x["qpos0"][k], 0.0)
-        numbers = (float(y) for y in (x["qpos0"][k], start, speed, x["dof_armature"][k]))
-        return Joint(self.name("jnt", k), kind, int(x["jnt_bodyid"][k]), x["xanchor"][k], x["xaxis"][k], *numbers)
+        return Joint(
+            self.name("jnt", k),
+            kind,
+            body=int(x["jnt_bodyid"][k]),
+            anchor=x["xanchor"][k],
+            axis=x["xaxis"][k],
+            ref=float(x["qpos0"][k]),
+            start=float(start),
+            speed=float(speed),
+            armature=float(x["dof_armature"][k]),
+        )
+
+    def _body(self, k: int) -> Body:
+        x, parent = self.x, int(self.x["body_parentid"][k])
+        mass, com, inertia = float(x["body_mass"][k]), x["xipos"][k], x["inertia"][k]
+        return Body(self.name("body", k), parent, x["xpos"][k], x["xmat"][k], mass, com, inertia)
 
     def _site(self, k: int) -> Spot:
         return Spot(self.name("site", k), int(self.x["site_bodyid"][k]), self.x["site_xpos"][k])
 
     def _equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
+        """Return the closures, by name and points, and the welds, by bodies.
+
+        Raises:
+            ExchangeError: an equality does not close a linkage.
+        """
         x, closures, welds = self.x, list[tuple[str, Spot, Spot]](), list[tuple[int, int]]()
         for k in range(x["neq"]):
             kind = self.word("eq", x["eq_type"][k])
-            element, name = self.called("eq", k, kind), x["names"]["eq"][k] or f"{kind}{k + 1}"
+            element, name = self.describe("eq", k, kind), x["names"]["eq"][k] or f"{kind}{k + 1}"
             if not x["eq_active0"][k]:
                 self.dropped.append(f"equality {name}, which is not active")
                 continue
@@ -127,31 +162,35 @@ class Reader:
                 closures.append((name, a, b))
                 continue
             if np.abs(a.place - b.place).max() > 1e-6 or np.abs(turn_a - turn_b).max() > 1e-6:
-                raise self.refuse(element, "its bodies are not in the pose that it holds, where joints have their reference")
+                raise self.refuse(element, "its bodies are not in the pose of the weld when the joints are at their references")
             welds.append((a.body, b.body))
         return closures, welds
 
     def _ends(self, k: int, kind: str, name: str) -> list[tuple[Spot, Array]]:
         """Return the two points that an equality joins, each with axes (3, 3), which a weld makes parallel."""
-        x, (a, b) = self.x, (int(self.x[f"eq_obj{i}id"][k]) for i in (1, 2))
+        x = self.x
+        a, b = int(x["eq_obj1id"][k]), int(x["eq_obj2id"][k])
         if x["eq_objtype"][k] == x["site_object"]:
             return [(self._site(i), x["site_xmat"][i]) for i in (a, b)]
-        near, far, turn = x["eq_data"][k][:3], x["eq_data"][k][3:6], np.eye(3)
-        if kind == "weld":  # MuJoCo gives a weld's anchor in the second body, and its pose as that of the second in the first
-            near, far, turn = far, near, Rotation.from_quat(np.roll(x["eq_data"][k][6:10], -1)).as_matrix()
-        ends = [(Spot(name, i, x["xpos"][i] + x["xmat"][i] @ at), x["xmat"][i]) for i, at in ((a, near), (b, far))]
-        return [(ends[0][0], ends[0][1] @ turn), ends[1]]
+        at_a, at_b, turn = x["eq_data"][k][:3], x["eq_data"][k][3:6], np.eye(3)
+        if kind == "weld":
+            # MuJoCo gives a weld's anchor in the second body first, and its pose as that of the second body in the first
+            at_a, at_b = at_b, at_a
+            turn = Rotation.from_quat(np.roll(x["eq_data"][k][6:10], -1)).as_matrix()
+        spot_a, spot_b = (Spot(name, i, x["xpos"][i] + x["xmat"][i] @ at) for i, at in ((a, at_a), (b, at_b)))
+        return [(spot_a, x["xmat"][a] @ turn), (spot_b, x["xmat"][b])]
 
     def _springs(self) -> list[Acting]:
+        """Return the springs and dampers of joints."""
         x, springs = self.x, list[Acting]()
         for k in range(x["njnt"]):
-            law = Straight(*(float(x[field][k]) for field in ("jnt_stiffness", "dof_damping", "qpos_spring")))
+            law = Straight(k=float(x["jnt_stiffness"][k]), c=float(x["dof_damping"][k]), rest=float(x["qpos_spring"][k]))
             if law.k or law.c:
                 springs.append(OnJoints(f"spring_{self.name('jnt', k)}", {k: 1.0}, law))
         return springs
 
     def _on_tendon(self, k: int, name: str, law: Straight) -> Acting:
-        """Return a law on a tendon: on the distance of its two sites, or on its sum of joints.
+        """Return a law on the length of a tendon: the distance of two sites, or a sum of joint coordinates.
 
         Raises:
             ExchangeError: the tendon has another path.
@@ -164,28 +203,33 @@ class Reader:
             return OnJoints(name, {j: float(x["wrap_prm"][i]) for j, i in zip(objects, parts, strict=True)}, law)
         if kinds == ["site", "site"]:
             return Between(name, self._site(objects[0]), self._site(objects[1]), law)
-        raise self.refuse(self.called("tendon", k), "only tendons between two sites, and sums of joints, act in a linkage")
+        raise self.refuse(self.describe("tendon", k), "only tendons between two sites, and sums of joints, act in a linkage")
 
     def _tendons(self) -> list[Acting]:
+        """Return the springs and dampers of tendons.
+
+        Raises:
+            ExchangeError: a tendon's spring is not linear, or its path is not that of a linkage's force.
+        """
         x, tendons = self.x, list[Acting]()
         for k in range(x["ntendon"]):
             low, high = x["tendon_lengthspring"][k]
             law = Straight(float(x["tendon_stiffness"][k]), float(x["tendon_damping"][k]), float(low))
             if law.k and low != high:
-                raise self.refuse(self.called("tendon", k), "a spring that is not linear")
+                raise self.refuse(self.describe("tendon", k), "a spring that is not linear")
             if law.k or law.c:
                 tendons.append(self._on_tendon(k, self.name("tendon", k), law))
         return tendons
 
     def _actuator(self, k: int) -> Acting:
-        """Return an actuator as a force: gain u + b0 + b1 L + b2 L' on the length L = gear x of its transmission.
+        """Return an actuator as a force: F = gain u + b0 + b1 L + b2 L' along the length L = g x of its transmission.
 
-        The control u is that of the keyframe, or 0 without a keyframe.
+        The control u is that of the keyframe, or 0 without a keyframe. Along x the force is g F.
 
         Raises:
             ExchangeError: the force is not linear, or acts on something else than a joint, a tendon or a point.
         """
-        x, element, name = self.x, self.called("actuator", k), self.name("actuator", k)
+        x, element, name = self.x, self.describe("actuator", k), self.name("actuator", k)
         words = {sort: self.word(sort, x[f"actuator_{sort}type"][k]) for sort in ("gain", "bias", "dyn", "trn")}
         if words["gain"] != "fixed" or words["bias"] not in ("none", "affine") or words["dyn"] != "none":
             raise self.refuse(element, "only motors and linear servos act in a linkage")
@@ -193,17 +237,14 @@ class Reader:
         if x["actuator_ctrllimited"][k]:
             control = float(np.clip(control, *x["actuator_ctrlrange"][k]))
         bias = x["actuator_biasprm"][k][:3] if words["bias"] == "affine" else np.zeros(3)
-        constant, slope, rate = (float(y) for y in bias)
-        force, gear, (first, second) = (
-            float(x["actuator_gainprm"][k][0]) * control + constant,
-            x["actuator_gear"][k],
-            x["actuator_trnid"][k],
-        )
-        site = words["trn"] == "site"
-        g = float(np.linalg.norm(gear[:3])) if site else float(gear[0])
-        law = Straight(0.0, -g * g * rate, 0.0, g * force)
-        if slope:
-            law = Straight(-g * g * slope, -g * g * rate, force / -(g * slope), 0.0)
+        b0, b1, b2 = (float(b) for b in bias)
+        constant = float(x["actuator_gainprm"][k][0]) * control + b0
+        gear, (first, second) = x["actuator_gear"][k], x["actuator_trnid"][k]
+        g = float(np.linalg.norm(gear[:3])) if words["trn"] == "site" else float(gear[0])
+        if b1:  # a servo is a spring towards the position that the control commands
+            law = Straight(k=-g * g * b1, c=-g * g * b2, rest=constant / -(g * b1))
+        else:
+            law = Straight(c=-g * g * b2, bias=g * constant)
         match words["trn"]:
             case "joint" | "jointinparent":
                 return OnJoints(name, {int(first): 1.0}, law)
@@ -214,6 +255,11 @@ class Reader:
         raise self.refuse(element, f"a {words['trn']} transmission")
 
     def _push(self, element: str, name: str, site: int, frame: int, gear: Array, law: Straight) -> Push:
+        """Return a force at a site, along the direction `gear` of the reference site `frame`, or of the site itself if it is -1.
+
+        Raises:
+            ExchangeError: the actuator is a torque, or a servo without a reference site.
+        """
         if gear[3:].any():
             raise self.refuse(element, "a torque on a site; give it to the joint")
         if not gear[:3].any():

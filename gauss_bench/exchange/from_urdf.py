@@ -1,7 +1,7 @@
 """Import of URDF: from a tree of links to a mechanism in space. Elements that a linkage cannot have are refused.
 
-Numbers are taken from the file unchanged. Links without inertia are frames of the link that they are fixed to. URDF cannot close
-loops, so a user gives the closures as LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or LINK itself.
+Links without inertia are frames of the link to which they are fixed. URDF cannot close loops, so a user gives the closures as
+LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or LINK itself.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.safe_xml import call_name
+from gauss_bench.exchange.safe_xml import describe
 from gauss_bench.exchange.spatial import WORLD, Acting, Body, Joint, OnJoints, Spatial, Spot, Straight
 from gauss_bench.terms import Array
 
@@ -34,7 +34,7 @@ class Robot:
 
     Attributes:
         ends: joint -> names of its parent and child links.
-        hangs: link -> the joint by which it hangs on its parent; the root has none.
+        joint_to: link -> the joint of which it is the child; the root has none.
         index: link -> index of its body, parents first.
     """
 
@@ -42,19 +42,19 @@ class Robot:
         self.file, self.root = file, root
         for node in root.iter():
             if ":" in str(node.tag) or "{" in str(node.tag):
-                raise self.refuse(call_name(node), "is no URDF; expand xacro first")
+                raise self.refuse(describe(node), "is no URDF; expand xacro first")
         self.links, self.joints = self._table("link"), self._table("joint")
         self.ends = {name: (self._end(joint, "parent"), self._end(joint, "child")) for name, joint in self.joints.items()}
-        self.hangs: dict[str, str] = {}
+        self.joint_to: dict[str, str] = {}
         for name, (_, child) in self.ends.items():
-            if child in self.hangs:
-                reason = f"link {child!r} hangs on two joints; a URDF is a tree, and --close closes its loops"
-                raise self.refuse(call_name(self.joints[name]), reason)
-            self.hangs[child] = name
-        order = [name for name in self.links if name not in self.hangs]
+            if child in self.joint_to:
+                reason = f"link {child!r} is the child of two joints; a URDF is a tree, and --close closes its loops"
+                raise self.refuse(describe(self.joints[name]), reason)
+            self.joint_to[child] = name
+        order = [name for name in self.links if name not in self.joint_to]
         if len(order) != 1:
             raise self.refuse("<robot>", f"has {len(order)} links without a parent, not one")
-        for name in order:
+        for name in order:  # the list grows: children follow their parents
             order += [child for parent, child in self.ends.values() if parent == name]
         if len(order) < len(self.links):
             raise self.refuse("<robot>", f"link {min({*self.links} - {*order})!r} hangs on itself")
@@ -64,23 +64,29 @@ class Robot:
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def _table(self, tag: str) -> dict[str, Element]:
+        """Return name -> element of all elements with a tag.
+
+        Raises:
+            ExchangeError: an element has no name, or that of another one.
+        """
         elements: dict[str, Element] = {}
         for node in self.root.findall(tag):
             name = node.get("name")
             if not name or name in elements:
-                raise self.refuse(call_name(node), "needs a name of its own")
+                raise self.refuse(describe(node), "needs a name of its own")
             elements[name] = node
         return elements
 
     def _end(self, joint: Element, which: str) -> str:
+        """Return the link that a joint names as its "parent" or its "child"."""
         node = joint.find(which)
         link = "" if node is None else node.get("link", "")
         if link not in self.links:
-            raise self.refuse(call_name(joint), f"its {which} {link!r} is no link")
+            raise self.refuse(describe(joint), f"its {which} {link!r} is no link")
         return link
 
     def numbers(self, node: Element | None, key: str, usual: Sequence[float]) -> Array:
-        """Return the numbers of an attribute, or the usual ones if it is missing; there must be as many as usual.
+        """Return the numbers of an attribute, or `usual` if it is missing; there must be as many numbers as in `usual`.
 
         Raises:
             ExchangeError: the attribute holds another number of values, or values that are not finite.
@@ -91,9 +97,9 @@ class Robot:
         try:
             parsed = np.array([float(x) for x in text.split()])
         except ValueError as error:
-            raise self.refuse(call_name(node), f"{key}={text!r}: no numbers") from error
+            raise self.refuse(describe(node), f"{key}={text!r}: no numbers") from error
         if len(parsed) != len(usual) or not np.isfinite(parsed).all():
-            raise self.refuse(call_name(node), f"{key}={text!r}: {len(usual)} finite number{'s' * (len(usual) > 1)} wanted")
+            raise self.refuse(describe(node), f"{key}={text!r}: {len(usual)} finite number{'s' * (len(usual) > 1)} wanted")
         return parsed
 
     def number(self, node: Element | None, key: str) -> float:
@@ -101,67 +107,87 @@ class Robot:
 
     def origin(self, node: Element | None) -> tuple[Array, Array]:
         """Return the shift (3,) and rotation (3, 3) of an element's <origin>: Rz(yaw) Ry(pitch) Rx(roll)."""
-        own, turn = None if node is None else node.find("origin"), np.eye(3)
-        for angle, (i, j) in zip(self.numbers(own, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
-            about = np.eye(3)
-            about[i, i] = about[j, j] = np.cos(angle)
-            about[i, j], about[j, i] = -np.sin(angle), np.sin(angle)
-            turn = about @ turn
-        return self.numbers(own, "xyz", (0, 0, 0)), turn
+        origin, turn = None if node is None else node.find("origin"), np.eye(3)
+        # roll about x, pitch about y, yaw about z: each is a rotation of the two other axes
+        for angle, (i, j) in zip(self.numbers(origin, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
+            rotation = np.eye(3)
+            rotation[i, i] = rotation[j, j] = np.cos(angle)
+            rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
+            turn = rotation @ turn
+        return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
-        """Read the whole document, with its loops closed as `close` says."""
-        bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._drop()
+        """Return the mechanism of the whole document, with the closures `close` of its loops."""
+        bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._list_ignored()
         for name, k in self.index.items():
-            place, turn, parent = np.zeros(3), np.eye(3), WORLD
-            if k:
-                node, parent = self.joints[self.hangs[name]], self.index[self.ends[self.hangs[name]][0]]
-                shift, own = self.origin(node)
-                place, turn = bodies[parent].origin + bodies[parent].turn @ shift, bodies[parent].turn @ own
-                if joint := self._joint(node, k, place, turn):
-                    joints.append(joint)
-                    if damping := self.number(node.find("dynamics"), "damping"):
-                        acting.append(OnJoints(f"damping_{joint.name}", {len(joints) - 1: 1.0}, Straight(c=damping)))
+            if name not in self.joint_to:
+                bodies.append(self._body(name, WORLD, np.zeros(3), np.eye(3)))
+                continue
+            node, parent = self.joints[self.joint_to[name]], self.index[self.ends[self.joint_to[name]][0]]
+            shift, rotation = self.origin(node)
+            place, turn = bodies[parent].origin + bodies[parent].turn @ shift, bodies[parent].turn @ rotation
+            joint = self._joint(node, k, place, turn)
+            if joint is not None:
+                joints.append(joint)
+                damping = self.number(node.find("dynamics"), "damping")
+                if damping:
+                    acting.append(OnJoints(f"damping_{joint.name}", {len(joints) - 1: 1.0}, Straight(c=damping)))
             bodies.append(self._body(name, parent, place, turn))
         if bodies[WORLD].mass:
             dropped.append(f"the mass of {bodies[WORLD].name}, which is the ground")
-        closures = tuple(self._closure(text, bodies) for text in close)
-        spots = tuple(Spot(name, k, bodies[k].origin) for name, k in self.index.items() if not bodies[k].mass and k)
-        parts = tuple(bodies), tuple(joints), np.array(GRAVITY), closures, (), spots, tuple(acting), tuple(dropped)
-        return Spatial(self.file, *parts)
+        return Spatial(
+            self.file,
+            tuple(bodies),
+            tuple(joints),
+            np.array(GRAVITY),
+            closures=tuple(self._closure(text, bodies) for text in close),
+            spots=tuple(Spot(name, k, bodies[k].origin) for name, k in self.index.items() if not bodies[k].mass and k != WORLD),
+            acting=tuple(acting),
+            dropped=tuple(dropped),
+        )
 
-    def _drop(self) -> list[str]:
+    def _list_ignored(self) -> list[str]:
         """List the elements that are left out: visuals and the like, and limits of joints."""
-        counted = {tag: sum(1 for _ in self.root.iter(tag)) for tag in IGNORED}
-        ignored = ", ".join(f"{n} <{tag}>" for tag, n in counted.items() if n)
+        counts = [(tag, sum(1 for _ in self.root.iter(tag))) for tag in IGNORED]
+        ignored = ", ".join(f"{count} <{tag}>" for tag, count in counts if count)
         bounded = [name for name, x in self.joints.items() if x.find("limit") is not None and x.get("type") != "continuous"]
-        return [ignored] * bool(ignored) + [f"the limits of joint {name}" for name in bounded]
+        return ([ignored] if ignored else []) + [f"the limits of joint {name}" for name in bounded]
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
+        """Return the body of a link whose frame has this place and rotation."""
         node = self.links[name].find("inertial")
-        shift, own = self.origin(node)
+        shift, rotation = self.origin(node)
         mass_of, inertia_of = (None if node is None else node.find(tag) for tag in ("mass", "inertia"))
-        if (mass := self.number(mass_of, "value")) < 0:
-            raise self.refuse(call_name(self.links[name]), "a negative mass")
-        inertia, axes = [[self.number(inertia_of, f"i{min(a, b)}{max(a, b)}") for b in "xyz"] for a in "xyz"], turn @ own
-        return Body(name, parent, place, turn, mass, place + turn @ shift, axes @ np.array(inertia) @ axes.T)
+        mass = self.number(mass_of, "value")
+        if mass < 0:
+            raise self.refuse(describe(self.links[name]), "a negative mass")
+        # the file has ixx, ixy, ixz, iyy, iyz, izz of a symmetric matrix
+        inertia = np.array([[self.number(inertia_of, f"i{min(a, b)}{max(a, b)}") for b in "xyz"] for a in "xyz"])
+        axes = turn @ rotation
+        return Body(name, parent, place, turn, mass, place + turn @ shift, axes @ inertia @ axes.T)
 
     def _joint(self, node: Element, k: int, place: Array, turn: Array) -> Joint | None:
+        """Return the joint of body k, at its place and rotation; None if it is fixed.
+
+        Raises:
+            ExchangeError: a linkage cannot have the joint.
+        """
         name, kind = node.get("name", ""), node.get("type", "")
         if node.find("mimic") is not None:
-            raise self.refuse(call_name(node), "<mimic> is a gear, which a linkage does not have")
+            raise self.refuse(describe(node), "<mimic> is a gear; a linkage has no gears")
         if kind not in MOVING:
-            raise self.refuse(call_name(node), f"type {kind!r}: only {', '.join(MOVING)} joints move in a plane")
+            raise self.refuse(describe(node), f"type {kind!r}: only {', '.join(MOVING)} joints move in a plane")
         if not MOVING[kind]:
             return None
         axis = turn @ self.numbers(node.find("axis"), "xyz", (1, 0, 0))
         if not np.linalg.norm(axis) > 0:
-            raise self.refuse(call_name(node), "an axis without direction")
+            raise self.refuse(describe(node), "an axis without direction")
         if self.number(node.find("dynamics"), "friction"):
-            raise self.refuse(call_name(node), "friction that does not depend on the joint's load as that of a linkage does")
+            raise self.refuse(describe(node), "friction that does not depend on the joint's load, as friction of a linkage does")
         return Joint(name, MOVING[kind], k, place, axis / np.linalg.norm(axis))
 
     def _closure(self, text: str, bodies: list[Body]) -> tuple[str, Spot, Spot]:
+        """Return name and points of a closure that a user gives as LINK.FRAME=LINK.FRAME."""
         ends = text.split("=")
         if len(ends) != 2:
             raise self.refuse(f"--close {text}", "LINK.FRAME=LINK.FRAME is wanted")
@@ -175,12 +201,12 @@ class Robot:
             link, frame = ".".join(parts[:k]), ".".join(parts[k:])
             if link in self.index and (frame == link or self._is_fixed(frame, link)):
                 return Spot(frame, self.index[link], bodies[self.index[frame]].origin)
-            if link in self.ends.get(frame, ()):  # a joint lies where its child has its origin
+            if link in self.ends.get(frame, ()):  # a joint is at the origin of its child
                 return Spot(frame, self.index[link], bodies[self.index[self.ends[frame][1]]].origin)
         raise self.refuse(f"--close {text}", f"{end!r} is no LINK.FRAME: a link, and a link fixed to it or a joint at it")
 
     def _is_fixed(self, frame: str, link: str) -> bool:
         """Tell whether one link is fixed to another."""
-        while frame != link and frame in self.hangs and self.joints[self.hangs[frame]].get("type") == "fixed":
-            frame = self.ends[self.hangs[frame]][0]
+        while frame != link and frame in self.joint_to and self.joints[self.joint_to[frame]].get("type") == "fixed":
+            frame = self.ends[self.joint_to[frame]][0]
         return frame == link

@@ -21,11 +21,11 @@ FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # root element -> kind of file
 
 @dataclass(frozen=True)
 class Imported:
-    """A linkage file that is not written yet.
+    """The content of a linkage file that is not yet written.
 
     Attributes:
         kind: kind of the file that was read.
-        left_out: sentences on its parts that the linkage lacks or has changed.
+        left_out: sentences on parts of that file that the linkage leaves out or changes.
         links, dof: numbers of links and of degrees of freedom.
     """
 
@@ -61,7 +61,7 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
         head = [
             f"From the {kind} file {path.name}, by gauss-bench {__version__}. This file is yours, without conditions.",
             "SI units. Links' frames are those of their first bodies; signs of angles are those of the plane's own axes.",
-            *(f"Not taken over: {x}" for x in left_out),
+            *(f"Left out or changed: {x}" for x in left_out),
         ]
         text = toml(document, head)
         mechanism = load_document(tomllib.loads(text), None, str(path), "", name)

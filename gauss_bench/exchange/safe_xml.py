@@ -1,9 +1,8 @@
 """Read XML that may be hostile: limited in size, without document types or entities, and unable to open files or run code."""
 
-from collections.abc import Callable
+from functools import partial
 from math import prod
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element, ParseError, fromstring
 from xml.parsers import expat
 
@@ -11,9 +10,18 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100
-MADE = 1 << 24  # numbers that a short attribute may make MuJoCo allocate: those of a picture of 4096 by 4096
-COUNTS = ("nrow ncol", "width height", "params params", "actdim", "dim", "nsample", "num", "resolution resolution")  # multiplied
-ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}  # attribute of <size> -> (factor, power): numbers allocated
+NUMBERS = 1 << 24  # that MuJoCo may allocate for short attributes: those of a picture of 4096 by 4096
+COUNTS = (  # attributes of one element whose product is a number of numbers
+    "nrow ncol",
+    "width height",
+    "params params",
+    "actdim",
+    "dim",
+    "nsample",
+    "num",
+    "resolution resolution",
+)
+ARENA = {"njmax": (6.5, 2), "nconmax": (80.0, 1), "nstack": (1.0, 1)}  # attribute of <size> -> factor and power: numbers allocated
 UNITS = "KMGTPE"  # suffixes of <size memory> in bytes, each 1024 times the one before
 OPENS = frozenset(("include", "extension", "plugin", "attach", "model", "composite", "flexcomp", "flex", "skin", "deformable"))
 
@@ -38,44 +46,46 @@ def read_xml(path: Path) -> Element:
 
 
 def _inspect(content: bytes, path: Path) -> None:
-    """Go through a file without building a tree, so that a hostile file costs no memory.
+    """Parse a file without building a tree, so that a hostile file costs no memory.
 
     Raises:
-        ExchangeError: the file holds something that is refused; the message names it and its line.
+        ExchangeError: the file contains something that is refused; the message names it and its line.
     """
     parser = expat.ParserCreate()
-    counts = {"elements": 0, "depth": 0}
+    elements = depth = 0
 
-    def refuse(what: str) -> Callable[..., Any]:
-        def handler(*_: object) -> None:
-            raise ExchangeError(f"{path}: line {parser.CurrentLineNumber}: {what} is not read")
-
-        return handler
+    def refuse(what: str, *_: object) -> None:
+        raise ExchangeError(f"{path}: line {parser.CurrentLineNumber}: {what} is not read")
 
     def begin(name: str, _: object) -> None:
-        counts["elements"] += 1
-        counts["depth"] += 1
-        if counts["elements"] > ELEMENTS:
-            refuse(f"more than {ELEMENTS} elements")()
-        if counts["depth"] > DEEPEST:
-            refuse(f"<{name}>, elements more than {DEEPEST} deep,")()
+        nonlocal elements, depth
+        elements += 1
+        depth += 1
+        if elements > ELEMENTS:
+            refuse(f"more than {ELEMENTS} elements")
+        if depth > DEEPEST:
+            refuse(f"<{name}>, elements more than {DEEPEST} deep,")
 
-    parser.StartDoctypeDeclHandler = refuse("a document type")
-    parser.EntityDeclHandler = refuse("an entity")
-    parser.ProcessingInstructionHandler = refuse("a processing instruction")
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser.StartDoctypeDeclHandler = partial(refuse, "a document type")
+    parser.EntityDeclHandler = partial(refuse, "an entity")
+    parser.ProcessingInstructionHandler = partial(refuse, "a processing instruction")
     parser.StartElementHandler = begin
-    parser.EndElementHandler = lambda _: counts.update(depth=counts["depth"] - 1)
+    parser.EndElementHandler = end
     parser.Parse(content, True)
 
 
-def call_name(node: Element) -> str:
-    """Return an element as a message names it."""
+def describe(node: Element) -> str:
+    """Return an element as a message names it: its tag, and its name if it has one."""
     name = node.get("name")
     return f"<{node.tag}>" if name is None else f'<{node.tag} name="{name}">'
 
 
 def refuse_files(root: Element, path: Path) -> None:
-    """Refuse a model that needs more than one file.
+    """Refuse a model that needs other files or plug-ins.
 
     Raises:
         ExchangeError: an element reads another file or loads a plug-in.
@@ -83,46 +93,53 @@ def refuse_files(root: Element, path: Path) -> None:
     for node in root.iter():
         tag = str(node.tag)
         if tag in OPENS or ":" in tag or "{" in tag:
-            raise ExchangeError(f"{path}: {call_name(node)}: includes, plug-ins, flexible and composed bodies are not read")
+            raise ExchangeError(f"{path}: {describe(node)}: includes, plug-ins, flexible and composed bodies are not read")
         for key, x in node.items():
             if key.startswith("file") or key == "content_type":
-                raise ExchangeError(f"{path}: {call_name(node)}: {key}={x!r}: other files are not read")
+                raise ExchangeError(f"{path}: {describe(node)}: {key}={x!r}: other files are not read")
 
 
 def refuse_bulk(root: Element, path: Path) -> None:
-    """Refuse a short file that makes a huge model: more than ELEMENTS elements with all copies of <replicate>, or MADE numbers.
+    """Refuse a short file that makes a huge model.
 
     Raises:
-        ExchangeError: the model is too large; the message names the element that asks for it.
+        ExchangeError: the model has more than ELEMENTS elements, all copies of <replicate> counted, or more than NUMBERS numbers
+            that the file does not contain; the message names the element that asks for them.
     """
-    elements, made, left = 0.0, 0.0, [(root, 1.0)]
-    while left:
-        node, times = left.pop()
-        elements += times
-        times *= _largest(node, "count") if node.tag == "replicate" else 1.0
-        if max(elements, times) > ELEMENTS:
-            raise ExchangeError(f"{path}: {call_name(node)}: more than {ELEMENTS} elements, copies counted, are not read")
-        left += ((child, times) for child in reversed(node))
+    elements = _count_elements(root, path)
     for node in root.iter("size"):
         for key in ("memory", *ARENA):
-            if (arena := _arena(node, key)) > MADE:
-                raise ExchangeError(
-                    f"{path}: <size>: {key}={node.get(key)!r} asks for {arena:.3g} numbers of memory, and {MADE} are given"
-                )
+            arena = _arena(node, key)
+            if arena > NUMBERS:
+                asked = f"{key}={node.get(key)!r} asks for {arena:.3g} numbers of memory"
+                raise ExchangeError(f"{path}: <size>: {asked}, more than {NUMBERS}")
+    numbers = 0.0
     for node in root.iter():
-        each = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]  # for every element
-        for keys in (*map(str.split, COUNTS), *each):
+        per_element = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]
+        for keys in (*map(str.split, COUNTS), *per_element):
             if any(key in node.attrib for key in keys):
-                made += prod(_largest(node, key) for key in keys) * (elements if keys in each else 1.0)
-            if made > MADE:
+                numbers += prod(_largest(node, key) for key in keys) * (elements if keys in per_element else 1.0)
+            if numbers > NUMBERS:
                 asked = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
-                raise ExchangeError(
-                    f"{path}: {call_name(node)}: {asked} makes more than {MADE} numbers that the file does not hold"
-                )
+                raise ExchangeError(f"{path}: {describe(node)}: {asked} makes more than {NUMBERS} numbers")
+
+
+def _count_elements(root: Element, path: Path) -> float:
+    """Return the number of elements with all copies of <replicate>; more than ELEMENTS are refused."""
+    elements, waiting = 0.0, [(root, 1.0)]
+    while waiting:
+        node, copies = waiting.pop()
+        elements += copies
+        if node.tag == "replicate":
+            copies *= _largest(node, "count")
+        if max(elements, copies) > ELEMENTS:
+            raise ExchangeError(f"{path}: {describe(node)}: more than {ELEMENTS} elements, copies counted, are not read")
+        waiting += ((child, copies) for child in reversed(node))
+    return elements
 
 
 def _arena(node: Element, key: str) -> float:
-    """Return how many numbers MuJoCo allocates for an attribute of <size>."""
+    """Return the number of numbers that MuJoCo allocates for an attribute of <size>."""
     text = node.get(key, "").strip().upper()
     if key == "memory":
         power = UNITS.find(text[-1:]) + 1 if text else 0
@@ -133,7 +150,7 @@ def _arena(node: Element, key: str) -> float:
 
 
 def _largest(node: Element, key: str) -> float:
-    """Return the largest number of an attribute, at least 1; MuJoCo itself reports an attribute that is no number."""
+    """Return the largest number of an attribute, at least 1; for an attribute that is no number 1, because MuJoCo reports it."""
     try:
         return max((x for x in map(float, node.get(key, "").split()) if x > 1), default=1.0)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Programs to paste: an engine with its setting, as a program that uses the engine's library without this package."""
+"""Programs for users to copy: an engine with a setting, as a program that uses the engine's library without this package."""
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import unsteady
@@ -10,7 +10,7 @@ WRITERS = {"mujoco": "to_mujoco", "pinocchio": "to_pinocchio", "exudyn": "to_exu
 
 
 def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
-    """Tell whether a program for an engine can have this integrator and stabilisation; `code` is the value of CasADi's knob."""
+    """Tell whether a program for an engine can use this integrator and stabilisation; `code` is CasADi's option of that name."""
     if engine == "pinocchio":
         return stabilization != "projection"
     if engine == "casadi":
@@ -22,7 +22,7 @@ def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, unt
     """Return a program in Python that runs the linkage in an engine; for the suite's own engines it calls this package.
 
     Raises:
-        ExchangeError: no program can hold the linkage with this choice; the message gives the reason.
+        ExchangeError: a program cannot express the linkage with this choice; the message gives the reason.
         ImportError: the engine is not installed.
     """
     if engine not in WRITERS:

@@ -17,7 +17,7 @@ class Body:
     """A rigid body.
 
     Attributes:
-        parent: index of the body it hangs on; the world is its own parent.
+        parent: index of the body to which its joints connect it; the world is its own parent.
         origin, turn: (3,) place [m] and (3, 3) rotation of its frame.
         mass: [kg].
         com: (3,) centre of mass [m].
@@ -35,10 +35,10 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A coordinate by which a body moves against its parent: a "hinge" [rad] or a "slide" [m].
+    """A coordinate of a body relative to its parent: a "hinge" [rad] or a "slide" [m].
 
     Attributes:
-        body: index of the body that it moves; several joints of one body act in order.
+        body: index of the body that it moves; several joints of one body act one after the other.
         anchor, axis: (3,) a point on the axis, and its unit vector.
         ref: coordinate at the configuration in which all data are given.
         start, speed: coordinate and rate at the start.
@@ -99,8 +99,8 @@ class Push:
     """A force at a point along `direction` (3,), which is fixed in the body `frame` and given at the file's configuration.
 
     Attributes:
-        origin: point at which the opposite force acts and from which the law's coordinate is measured along the direction; None if
-            the force is constant and nothing takes its reaction.
+        origin: point at which the opposite force acts, and from which the law's coordinate is measured along the direction; None
+            for a constant force without a reaction.
     """
 
     name: str
@@ -116,10 +116,10 @@ Acting = OnJoints | Between | Push
 
 @dataclass(frozen=True, eq=False)
 class Spatial:
-    """The content of a file.
+    """The mechanism of a file.
 
     Attributes:
-        file: its path, for messages.
+        file: path of the file, for messages.
         gravity: (3,) [m/s^2].
         closures: name and pair of points that coincide.
         welds: pairs of bodies that are rigidly connected.

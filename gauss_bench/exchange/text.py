@@ -1,10 +1,11 @@
-"""Escape text for other languages: strings, comments, identifiers. All text of a user passes through here on its way into a file.
+"""Escape text for other languages: strings, comments, identifiers. All text of a user in an exported file is escaped here.
 
 A text for a comment is first made one printable line, so that it cannot end the line or the comment in any language.
 """
 
 import re
 from collections.abc import Collection, Iterable, Mapping
+from itertools import count
 
 from gauss_bench.trajectory import in_a_sentence
 
@@ -53,15 +54,12 @@ def heading(name: str) -> str:
 
 def unique(base: str, taken: Collection[str]) -> str:
     """Return the name, with a number after it if it is taken."""
-    k, chosen = 1, base
-    while chosen in taken:
-        k += 1
-        chosen = f"{base}_{k}"
-    return chosen
+    candidates = (f"{base}_{k}" for k in count(2))
+    return base if base not in taken else next(name for name in candidates if name not in taken)
 
 
 def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
-    """Return name -> identifier of C and Python, each different and none of the reserved words (given as one text)."""
+    """Return name -> identifier of C and Python: all are different, and none is one of the words in the text `reserved`."""
     by_name: dict[str, str] = {}
     taken = set(reserved.split())
     for name in names:

@@ -1,4 +1,4 @@
-"""Export as plain C: the kernel of a linkage with a small `main` around it, using the standard library alone."""
+"""Export as plain C: the kernel of a linkage and a small `main`, with the standard library only."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from gauss_bench.exchange.text import C_WORDS, identifiers
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
-TRIED = 5.0  # [s] of motion, at most, through which the first choice of independent coordinates must remain valid
+TRIED = 5.0  # [s] of motion, at most, during which the first choice of independent coordinates must remain valid
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """Return the source of the program.
 
     Raises:
-        RunFailure: no code can be generated for the linkage, or the code cannot run through its motion.
+        RunFailure: no code can be generated for the linkage, or the motion needs other independent coordinates on its way.
     """
     from gauss_bench.compiler.kernel import KernelError, compile_kernel
 
@@ -25,7 +25,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         raise RunFailure(Status.SKIP, str(error)) from error
     steps = int(np.ceil(min(mechanism.duration, TRIED) / choice.step))
     if not kernel.alone(mechanism.q0, mechanism.v0, choice.step, steps, integrator=choice.integrator):
-        reason = "one file holds one choice of independent coordinates, and on its way this motion needs another"
+        reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
         raise RunFailure(Status.SKIP, reason)
     places = identifiers([*coordinates(mechanism), *coordinates(mechanism, ("vx", "vy", "omega"))], C_WORDS).values()
     given = {"places": list(places), "kernel": kernel.c_source(choice.integrator)}

@@ -1,4 +1,4 @@
-"""Export for CasADi: the accelerations in closed form as a serialised casadi.Function, and an integrator around it."""
+"""Export for CasADi: the accelerations in closed form as a serialised casadi.Function, and an integrator."""
 
 from textwrap import wrap
 
@@ -20,7 +20,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """Return the script.
 
     Raises:
-        RunFailure: the script has no such integrator or stabilisation.
+        RunFailure: the script cannot have this integrator or stabilisation.
         ImportError: CasADi is not installed.
     """
     from gauss_bench.engines.casadi import functions

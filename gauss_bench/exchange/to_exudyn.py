@@ -1,4 +1,4 @@
-"""Export for Exudyn: the calls with which the adapter builds its system, one by one, and a run."""
+"""Export for Exudyn: the calls with which the adapter builds its system, and a run."""
 
 from typing import Any
 
@@ -31,30 +31,31 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.exudyn.items import System, span
 
     class Transcribed(System):
-        """The adapter's system, which writes a comment before each part and names user functions as the script does."""
+        """The adapter's system, with a comment in the script before each part, and with the script's names of user functions."""
 
-        def _link(self, i: int) -> None:
+        def _add_link(self, i: int) -> None:
             script.comment(f"link {self.mechanism.links[i].name}")
-            super()._link(i)
+            super()._add_link(i)
 
-        def _joint(self, joint: Any) -> None:
+        def _add_joint(self, joint: Any) -> None:
             script.comment(f"joint {joint.name}")
-            super()._joint(joint)
+            super()._add_joint(joint)
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+            """Record the script's own equation and Jacobian of a driven slide or length, and return their stand-ins."""
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
             angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
             law = laws[id(driver.law)]
             script.lines.append(f"equation, jacobian = driven({python(a)}, {python(b)}, {python(angle)}, {law})")
-            return script.thing("equation"), script.thing("jacobian")
+            return script.stand_in("equation"), script.stand_in("jacobian")
 
         def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
-            return script.thing(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
+            return script.stand_in(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
 
     built = ExudynModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
     script, laws = Script(STATEMENTS), name_laws(mechanism)
-    exu = script.thing("exu")
-    Transcribed(exu, script.thing("items"), mechanism)
+    exu = script.stand_in("exu")
+    Transcribed(exu, script.stand_in("items"), mechanism)
     script.comment("settings")
     simulation_settings(exu, mechanism, choice)
     return write_program(

@@ -21,7 +21,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     soft = "" if closure is None else f" solref {closure.get('solref')}, solimp {closure.get('solimp')}."
     lines = [
         *head,
-        "Bodies are links, with their frames at the centres of mass; joints open the loops, which connect constraints close again.",
+        "Bodies are links, with their frames at the centres of mass; loops are opened at joints and closed by connect constraints.",
         f"The start is the keyframe {START!r}: mj_resetDataKeyframe(model, data, 0).",
         f"Settings: {choice.settings}, {choice.integrator}, step {choice.step:g} s.{soft}",
         "solref is two steps: if you change the step, change both (MuJoCo raises a smaller solref to two steps).",

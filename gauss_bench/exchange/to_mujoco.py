@@ -1,4 +1,4 @@
-"""Export as a Python script for MuJoCo: the MJCF of `to_mjcf`, the settings that no document can hold, and a run."""
+"""Export as a Python script for MuJoCo: the MJCF of `to_mjcf`, the settings that MJCF cannot express, and a run."""
 
 from xml.etree.ElementTree import indent, tostring
 
@@ -23,9 +23,9 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     root, built = mjcf(mechanism, choice, edited=True), MujocoModel(mechanism, choice)
     indent(root)
     options, tree, laws = VARIANTS.options(choice.settings), built.tree, name_laws(mechanism)
+    # angles of links are affine in the tree's coordinates: their values at 0 and at each unit vector determine them
     states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
-    angles = tree.absolute(states, states, states)[0][:, 2::3]  # affine in the tree's coordinates
-    driven = zip(built.drawn, built.cylinders, strict=True)
+    angles = tree.absolute(states, states, states)[0][:, 2::3]
     return write_program(
         "mujoco.py.jinja",
         mechanism,
@@ -37,6 +37,6 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         turns=(angles[1:] - angles[0]).T,
         inverse_weights=float(options["body_invweight0_factor"]),
         solref_in_steps=float(options["solref"][0]) if options["solref_unit"] == "step" else 0.0,
-        drives=[[k, armature, laws[id(law)]] for k, armature, law in built.drives],
-        cylinders=[[tendon, motor, mass, laws[id(law)]] for (tendon, motor), (_, mass, law) in driven],
+        drives=[[x.at, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is None],
+        cylinders=[[x.at, x.motor, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is not None],
     )

@@ -1,7 +1,7 @@
-"""Export for Pinocchio: the calls with which the adapter builds its model, its tabulated forces, and an integrator.
+"""Export for Pinocchio: the calls with which the adapter builds its model, its forces as tables, and an integrator.
 
 Pinocchio has no springs and no integrator for constrained systems. Forces that are affine in the joints' coordinates are the
-adapter's own matrices; the others are written as a table, with the few lines that read it.
+adapter's matrices; the others are tables that a function of the script reads.
 """
 
 from typing import Any
@@ -47,22 +47,24 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         raise RunFailure(Status.SKIP, f"the script holds motion laws of angles and slides only, not of the length {beyond}")
 
     class Transcribed(Multibody):
-        """The adapter's model, which writes a comment before each link."""
+        """The adapter's model, with a comment in the script before each link."""
 
         def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
             script.comment(f"link {mechanism.links[b.link].name}")
             super()._add_link(mechanism, b)
 
     built = PinocchioModel(mechanism, choice)  # compares the real model with the linkage, so that the script need not
-    script, o, forces, drive = Script(STATEMENTS), built.options, built.forces, built.stabilized.drive
-    body, damped = Transcribed(script.thing("pin"), mechanism, built.tree), choice.stabilization == "baumgarte"
+    options, forces, drive = built.options, built.forces, built.stabilized.drive
+    script = Script(STATEMENTS)
+    recorded = Transcribed(script.stand_in("pin"), mechanism, built.tree)
     script.comment("the pins that close the loops")
-    gains = [float(o[key]) if damped else 0.0 for key in ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")]
-    body.constraints((gains[0], gains[1]))
+    stabilized = choice.stabilization == "baumgarte"
+    kp, kd = (float(options[key]) if stabilized else 0.0 for key in ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s"))
+    recorded.constraints((kp, kd))
     y0, dy0 = built.tree.relative(mechanism.q0, mechanism.v0)
     script.comment("links: the joint that carries each, and its centre of mass there; angles are ANGLES + TURNS y")
-    named: dict[str, Any] = {
-        "LINKS": [[body.carriers[i][0], centre] for i, (_, centre) in enumerate(forces.motion.centres)],
+    numbers: dict[str, Any] = {
+        "LINKS": [[recorded.carriers[i][0], centre] for i, (_, centre) in enumerate(forces.motion.centres)],
         "ANGLES": forces.motion.theta0,
         "TURNS": forces.motion.turns,
         "CARRIED": forces.motion.carried,
@@ -73,22 +75,22 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         "DY0": dy0,
     }
     if drive.laws:
-        named |= {"LAWS": list(name_laws(mechanism).values()), "KP": drive.gains[0], "KD": drive.gains[1]}
-        named |= {"DRIVEN": drive.rows, "DRIVEN_AT_ZERO": drive.origin, "INERTIAS": drive.inertias}
-    script.lines += [f"{name} = {python(x)}" for name, x in named.items()]
-    accuracy = ", ".join(python(float(o[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
-    script.lines.append(f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(o['max_iter'])})")
-    method, closed = METHODS[choice.integrator], "with Baumgarte's terms" if damped else "and nothing draws them shut"
+        numbers |= {"LAWS": list(name_laws(mechanism).values()), "KP": drive.gains[0], "KD": drive.gains[1]}
+        numbers |= {"DRIVEN": drive.rows, "DRIVEN_AT_ZERO": drive.origin, "INERTIAS": drive.inertias}
+    script.lines += [f"{name} = {python(x)}" for name, x in numbers.items()]
+    accuracy = ", ".join(python(float(options[x])) for x in ("absolute_accuracy", "relative_accuracy", "mu"))
+    script.lines.append(f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(options['max_iter'])})")
+    method, closed = METHODS[choice.integrator], "with Baumgarte's terms" if stabilized else "without stabilisation"
     others = list(loads(forces.others))
-    rtol, atol = choice.tolerances(float(o["dop853_rtol"]), float(o["dop853_atol"]))
+    rtol, atol = choice.tolerances(float(options["dop853_rtol"]), float(options["dop853_atol"]))
     return write_program(
         "pinocchio.py.jinja",
         mechanism,
         choice,
-        [*head, f"Settings: {choice.settings}, {method}. Joints open the loops, which constraints close again, {closed}."],
+        [*head, f"Settings: {choice.settings}, {method}. Loops are opened at joints and closed by constraints, {closed}."],
         model=script.lines,
         others=tabulate(others) if others else None,
-        algorithm=o["algorithm"],
+        algorithm=options["algorithm"],
         method=method,
         rtol=rtol,
         atol=atol,
@@ -96,10 +98,10 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def tabulate(others: list[Load]) -> dict[str, list[Any]]:
-    """Return the loads that are not affine as the tables that the script's function `forces` reads.
+    """Return the loads that are not affine, as the tables that the script's function `forces` reads.
 
     Raises:
-        RunFailure: a load is of a kind that the script does not have.
+        RunFailure: the script's function has no such kind of load.
     """
     tables: dict[str, list[Any]] = {"springs": [], "slides": [], "pushes": []}
     for load in others:

@@ -11,25 +11,28 @@ GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "sce
 
 
 def toml(document: Mapping[str, Any], head: Sequence[str]) -> str:
-    """Return the text of a document, with the sentences `head` as comments at its beginning."""
+    """Return the text of a document; the sentences `head` are comments at its beginning."""
     return python_comment(head) + "\n".join(_lines(document, ())) + "\n"
 
 
 def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
     """Return the lines of a table: its heading and values first, then the tables in it that have headings of their own."""
-    inner = path == () or (len(path) == 1 and path[0] in GROUPS)
-    headed = {k: x for k, x in table.items() if inner and isinstance(x, dict) and k != "expect"}
-    lines = [f"{key(k)} = {said(x)}" for k, x in table.items() if k not in headed]
+    has_headings = path == () or (len(path) == 1 and path[0] in GROUPS)
+    headed = {k: x for k, x in table.items() if has_headings and isinstance(x, dict) and k != "expect"}
+    lines = [f"{key(k)} = {write_value(x)}" for k, x in table.items() if k not in headed]
     if path and (lines or not headed):
         lines = ["", f"[{'.'.join(map(key, path))}]", *lines]
-    return lines + [line for k, x in headed.items() for line in _lines(x, (*path, k))]
+    for k, x in headed.items():
+        lines += _lines(x, (*path, k))
+    return lines
 
 
 def key(name: str) -> str:
+    """Return a key of TOML, in quotes if it needs them."""
     return name if re.fullmatch("[A-Za-z0-9_-]+", name) else toml_string(name)
 
 
-def said(x: Any) -> str:
+def write_value(x: Any) -> str:
     """Return a value in one line of TOML."""
     match x:
         case bool():
@@ -41,7 +44,7 @@ def said(x: Any) -> str:
         case date() | time():
             return x.isoformat()
         case dict():
-            return "{ " + ", ".join(f"{key(k)} = {said(v)}" for k, v in x.items()) + " }"
+            return "{ " + ", ".join(f"{key(k)} = {write_value(v)}" for k, v in x.items()) + " }"
         case list():
-            return "[" + ", ".join(map(said, x)) + "]"
+            return "[" + ", ".join(map(write_value, x)) + "]"
     raise TypeError(f"a linkage file has no {type(x).__name__}")

@@ -1,11 +1,11 @@
-"""Record an adapter's calls as a script: the adapter builds its model with a stand-in for the library that writes down every call.
+"""Record an adapter's calls as a script: the adapter builds its model with a stand-in for the library that records every call.
 
 An adapter takes its library as an argument, so it makes the same calls to the stand-in as to the library. The recorded calls, in
-order, are a script that builds the model without the adapter. A linkage is thus translated in one place, and the script cannot
+order, are a script that builds the model without the adapter. So a linkage is translated in one place, and the script cannot
 differ from the model that was compared with the linkage.
 
-    mbs = Script({"AddNode": "node_"}).thing("mbs")
-    mbs.AddNode(items.NodePoint(name="A"))                       writes: node_1 = mbs.AddNode(items.NodePoint(name='A'))
+    mbs = Script({"AddNode": "node_"}).stand_in("mbs")
+    mbs.AddNode(items.NodePoint(name="A"))                       records: node_1 = mbs.AddNode(items.NodePoint(name='A'))
 """
 
 from collections.abc import Mapping
@@ -26,39 +26,39 @@ class Script:
     """
 
     def __init__(self, statements: Mapping[str, str]):
-        """Begin.
+        """Begin an empty script.
 
         Args:
-            statements: name of a function or method -> name of the variable that takes its result. A name that ends with an
-                underscore gets a number; "" writes the call without a variable. Any other call is written inside the
-                expression that uses its result.
+            statements: name of a function or method -> name of the variable that takes its result. A variable that ends with an
+                underscore gets a number; "" records the call without a variable. A call of any other function becomes part of
+                the expression that uses its result.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
 
-    def thing(self, source: str) -> "Thing":
+    def stand_in(self, source: str) -> "StandIn":
         """Return a stand-in for a name of the script, such as an imported module."""
-        return Thing(self, source)
+        return StandIn(self, source)
 
     def comment(self, text: str) -> None:
         self.lines.append(python_comment([text]).rstrip("\n"))
 
-    def called(self, source: str, text: str) -> "Thing":
-        """Write a call `text` of the function `source`, and return the stand-in for its result."""
+    def record_call(self, source: str, text: str) -> "StandIn":
+        """Record a call `text` of the function `source`, and return the stand-in for its result."""
         name = source.rpartition(".")[2]
         if name not in self._statements:
-            return Thing(self, text)
+            return StandIn(self, text)
         prefix = self._statements[name]
         if not prefix:
             self.lines.append(text)
-            return Thing(self, "None")
+            return StandIn(self, "None")
         variable = f"{prefix}{next(self._counts[prefix])}" if prefix.endswith("_") else prefix
         self.lines.append(f"{variable} = {text}")
-        return Thing(self, variable)
+        return StandIn(self, variable)
 
 
-class Thing:
-    """A stand-in for an object of the library; it knows only the expression that denotes it in the script."""
+class StandIn:
+    """A stand-in for an object of the library; it holds only the expression for that object in the script."""
 
     _script: Script
     _source: str
@@ -67,20 +67,20 @@ class Thing:
         object.__setattr__(self, "_script", script)
         object.__setattr__(self, "_source", source)
 
-    def __getattr__(self, name: str) -> "Thing":
+    def __getattr__(self, name: str) -> "StandIn":
         if name.startswith("__"):
             raise AttributeError(name)
-        return Thing(self._script, f"{self._source}.{name}")
+        return StandIn(self._script, f"{self._source}.{name}")
 
     def __setattr__(self, name: str, value: Any) -> None:
         self._script.lines.append(f"{self._source}.{name} = {python(value)}")
 
-    def __call__(self, *given: Any, **named: Any) -> "Thing":
-        arguments = [*map(python, given), *(f"{key}={python(x)}" for key, x in named.items())]
-        return self._script.called(self._source, f"{self._source}({', '.join(arguments)})")
+    def __call__(self, *positional: Any, **named: Any) -> "StandIn":
+        arguments = [*map(python, positional), *(f"{key}={python(x)}" for key, x in named.items())]
+        return self._script.record_call(self._source, f"{self._source}({', '.join(arguments)})")
 
-    def __mul__(self, other: Any) -> "Thing":
-        return Thing(self._script, f"{self._source} * {python(other)}")
+    def __mul__(self, other: Any) -> "StandIn":
+        return StandIn(self._script, f"{self._source} * {python(other)}")
 
     def __repr__(self) -> str:
         return self._source
@@ -92,7 +92,7 @@ def python(x: Any) -> str:
     Raises:
         TypeError: a script cannot hold the value, such as a function.
     """
-    if isinstance(x, Thing):
+    if isinstance(x, StandIn):
         return x._source
     if isinstance(x, np.ndarray):
         return f"np.array({python(x.tolist())})"
@@ -104,6 +104,6 @@ def python(x: Any) -> str:
     raise TypeError(f"a script cannot hold {type(x).__name__}")
 
 
-def name_laws(mechanism: Mechanism) -> dict[int, Thing]:
+def name_laws(mechanism: Mechanism) -> dict[int, StandIn]:
     """Return the script's functions law_1, law_2, ... for the laws of drivers, by the laws' ids."""
-    return {id(d.law): Script({}).thing(f"law_{k}") for k, d in enumerate(mechanism.drivers, 1)}
+    return {id(d.law): Script({}).stand_in(f"law_{k}") for k, d in enumerate(mechanism.drivers, 1)}

@@ -1,4 +1,4 @@
-"""The algebra of one textbook page each: Terms -> Solution. A formulation knows numpy and nothing of linkages.
+"""Formulations: the algebra of one textbook page each, Terms -> Solution. They know numpy and scipy, and nothing of linkages.
 
 Those in CONTROLS are wrong on purpose: the suite must flag them, and they are kept out of every ranking.
 """
@@ -13,15 +13,15 @@ from gauss_bench.terms import Solution, Terms
 Formulation = Callable[[Terms], Solution]
 
 
-class Pages(UserDict[str, Any]):
-    """Formulations by name, each imported when it is first asked for."""
+class Formulations(UserDict[str, Any]):
+    """Formulations by name; one that is given as "module:function" of this package is imported when it is first used."""
 
     def __getitem__(self, name: str) -> Formulation:
         found: Formulation = self.data[name]
         return resolve_name(f"{__name__}.{found}") if isinstance(found, str) else found
 
 
-FORMULATIONS = Pages(
+FORMULATIONS = Formulations(
     gauss="gauss:gauss",
     gauss_pinv="gauss_pinv:gauss_pinv",
     lagrange="lagrange:lagrange",

@@ -4,15 +4,15 @@
 
 Column-pivoted QR of J^T decides the rank r and gives both subspaces at once:
 
-    J^T P = [Y N] [R; 0]          Y (n, r) spans range(J^T),  N (n, n - r) spans null(J)
+    J^T P = [Y N] [R; 0]          Y (n, r) spans range(J^T),  N (n, n - r) spans null(J),  P orders the rows of J
     a = Y y + N h                 R^T y = P^T gamma           (least squares where rows are redundant)
     h = argmin |L^T N h - (L^-1 Q - L^T Y y)|
 
 Any factor L of M serves, because |L^T x| depends on M alone. No multipliers appear; rows may be redundant.
 
-N is exact to rounding of its largest entries, and M weighs that rounding: where a heavy link stands still while a light one moves,
-the ratio of their masses times 1e-16 is lost. Beyond a ratio of UNEVEN the same factors are used a second time, on what the first
-solution leaves of both sides of M a + J^T lambda = Q, J a = gamma (iterative refinement).
+The entries of N have rounding errors relative to the largest of them, and M weighs these errors: where a heavy link stands still
+while a light one moves, the solution has a relative error of 1e-16 times the ratio of their masses. Beyond a ratio of UNEVEN the
+same factors solve a second time, for the residuals of M a + J^T lambda = Q and J a = gamma (iterative refinement).
 Sources: Yuan and Ge (2016), eqs (1)-(9) with the exponents of (10), (11) corrected; null-space method as in Golub and Van Loan,
 Matrix Computations (4th ed.), section 6.2.3; refinement of constrained least squares as in Bjorck, Numerical Methods for Least
 Squares Problems (1996), section 2.9.
@@ -27,9 +27,7 @@ from scipy.linalg.lapack import dgels, dgeqp3, dorgqr, dpotrf, dtrtrs
 from gauss_bench.terms import Array, Solution, Terms
 
 RANK_TOLERANCE = 1e-10  # of the largest diagonal entry of R: rounding leaves about 1e-15, a usable linkage keeps about 1e-2
-
-
-UNEVEN = 1e6  # ratio of masses from which rounding, so amplified, would reach 1e-10
+UNEVEN = 1e6  # ratio of masses beyond which the error of a solution without refinement would reach 1e-10
 
 
 def gauss(terms: Terms) -> Solution:
@@ -57,7 +55,7 @@ def gauss(terms: Terms) -> Solution:
         r = Y.shape[1]
         multipliers = np.zeros(0)  # LAPACK takes no system without unknowns
         if r:
-            multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of r independent rows; one choice where rows are redundant
+            multipliers = dtrtrs(R[:, :r], Y.T @ (Q - M @ a))[0]  # of r independent rows, the others zero
         a = a + least_constraint(Q - M @ a - J[order[:r]].T @ multipliers, gamma - J @ a)
     return Solution(a, None, Y.shape[1])
 
@@ -77,11 +75,11 @@ def subspaces(J: Array) -> tuple[Array, Array, Array, Array]:
 
 @cache
 def _below(rows: int, columns: int) -> NDArray[np.bool_]:
-    """(rows, columns) where an upper triangle is zero."""
+    """Return the mask (rows, columns) of the entries below the diagonal."""
     return np.tri(rows, columns, -1, dtype=bool)
 
 
 def least_squares(A: Array, b: Array) -> Array:
-    """Return the x that minimises |A x - b|, A (k, l) of full column rank with k >= l; exact where A is square."""
+    """Return the x that minimises |A x - b|, for A (k, l) of full column rank with k >= l; it solves A x = b where A is square."""
     x: Array = dgels(A, b)[1][: A.shape[1]] if A.shape[1] else np.zeros(0)  # LAPACK takes no system without unknowns
     return x

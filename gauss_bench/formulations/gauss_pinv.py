@@ -16,14 +16,14 @@ RANK_TOLERANCE = 1e-10
 
 
 def gauss_pinv(terms: Terms) -> Solution:
-    """Accelerations (n,) by two pseudo-inverses of n columns each; rank is that of J."""
+    """Return accelerations (n,) by two pseudo-inverses of n columns each, and the rank of J."""
     M, J, Q, gamma = terms.M, terms.J, terms.Q, terms.gamma
     root, inverse_root = square_roots(M)
     J_pinv = np.linalg.pinv(J, rcond=RANK_TOLERANCE)
     particular = J_pinv @ gamma
     N = np.eye(len(M)) - J_pinv @ J
     rank = len(M) - round(float(np.trace(N)))
-    if rank == len(M):  # nothing is left free: N is rounding, and its pseudo-inverse would be noise
+    if rank == len(M):  # the constraints leave no freedom: N is rounding alone, and so would be its pseudo-inverse
         return Solution(particular, None, rank)
     A = root @ N
     b = inverse_root @ Q - root @ particular
@@ -31,6 +31,6 @@ def gauss_pinv(terms: Terms) -> Solution:
 
 
 def square_roots(M: Array) -> tuple[Array, Array]:
-    """The symmetric roots M^(1/2) and M^(-1/2)."""
+    """Return the symmetric roots M^(1/2) and M^(-1/2)."""
     values, vectors = np.linalg.eigh(M)
     return (vectors * np.sqrt(values)) @ vectors.T, (vectors / np.sqrt(values)) @ vectors.T

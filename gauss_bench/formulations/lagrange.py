@@ -3,9 +3,10 @@
     [ M  J^T ] [   a    ]   [   Q   ]
     [ J   0  ] [ lambda ] = [ gamma ]
 
-Solved by LU with partial pivoting. Redundant rows make the matrix singular, which its reciprocal condition number tells. But so do
-masses that differ by 1e8 and more, where no row is redundant: where the number is small, rows and columns are scaled first, masses
-to 1 and then rows of J to 1, and the number of the scaled matrix decides. Powers of two round nothing.
+It is solved by LU with partial pivoting. Redundant rows make the matrix singular, which its reciprocal condition number shows. But
+masses that differ by 1e8 and more also make that number small, although no row is redundant. If it is small, rows and columns are
+scaled, masses to about 1 and then rows of J to about 1, and the number of the scaled matrix decides. The factors are powers of two,
+which cause no rounding.
 Sources: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), eq. (6.3.18); Golub and Van Loan, Matrix
 Computations (4th ed.), section 3.5.2 (scaling).
 """
@@ -19,7 +20,7 @@ SINGULAR = 1e-15  # a few rounding units: LU of an exactly singular KKT matrix l
 
 
 def lagrange(terms: Terms) -> Solution:
-    """Accelerations (n,) and multipliers (m,).
+    """Return accelerations (n,) and multipliers (m,).
 
     Raises:
         SingularSystem: redundant constraint rows.
@@ -28,17 +29,17 @@ def lagrange(terms: Terms) -> Solution:
     K = np.zeros((n + m, n + m), order="F")
     K[:n, :n], K[:n, n:], K[n:, :n] = terms.M, terms.J.T, terms.J
     b = np.concatenate([terms.Q, terms.gamma])
-    x, rcond = solved(K, b)
+    x, rcond = solve(K, b)
     if not rcond > SINGULAR:
-        scale = even(terms)
-        x, rcond = solved(K * np.outer(scale, scale), b * scale)
+        scale = scale_evenly(terms)
+        x, rcond = solve(K * np.outer(scale, scale), b * scale)
         x = x * scale
     if not rcond > SINGULAR:
         raise SingularSystem(f"the KKT matrix is singular (reciprocal condition {rcond:.1e}): constraint rows are redundant")
     return Solution(x[:n], x[n:], m)
 
 
-def solved(K: Array, b: Array) -> tuple[Array, float]:
+def solve(K: Array, b: Array) -> tuple[Array, float]:
     """Return K^-1 b and the reciprocal condition number of K; if that is zero the solution is meaningless."""
     norm = float(np.abs(K).sum(axis=0).max())
     lu, pivots, info = dgetrf(K)
@@ -47,13 +48,13 @@ def solved(K: Array, b: Array) -> tuple[Array, float]:
     return dgetrs(lu, pivots, b)[0], float(dgecon(lu, norm)[0])
 
 
-def even(terms: Terms) -> Array:
-    """Return scale factors (n + m,) of rows and columns, powers of two: masses and the largest entries of J's rows come near 1."""
-    light = near_one(np.sqrt(np.diagonal(terms.M)))
-    return np.concatenate([light, near_one(np.abs(terms.J * light).max(axis=1))])
+def scale_evenly(terms: Terms) -> Array:
+    """Return the powers of two (n + m,) that scale masses, and then the largest entries of the rows of J, to about 1."""
+    masses = power_of_two(np.sqrt(np.diagonal(terms.M)))
+    return np.concatenate([masses, power_of_two(np.abs(terms.J * masses).max(axis=1))])
 
 
-def near_one(sizes: Array) -> Array:
+def power_of_two(sizes: Array) -> Array:
     """Return the powers of two that scale each size to between 1/2 and 1."""
     scaled: Array = np.ldexp(1.0, -np.frexp(sizes)[1])
     return scaled

@@ -2,7 +2,7 @@
 
     (J M^-1 J^T) lambda = J M^-1 Q - gamma,        a = M^-1 (Q - J^T lambda)
 
-The complement is symmetric positive definite as long as the rows are independent, so Cholesky serves and tells.
+The complement is symmetric positive definite if and only if the rows are independent, so that Cholesky factors it, or fails.
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 8.4.
 """
 
@@ -11,11 +11,11 @@ from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 
 from gauss_bench.terms import SingularSystem, Solution, Terms
 
-SINGULAR = 1e-15  # as for the KKT matrix; the complement squares the condition of J M^(-1/2)
+SINGULAR = 1e-15  # reciprocal condition; that of the complement is the square of that of J M^(-1/2)
 
 
 def schur(terms: Terms) -> Solution:
-    """Accelerations (n,) and multipliers (m,).
+    """Return accelerations (n,) and multipliers (m,).
 
     Raises:
         SingularSystem: redundant constraint rows.

@@ -14,7 +14,7 @@ RANK_TOLERANCE = 1e-10
 
 
 def udwadia_kalaba(terms: Terms) -> Solution:
-    """Accelerations (n,); rank is that of J L^-T."""
+    """Return accelerations (n,), and the rank of J L^-T."""
     L = np.linalg.cholesky(terms.M)
     free = np.linalg.solve(terms.M, terms.Q)
     weighted = np.linalg.solve(L, terms.J.T).T

@@ -15,7 +15,7 @@ RANK_TOLERANCE = 1e-10
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:
-    """Wrong accelerations (n,) that satisfy every constraint."""
+    """Return wrong accelerations (n,) that satisfy every constraint."""
     J_pinv = np.linalg.pinv(terms.J, rcond=RANK_TOLERANCE)
     free = np.linalg.solve(terms.M, terms.Q)
     a = J_pinv @ terms.gamma + free - J_pinv @ (terms.J @ free)

@@ -4,21 +4,18 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.integrate import StepFailure
 from gauss_bench.integrate.fixed_step import Acceleration
+from gauss_bench.terms import Array
 
 if TYPE_CHECKING:
     from scipy.integrate import DOP853
 
-Array = NDArray[np.floating[Any]]
-
-
-MOST = 100_000  # steps: a linkage needs some hundred per second; one that locks takes ever smaller steps and would never end
+MOST = 100_000  # steps: a linkage needs some hundred per second, but where it locks they become ever shorter
 
 
 def dop853(
@@ -30,14 +27,15 @@ def dop853(
     acceleration or the step size control fails, keep their values.
 
     Raises:
-        StepFailure: with scipy's own reason, or after MOST steps.
+        StepFailure: scipy's step size control fails, or MOST steps are not enough.
     """
     from scipy.integrate import DOP853  # its import takes longer than most runs
 
-    n, done, steps, evaluations = q.shape[1], 1, 0, 0
+    n, steps, evaluations = q.shape[1], 0, 0
+    done = 1  # rows that are filled
     begin, finish, y = float(times[0]), float(times[-1]), np.concatenate([q[0], v[0]])
     for end in (*(t for t in kinks if begin < t < finish), finish):
-        last = np.inf if end == finish else np.nextafter(end, begin)  # up to the kink the old value of a jump holds
+        last = np.inf if end == finish else np.nextafter(end, begin)  # before the kink a force that jumps has its old value
 
         def rate(t: float, y: Array, last: float = last) -> Array:
             return np.concatenate([y[n:], acceleration(min(t, last), y[:n], y[n:])])
@@ -50,14 +48,14 @@ def dop853(
             steps += 1
             if steps > MOST:
                 raise StepFailure(f"more than {MOST} steps before t = {solver.t:.6g} s")
-            for state in _within(solver, times[done:]):
+            for state in _sample_step(solver, times[done:]):
                 q[done], v[done], done = state[:n], state[n:], done + 1
         begin, y, evaluations = end, solver.y, evaluations + int(solver.nfev)
     return steps, evaluations
 
 
-def _within(solver: "DOP853", times: Array) -> list[Array]:
-    """Return the states at those of the next times that lie in the step just taken; only times inside it cost evaluations."""
+def _sample_step(solver: "DOP853", times: Array) -> list[Array]:
+    """Return the states at those of the next times that the last step has reached; only times before its end cost evaluations."""
     passed = times[: np.searchsorted(times, solver.t, side="right")]
     inside = solver.dense_output() if len(passed) and passed[0] < solver.t else None
     return [solver.y if inside is None or t == solver.t else inside(t) for t in passed]

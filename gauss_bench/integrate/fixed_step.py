@@ -7,21 +7,21 @@ semi-implicit Euler method as in Hairer, Lubich and Wanner, Geometric Numerical 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import groupby, pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-DIFFERENCE = 1e-7  # [rad, m and per second] for a Jacobian that Newton's method can do with
-NEWTON_STEPS, CONVERGED = 20, 1e-13  # and the change of velocities, relative, at which stages are found
-ROUNDING = 4 * np.finfo(float).eps  # of two times and what they were made of
-Array = NDArray[np.floating[Any]]
+from gauss_bench.terms import Array
+
+DIFFERENCE = 1e-7  # [rad, m and per second] of the finite differences from which the Jacobian is computed
+NEWTON_STEPS, CONVERGED = 20, 1e-13  # and the relative change of velocities at which Newton's method ends
+ROUNDING = 4 * np.finfo(float).eps  # relative: two times this close are the same
 Acceleration = Callable[[float, Array, Array], Array]
 Step = Callable[[Acceleration, float, Array, Array, float], tuple[Array, Array]]
 
 
 def rk4(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """The classical Runge-Kutta method, order 4, four evaluations."""
+    """Take a step of the classical Runge-Kutta method: order 4, four evaluations."""
     a1 = acceleration(t, q, v)
     v2 = v + h / 2 * a1
     a2 = acceleration(t + h / 2, q + h / 2 * v, v2)
@@ -33,14 +33,15 @@ def rk4(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> t
 
 
 def semi_implicit_euler(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """The semi-implicit Euler method, order 1, one evaluation: positions move with the new velocity."""
+    """Take a step of the semi-implicit Euler method: order 1, one evaluation; positions move with the new velocity."""
     v = v + h * acceleration(t, q, v)
     return q + h * v, v
 
 
 def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """The twelve stages of DOP853 without its error estimate: order 8."""
-    (nodes, rows, weights), n, y = dop853_tableau(), len(q), np.concatenate([q, v])
+    """Take a step with the twelve stages of DOP853, without its error estimate: order 8."""
+    nodes, rows, weights = dop853_tableau()
+    n, y = len(q), np.concatenate([q, v])
     rates = np.empty((len(weights), 2 * n))
     for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
         state = y + h * row.dot(rates[:k]) if k else y
@@ -50,7 +51,7 @@ def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: fl
 
 
 def tableau(name: str) -> tuple[list[float], list[Array], Array]:
-    """An explicit Runge-Kutta method: nodes, rows of A and weights, as `dop853_tableau` returns them."""
+    """Return nodes, rows of A and weights of rk4 or dop853_fixed, as `dop853_tableau` does."""
     if name == "rk4":
         rows = [np.array(row) for row in ([], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0])]
         return [0.0, 0.5, 0.5, 1.0], rows, np.array([1.0, 2.0, 2.0, 1.0]) / 6
@@ -59,11 +60,8 @@ def tableau(name: str) -> tuple[list[float], list[Array], Array]:
 
 @cache
 def dop853_tableau() -> tuple[list[float], list[Array], Array]:
-    """Nodes (s,), the rows' weights of the stages before them, and the weights (s,) of the step; as scipy has them.
-
-    Read when first asked for: importing scipy.integrate takes longer than most runs.
-    """
-    from scipy.integrate import DOP853
+    """Return scipy's coefficients of DOP853: nodes (s,), rows of A (as many entries as stages before), weights (s,) of the step."""
+    from scipy.integrate import DOP853  # imported here because it takes longer than most runs
 
     weights = np.ascontiguousarray(DOP853.B)
     rows = [np.ascontiguousarray(row[:k]) for k, row in enumerate(DOP853.A[: len(weights)])]
@@ -72,34 +70,35 @@ def dop853_tableau() -> tuple[list[float], list[Array], Array]:
 
 @cache
 def dop853_estimates() -> tuple[Array, Array]:
-    """Weights (s,) of the same stages that give the difference from a step of order 5, and from one of order 3."""
+    """Return the weights (s,) that give the difference from an embedded step of order 5, and from one of order 3."""
     from scipy.integrate import DOP853
 
-    s = len(DOP853.B)  # scipy's have one more, of the next step's first stage, which is 0
+    s = len(DOP853.B)  # scipy has one weight more, for the first stage of the next step; it is 0
     return np.ascontiguousarray(DOP853.E5[:s]), np.ascontiguousarray(DOP853.E3[:s])
 
 
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """Gauss's collocation with three stages, order 6, implicit: steps stay stable with arbitrarily stiff springs and dampers.
+    """Take a step of Gauss's collocation with three stages: order 6, implicit, stable with arbitrarily stiff springs and dampers.
 
-    Newton's method for all stages at once, with one Jacobian by differences at the beginning of the step.
+    Newton's method finds all stages at once, with one Jacobian by differences at the beginning of the step.
 
     Raises:
         LinAlgError: Newton's method does not converge.
     """
-    (c, A, b), n = gauss_tableau(), len(q)
-    a = acceleration(t, q, v)
-    moved = DIFFERENCE * np.eye(n)
-    stiffness = np.transpose([(acceleration(t, q + d, v) - a) / DIFFERENCE for d in moved])
-    damping = np.transpose([(acceleration(t, q, v + d) - a) / DIFFERENCE for d in moved])
+    c, A, b = gauss_tableau()
+    n, a = len(q), acceleration(t, q, v)
+    differences = DIFFERENCE * np.eye(n)
+    stiffness = np.transpose([(acceleration(t, q + d, v) - a) / DIFFERENCE for d in differences])
+    damping = np.transpose([(acceleration(t, q, v + d) - a) / DIFFERENCE for d in differences])
     # with K = da/dq and D = da/dv, stages z solve z = a(q + c h v + h^2 A A z, v + h A z):
     # Newton's matrix is 1 - h^2 A A x K - h A x D (Kronecker products), Hairer and Wanner (1996), section IV.8
     matrix = np.eye(len(c) * n) - h * h * np.kron(A @ A, stiffness) - h * np.kron(A, damping)
     stages = np.tile(a, (len(c), 1))
     for _ in range(NEWTON_STEPS):
         places, speeds = q + h * np.outer(c, v) + h * h * A @ A @ stages, v + h * A @ stages
-        off = np.array([acceleration(t + x * h, *y) for x, *y in zip(c, places, speeds, strict=True)]) - stages
-        change = np.linalg.solve(matrix, off.ravel()).reshape(off.shape)
+        evaluations = [acceleration(t + x * h, place, speed) for x, place, speed in zip(c, places, speeds, strict=True)]
+        residual = np.array(evaluations) - stages
+        change = np.linalg.solve(matrix, residual.ravel()).reshape(residual.shape)
         stages = stages + change
         if h * np.abs(change).max() <= CONVERGED * (1.0 + np.abs(v).max()):
             return q + h * v + h * h * b @ A @ stages, v + h * b @ stages
@@ -111,12 +110,12 @@ STAGES = 3  # of an implicit step
 
 @cache
 def gauss_tableau(stages: int = STAGES) -> tuple[Array, Array, Array]:
-    """Nodes (s,), matrix (s, s) and weights (s,) of Gauss's collocation: exact for polynomials of degree s - 1 through the stages.
+    """Return nodes (s,), matrix A (s, s) and weights b (s,) of Gauss's collocation.
 
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), section IV.5.
     """
     c = (1 + np.polynomial.legendre.leggauss(stages)[0]) / 2
-    powers = np.arange(1, stages + 1)
+    powers = np.arange(1, stages + 1)  # A and b integrate c^(k-1) exactly for these k: A c^(k-1) = c^k / k, b c^(k-1) = 1 / k
     inverse = np.linalg.inv(c[:, None] ** (powers - 1))
     return c, c[:, None] ** powers / powers @ inverse, 1 / powers @ inverse
 
@@ -127,8 +126,8 @@ STEPS: dict[str, Step] = {
     "dop853_fixed": dop853_fixed,
     "gauss_legendre": gauss_legendre,
 }
-NATIVE_PASSES = 8  # of an implicit step in native code, where their number is fixed
-EVALUATIONS = {  # of accelerations in a step; of an implicit one without those of its Jacobian
+NATIVE_PASSES = 8  # iterations of Newton's method in an implicit step of native code, which does not test for convergence
+EVALUATIONS = {  # of the acceleration in a step, without those for the Jacobian of an implicit step
     "rk4": 4,
     "semi_implicit_euler": 1,
     "dop853_fixed": 12,
@@ -137,9 +136,9 @@ EVALUATIONS = {  # of accelerations in a step; of an implicit one without those 
 
 
 def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
-    """Return (count, size) of the equal steps, none longer than `step`, between each two consecutive times.
+    """Return (count, size) of the equal steps between each two consecutive times, none longer than `step`.
 
-    If the gap is a multiple of `step`, up to rounding of the times, the size is exactly `step`; else a little less.
+    If the gap is a multiple of `step`, up to rounding of the times, the size is exactly `step`; else it is smaller.
     """
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
@@ -150,7 +149,12 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
 
 
 class Equal(NamedTuple):
-    """Consecutive samples with equal steps between them: the row before the first, steps per sample, step size, sample count."""
+    """Consecutive samples with equal steps between them.
+
+    Attributes:
+        row: index of the sample before the first of them; samples: their number.
+        steps, size: steps from sample to sample, and their size [s].
+    """
 
     row: int
     steps: int
@@ -159,7 +163,7 @@ class Equal(NamedTuple):
 
 
 def equal_runs(times: Array, step: float) -> list[Equal]:
-    """Group the steps of `step_counts` by size."""
+    """Group the consecutive intervals of `step_counts` with equal counts and sizes of steps."""
     runs: list[Equal] = []
     for (count, size), group in groupby(step_counts(times, step), key=lambda c: (c[0], round(c[1], 15))):
         runs.append(Equal(sum(x.samples for x in runs), count, size, len(list(group))))
@@ -196,5 +200,5 @@ def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterato
 
 
 def held_back(acceleration: Acceleration, last: float) -> Acceleration:
-    """Return the acceleration evaluated no later than `last`, so that a jump at the end of the steps is not seen."""
+    """Return the acceleration evaluated no later than `last`: a force that jumps at the end of the steps keeps its old value."""
     return acceleration if last == np.inf else lambda t, q, v: acceleration(min(t, last), q, v)

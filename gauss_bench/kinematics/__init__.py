@@ -1,12 +1,15 @@
-"""How a linkage moves, without forces: loops, point coordinates, singular positions.
+"""Kinematics: the motion of a linkage without forces.
 
-Both methods take the drivers of a scenario as `inputs`, return a `motion` and raise the exceptions of `errors`.
-- By loops: `topology` (links and pairs as a graph, its independent loops), `link_units` (what one link adds to a loop's equations),
-  `loop_equations` (all loops as one system), `loop_closure` (the motion).
-- By points: `points` (which points carry a linkage, which are known), `point_equations` (what holds between them),
+Two methods compute the motion that the drivers of a scenario (`inputs`) prescribe. Both return a `motion` and raise the exceptions
+of `errors`.
+- Loop closure: `topology` (links and pairs as a graph, and its independent loops), `link_units` (the contribution of one link to
+the
+  equations of a loop), `loop_equations` (all loops as one system), `loop_closure` (the motion).
+- Point coordinates: `points` (the points that determine a linkage), `point_equations` (the equations between them),
   `basic_coordinates` (the motion).
-- `root_finding` solves either system at one position, and `basins` asks from how far away it does.
-- `singular` finds limits of motion and dead centres; `assembly` says which loop of a drawing does not close, and why.
-- `branches` finds other assemblies with the same input; `centres` and `advantage` tell velocities and forces by ratios.
-By hand, without drivers: `freedom` says what can move at a position, and `dragging` draws the linkage along by a point.
+
+`root_finding` has the solvers of the point equations at one position, and `basins` studies from how far away they converge.
+`singular` finds limits of motion and dead centres, `branches` other assemblies with the same inputs, `assembly` the loop of a
+drawing that does not close. `centres` and `advantage` compute instant centres and ratios of velocities and forces. Two modules
+ignore drivers: `freedom` has the free motions at a position, and `dragging` moves a linkage by one of its points.
 """

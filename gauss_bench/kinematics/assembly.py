@@ -1,12 +1,12 @@
-"""Whether a drawn linkage can be put together and, if not, which loop stays open, how far, and which length would close it.
+"""The loop of a drawn linkage that cannot be closed: how far it stays open, and which length would close it.
 
-Without the pairs that close the loops the linkage is a tree, which can always be put together. The loops are then closed one after
-the other: the two ends of the pin that closes the next are drawn together as near as they come, those before it staying closed. At
-the nearest, with the gap g from the one end to the other and w the way of the loop through a link,
+Without the pairs that close the loops, the linkage is a tree, which can always be assembled. The loops are then closed one after
+the other: a drag brings the two ends of the pin that closes the next loop as near to each other as possible, with the loops before
+it closed. At the nearest position, with the gap g from the one end to the other and w the vector of the loop through a link,
 
     |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|
 
-so that a link along the gap closes it by as much as the gap is long, and one across it never does.
+A link along the gap therefore closes it by a change of length equal to the gap; a link across the gap cannot.
 """
 
 from contextlib import suppress
@@ -16,23 +16,24 @@ import numpy as np
 
 from gauss_bench.kinematics.dragging import Drag
 from gauss_bench.kinematics.freedom import Freedom, Place
-from gauss_bench.kinematics.topology import Loop, find_graph, held_coordinates
+from gauss_bench.kinematics.topology import Loop, find_graph, pin_loose_links
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Joint, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
-TRIES = 6  # from the drawing, then from drawings with links turned by lot: the nearest of all is told
-TURNED = 1.0  # [rad] at most
-ALONG = 0.5  # cosine from which a link counts as lying along the gap
-GENERIC = 0.03  # of the linkage's size, or [rad]: off a position where the rank is lower than elsewhere
-MOVED = 0.5  # of a step along what is free: a linkage that is less far on afterwards has not moved
+TRIES = 6  # searches for the nearest position: one from the drawing, the others from drawings with randomly turned links
+TURNED = 1.0  # [rad] largest random turn of a link
+STEPS = 200  # largest number of steps of a search
+ALONG = 0.5  # cosine of the angle to the gap above which a link can close it
+GENERIC = 0.03  # [sizes of the linkage, rad] distance to a neighbouring position, where the rank is not lower than elsewhere
+MOVED = 0.5  # a linkage has moved if it is displaced by more than this share of the attempted step
 
 
 @dataclass(frozen=True)
 class Length:
-    """A length that closes a loop: between two points of a link, what it is and what it would have to be [m]."""
+    """A length that would close a loop: between two points of a link, its present and its needed value [m]."""
 
     link: str
     points: tuple[str, str]
@@ -45,13 +46,13 @@ class OpenLoop:
     """A loop that does not close.
 
     Attributes:
-        joints: of the loop, in order. links: that they join, the frame as "ground".
-        at: the pin whose ends stay apart. apart: how far, at best [m].
-        alone: whether the loop stays open by itself, and not only because of the loops before it.
-        lengths: what would close it, the smallest change first.
+        links: names of the links around the loop; the frame is "ground".
+        at: name of the pin whose ends stay apart.
+        apart: smallest distance of these ends [m].
+        alone: whether the loop stays open even without the loops before it.
+        lengths: lengths that would close it, the smallest relative change first, those of the ground last.
     """
 
-    joints: tuple[str, ...]
     links: tuple[str, ...]
     at: str
     apart: float
@@ -60,66 +61,43 @@ class OpenLoop:
 
     def __str__(self) -> str:
         among = "" if self.alone else " while the loops before it are closed"
-        told = f"the loop {'-'.join(self.links)} does not close{among}: at {self.at} its ends stay {self.apart:.4g} m apart"
+        text = f"the loop {'-'.join(self.links)} does not close{among}: at {self.at} its ends stay {self.apart:.4g} m apart"
         if not self.lengths:
-            return told
+            return text
         x = self.lengths[0]
-        return f"{told}; it would with {x.link} ({x.points[0]} to {x.points[1]}) of {x.needed:.4g} m instead of {x.now:.4g} m"
+        return f"{text}; it would with {x.link} ({x.points[0]} to {x.points[1]}) of {x.needed:.4g} m instead of {x.now:.4g} m"
 
 
-@dataclass(frozen=True, eq=False)
-class Assembly:
-    """The result of assembling a linkage.
-
-    Attributes:
-        q: (n,) the position with all loops closed, or with those before the open one.
-        open: the first loop that does not close, or None.
-        dof, redundant: degrees of freedom, and rows of the joints beyond their rank, at a position near q that is not singular;
-            the joint that stays open is left out.
-        loops: links of every independent loop, in order.
-    """
-
-    q: Array
-    open: OpenLoop | None
-    dof: int
-    redundant: int
-    loops: tuple[tuple[str, ...], ...]
-
-
-def put_together(mechanism: Mechanism) -> Assembly:
-    """Close the loops of a linkage, starting from its drawn position q0; drivers are ignored.
+def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
+    """Close the loops of a linkage, starting from its drawn position q0, and return the first that stays open; drivers are ignored.
 
     Raises:
-        ValueError: the tree of its joints cannot be put together, which numbers that are not finite alone bring about.
+        ValueError: the tree of its joints cannot be assembled, which happens only if numbers are not finite.
     """
-    graph = find_graph(held_coordinates(mechanism))
-    names = tuple(tuple(_links(mechanism, loop)) for loop in graph.loops)
+    loops = find_graph(pin_loose_links(mechanism)).loops
     bare = replace(mechanism, drivers=(), knife_edges=())
-    chords = [_open(mechanism, loop, graph.loops[:k]) for k, loop in enumerate(graph.loops)]
+    chords = [_chord(mechanism, loop, loops[:k]) for k, loop in enumerate(loops)]
     joints = [x for x in mechanism.joints if x not in chords]
-    place, open_loop = _close(bare, joints, mechanism.q0), None
-    for loop, chord in zip(graph.loops, chords, strict=True):
-        nearer, gap = _nearest(bare, joints, chord, place)
+    place = _close(bare, joints, mechanism.q0)
+    for loop, chord in zip(loops, chords, strict=True):
+        nearest, gap = _approach(bare, joints, chord, place)
         if gap > CLOSED:
-            alone = _nearest(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
-            open_loop = _describe(mechanism, loop, chord, nearer.q, gap, alone[1] > CLOSED)
-            break
+            _, gap_alone = _approach(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
+            links = tuple(mechanism.link_name(x.link) for x in loop.passages)
+            lengths = _closing_lengths(mechanism, loop, chord, nearest.q, gap)
+            return OpenLoop(links, chord.joint, gap, gap_alone > CLOSED, lengths)
         joints = [x for x in mechanism.joints if x in joints or x is chord]
-        place = _close(bare, joints, nearer.q)
-    rank = _rank(replace(bare, joints=tuple(joints)), place)
-    return Assembly(place.q, open_loop, mechanism.n - rank, 2 * len(joints) - rank, names)
-
-
-def _links(mechanism: Mechanism, loop: Loop) -> list[str]:
-    return [mechanism.link_name(x.link) for x in loop.passages]
+        place = _close(bare, joints, nearest.q)
+    return None
 
 
 def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
+    """Return the joints of a loop in file order."""
     names = {x.leave.name for x in loop.passages}
     return [x for x in mechanism.joints if x.name in names]
 
 
-def _open(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
+def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
     """Return the pair at which a loop is cut open: the last pin in the file that no earlier loop uses, else the last pair."""
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
@@ -127,16 +105,21 @@ def _open(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
 
 
 def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
+    """Close some joints near q (n,).
+
+    Raises:
+        ValueError: they cannot be closed.
+    """
     place = Freedom(replace(mechanism, joints=tuple(joints))).close(q)
     if place is None:
-        raise ValueError(f"{mechanism.name}: its joints cannot be put together from the drawing")
+        raise ValueError(f"{mechanism.name}: its joints cannot be closed from the drawing")
     return place
 
 
-def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
+def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
     """Return the position in which the ends of a pair are nearest to each other, and their distance there [m]."""
     part = replace(mechanism, joints=tuple(joints))
-    if chord.slides:  # a loop of slides alone
+    if chord.slides:  # all pairs of the loop are slides, which have no point to drag
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -144,9 +127,9 @@ def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pla
     for attempt in range(TRIES):
         q = np.array(place.q)
         angles(q)[:] += rng.uniform(-TURNED, TURNED, size=len(mechanism.links)) if attempt else 0.0
-        with suppress(ValueError):
+        with suppress(ValueError):  # the turned links do not close: the next attempt turns them differently
             drag = Drag(part, q, point, onto=onto)
-            dragged = drag.to(np.zeros(2), most=200)
+            dragged = drag.to(np.zeros(2), STEPS)
             if dragged.reached:
                 return drag.place, 0.0
             if dragged.apart < apart:
@@ -154,48 +137,44 @@ def _nearest(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pla
     return best, apart
 
 
-def _describe(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float, alone: bool) -> OpenLoop:
+def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float) -> tuple[Length, ...]:
+    """Return the lengths that would close a loop whose gap at q (n,) is `apart` [m], the smallest change first."""
+    if chord.slides:
+        return ()
     lengths: list[Length] = []
-    if not chord.slides:
-        a, b = chord.ends
-        gap = position(q, b) - position(q, a)
-        at = next(k for k, x in enumerate(loop.passages) if x.leave.name == chord.name)
-        sense = -1.0 if loop.passages[at].link == a.link else 1.0  # the loop passes from a to b: its ways add up to a - b
-        pins = {pin.name: pin.ends for pin in mechanism.pins}
-        for passage in loop.passages:
-            pairs = (passage.enter.name, passage.leave.name)
-            points = [end for pair in pairs for end in pins.get(pair, ()) if end.link == passage.link]
-            if len(points) < 2:
-                continue
-            way = position(q, points[1]) - position(q, points[0])
-            now = float(np.hypot(*way))
-            cosine = sense * float(way @ gap) / (now * apart) if now else 0.0
-            needed = now - apart / cosine if abs(cosine) > ALONG else 0.0
-            if needed > 0.0:
-                names = [point.name.partition(".")[2] for point in points]
-                lengths.append(Length(mechanism.link_name(passage.link), (names[0], names[1]), now, needed))
-    lengths.sort(key=lambda x: (x.link == "ground", abs(x.needed / x.now - 1.0)))
-    return OpenLoop(loop.joints, tuple(_links(mechanism, loop)), chord.joint, apart, alone, tuple(lengths))
+    a, b = chord.ends
+    gap = position(q, b) - position(q, a)
+    at = next(k for k, x in enumerate(loop.passages) if x.leave.name == chord.name)
+    sense = -1.0 if loop.passages[at].link == a.link else 1.0  # the loop leads from a to b, so that its vectors add up to a - b
+    pins = {pin.name: pin.ends for pin in mechanism.pins}
+    for passage in loop.passages:
+        pairs = (passage.enter.name, passage.leave.name)
+        points = [end for pair in pairs for end in pins.get(pair, ()) if end.link == passage.link]
+        if len(points) < 2:  # the loop enters or leaves the link by a slide
+            continue
+        way = position(q, points[1]) - position(q, points[0])
+        now = float(np.hypot(*way))
+        cosine = sense * float(way @ gap) / (now * apart) if now else 0.0
+        needed = now - apart / cosine if abs(cosine) > ALONG else 0.0
+        if needed > 0.0:
+            first, second = (point.name.partition(".")[2] for point in points)
+            lengths.append(Length(mechanism.link_name(passage.link), (first, second), now, needed))
+    return tuple(sorted(lengths, key=lambda x: (x.link == "ground", abs(x.needed / x.now - 1.0))))
 
 
 def rank_about(mechanism: Mechanism, q: Array) -> int:
-    """Return the rank of the joint rows at a generic position near q (n,), or at q itself if the joints are open there."""
-    bare = replace(mechanism, drivers=(), knife_edges=())
-    place = Freedom(bare).close(q)
-    if place is None:
-        return mechanism.n - int(Freedom(bare).at(q)[1].free.shape[1])
-    return _rank(bare, place)
+    """Return the rank of the joint rows at a generic position near q (n,), or at q itself if the joints are open there.
 
-
-def _rank(mechanism: Mechanism, place: Place) -> int:
-    """Return the rank of the joint rows at a generic position: the largest of those at the place and beside it.
-
-    Bars in one line seem free by their rank but cannot move, so there is no position beside them. Then the rank is computed with
-    slightly rotated links: it is that of a linkage with slightly different lengths.
+    The generic rank is the largest of those at q and at positions beside it. Bars in one line lose rank but cannot move, so that
+    there is no position beside them. The rank is then computed with slightly turned links: it is that of a linkage with slightly
+    different lengths.
     """
-    freedom, rng = Freedom(mechanism), np.random.default_rng(0)
-    here = rank = mechanism.n - int(place.free.shape[1])
-    moves = not place.free.size
+    freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
+    place = freedom.close(q)
+    if place is None:
+        return _rank(freedom.at(q)[1])
+    rank = _rank(place)
+    has_moved = not place.free.size
     for _ in range(3):
         way = place.free @ rng.normal(size=place.free.shape[1])
         size = float(np.abs(way).max(initial=0.0)) or 1.0
@@ -203,9 +182,14 @@ def _rank(mechanism: Mechanism, place: Place) -> int:
         beside = freedom.close(place.q + step)
         if beside is None or np.abs((beside.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
             continue
-        moves, rank = True, max(rank, mechanism.n - int(beside.free.shape[1]))
-    if moves or here == len(place.J):
+        has_moved, rank = True, max(rank, _rank(beside))
+    if has_moved or rank == len(place.J):
         return rank
     turned = np.array(place.q)
     angles(turned)[:] += rng.uniform(-GENERIC, GENERIC, size=len(mechanism.links))
-    return max(rank, mechanism.n - int(freedom.at(turned)[1].free.shape[1]))
+    return max(rank, _rank(freedom.at(turned)[1]))
+
+
+def _rank(place: Place) -> int:
+    """Return the rank of the joint rows: the number of coordinates less that of the free motions."""
+    return len(place.q) - int(place.free.shape[1])

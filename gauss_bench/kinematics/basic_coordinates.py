@@ -6,16 +6,14 @@ With the unknown points p, the equations phi(p, t) = 0 of `point_equations` and 
     velocities     J p' = -phi_t
     accelerations  J p'' = gamma = -(known points' part of phi'') - (products of speeds)
 
-The state of a link follows from two of its points, E = (B - A) / (b - a): theta = arg E, nearest to where its rate takes it,
-omega = Im(E' conj E), alpha = Im(E'' conj E). A step is taken again in halves where the search fails, ends far from the prediction
-or on the other side of a singular position; so an input is followed to its limit, and an assembly is never left unnoticed.
+The state of a link follows from two of its points, E = (B - A) / (b - a): theta = arg E, in the turn nearest to the prediction,
+omega = Im(E' conj E), alpha = Im(E'' conj E). A step is halved if the search fails, or ends far from the prediction or on the other
+side of a singular position. An input is thus followed to its limit, and never onto another assembly.
 Source: Men, Feng, He (see `point_equations`), section 2, for the search from the previous state; differentiated constraints after
 Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -23,52 +21,42 @@ from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPo
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, RootFinder, largest, levenberg_marquardt
+from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, largest, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
-LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: predictions then miss by a small part of their length
-LARGEST_SLIDE = 0.1  # of the size of a link, for the same reason
-SHORTEST = 2.0**-20  # of these: a limit of motion is found to 2e-7 rad
-STRAY = 0.5  # [parts, rad] correction against prediction, and of angles: both fall with the step, unless another assembly was found
-TOLERANCE = 1e-14  # of the largest coordinate: some 50 units of rounding
-RANK_TOLERANCE = 1e-4  # positions are good to 1e-14 / r where the singular values span r, rates to 1e-14 / r^2: 1e-6 here
-PROBE = 1e-3  # of a largest step beyond a failure: far above its 1e-6, near enough to tell what lies there
+LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
+LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason
+SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
+STRAY = 0.5  # largest correction as a share of the prediction, and of angles [rad]; both fall with the step on the same assembly
+TOLERANCE = 1e-14  # share of the largest coordinate: some 50 units of rounding
+RANK_TOLERANCE = 1e-4  # smallest ratio r of singular values: the error of positions is 1e-14 / r, that of rates 1e-14 / r^2 = 1e-6
+PROBE = 1e-3  # a failure is examined at this share of the largest step beyond it: far above SHORTEST
 
 Branch = Mapping[str, int]
 
 
-@dataclass(frozen=True)
-class BranchChange:
-    """A group of points on another side than in the state before; `index` counts states."""
-
-    index: int
-    group: str
-    before: int
-    after: int
-
-
-def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, method: str = "gauss_newton") -> Motion:
+def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> Motion:
     """Compute the motion at times (k,) [s] under inputs, one for each degree of freedom, from the assembled start q0.
 
-    Between two times the inputs are followed along the straight line of their values. `method` is a key of ROOT_FINDERS.
+    Between two times the inputs are followed along the straight line of their values.
 
     Raises:
         ValueError: knife edges, or inputs that do not fit the linkage.
         LimitOfMotion: a limit of motion lies between two times.
-        SingularPosition: the rates are not determined at a time, or assemblies meet on the way.
+        SingularPosition: the rates are not determined at a time, or two assemblies meet on the way.
     """
-    way = _Walk(PointModel(mechanism, inputs), ROOT_FINDERS[method])
+    follower = _Follower(PointModel(mechanism, inputs))
     states: list[Array] = []
     corrections: list[int] = []
     try:
         for t in np.asarray(times, dtype=float):
             laws = np.array([given.law(t) for given in inputs], dtype=float).reshape(-1, 3)
-            way.to(laws[:, 0])
-            states.append(way.state(laws[:, 1], laws[:, 2]))
-            corrections.append(way.corrections)
+            follower.move_to(laws[:, 0])
+            states.append(follower.state(laws[:, 1], laws[:, 2]))
+            corrections.append(follower.corrections)
     except MotionError as error:
         error.reached = _motion(mechanism, states, corrections)
         raise
@@ -76,38 +64,37 @@ def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array, 
 
 
 def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -> Motion:
-    """Samples of states (3, n)."""
+    """Return the motion of the given states, q, v, a (3, n) each."""
     q, v, a = np.array(states).reshape(-1, 3, mechanism.n).swapaxes(0, 1)
     return Motion(q, v, a, np.array(corrections, dtype=int))
 
 
 def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Branch:
-    """Return for each group of points +1 or -1, its side in the state q (n,): these signs distinguish assemblies.
+    """Return the side of each group of points, +1 or -1, in the state q (n,); the sides distinguish assemblies.
 
-    The side is the sign of the determinant of the group's own equations, for a dyad the side of its middle point on the line of its
-    ends. It changes at singular positions only. Assemblies with different sides differ; a group beyond dyads may have several with
-    the same. Groups without a choice (a third point of a link, or more equations than unknowns) do not appear.
+    The side is the sign of the determinant of the group's own equations, for a dyad the side of the line between its ends on which
+    its middle point lies. It changes at singular positions only. A group other than a dyad may have several assemblies with the
+    same side. Groups with a single assembly, or with more equations than unknowns, are left out.
     """
     model = PointModel(mechanism, inputs)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
     return {group.name: int(sign) for group, sign in zip(model.groups, model.signs(J), strict=True)}
 
 
-def branch_changes(branches: Sequence[Branch]) -> tuple[BranchChange, ...]:
-    """List the changes from each state to the next, for the `branch` of a motion or any states of one linkage."""
-    steps = enumerate(pairwise(branches), 1)
-    return tuple(BranchChange(k, g, x[g], y[g]) for k, (x, y) in steps for g in x if x[g] != y[g])
+class _StepTooLong(ArithmeticError):
+    """The result of a step may belong to another assembly."""
 
 
-class _Astray(ArithmeticError):
-    """A step was too long: its result may belong to another assembly."""
+class _Follower:
+    """Follow the inputs from the assembled start, by a prediction and a search in each step.
 
+    Attributes:
+        x, p, theta: present inputs (i,), unknown points (2 u,) and angles of the links.
+        corrections: iterations of all searches since the last call of `move_to`.
+    """
 
-class _Walk:
-    """Follows the inputs from the assembled start, one prediction and one search at a time."""
-
-    def __init__(self, model: PointModel, search: RootFinder):
-        self.model, self.search = model, search
+    def __init__(self, model: PointModel):
+        self.model = model
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
         slide = LARGEST_SLIDE * model.size
@@ -116,8 +103,13 @@ class _Walk:
         self.tolerance = TOLERANCE * max(model.size, largest(model.at(self.x, self.p)[model.points.first :]))
         self.corrections = 0
 
-    def to(self, goal: Array) -> None:
-        """Move to the inputs `goal` (i,), halving steps where necessary."""
+    def move_to(self, goal: Array) -> None:
+        """Move to the inputs `goal` (i,), halving steps if necessary.
+
+        Raises:
+            ValueError: the inputs are not finite.
+            LimitOfMotion, SingularPosition: the inputs cannot be followed to the goal.
+        """
         if not np.isfinite(goal).all():
             raise ValueError(f"inputs are not finite: {goal}")
         start, gap = self.x, goal - self.x
@@ -125,79 +117,81 @@ class _Walk:
         self.corrections = 0
 
         def advance(share: float) -> None:
+            """Move the inputs to this share of the change."""
             self._step(goal if share == 1.0 else start + share * gap)
 
         try:
             walk(advance, SHORTEST * longest, longest)
-        except _Astray as error:
+        except _StepTooLong as error:
             raise self._failure(longest * gap) from error
 
     def _step(self, x: Array) -> None:
-        """Predict and correct once; raise _Astray and keep the old position if the result is doubtful."""
+        """Predict and correct once; raise _StepTooLong and keep the old position if the result is doubtful."""
         model = self.model
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
-        Z[0] = model.filled(Z[0], self.p)
+        Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
-        Z[1] = model.filled(Z[1], dp)
-        root = self.search(model.residual(x), self.p + dp, self.tolerance)
+        Z[1] = model.fill(Z[1], dp)
+        root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
         stray = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
         if root.flag != ExitFlag.CONVERGED or largest(root.x - self.p - dp) > stray:
-            raise _Astray
+            raise _StepTooLong
         E, dE = model.directions @ Z[0], model.directions @ Z[1]
         near = self.theta + (dE * E.conj()).imag
         turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
-            raise _Astray
+            raise _StepTooLong
         self.x, self.p, self.theta = x, root.x, near + turn
 
     def _inverse(self, J: Array) -> Array:
-        """Pseudo-inverse of J; raises _Astray where its columns are dependent."""
+        """Return the pseudo-inverse of J; raise _StepTooLong if its columns are dependent."""
         if not J.shape[1]:
             return np.zeros(J.T.shape)
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
         if len(s) < J.shape[1] or s[-1] < RANK_TOLERANCE * s[0]:
-            raise _Astray
+            raise _StepTooLong
         return np.asarray(Vt.T / s @ U.T)
 
     def state(self, rate: Array, second: Array) -> Array:
-        """q, v, a (3, n) at the present position, for rates and second rates (i,) of the inputs."""
+        """Return q, v, a (3, n) at the present position, for first and second derivatives (i,) of the inputs."""
         model = self.model
         Z = model.points.known(self.x, rate, second)
-        Z[0] = model.filled(Z[0], self.p)
+        Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         J = model.jacobian(r)
         try:
             inverse = self._inverse(J)
-        except _Astray as error:
-            raise SingularPosition(f"singular position near {self._inputs()}: {self._rank(J)}", self.x) from error
-        Z[1] = model.filled(Z[1], -inverse @ (r @ Z[1]).real)
-        Z[2] = model.filled(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
+        except _StepTooLong as error:
+            raise self._singular(J) from error
+        Z[1] = model.fill(Z[1], -inverse @ (r @ Z[1]).real)
+        Z[2] = model.fill(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
         E, centre = Z @ model.directions.T, Z @ model.centres.T
         turns = (self.theta, *(E[1:] * E[0].conj()).imag)
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
 
     def _failure(self, step: Array) -> MotionError:
-        """Return the exception that describes the end: a limit if no solution lies ahead, else a singular position before it."""
+        """Return the exception for the end of the motion: a limit if there is no solution just ahead, else a singular position."""
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         near = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
         if ahead.flag == ExitFlag.CONVERGED and near:
-            J = self.model.residual(self.x)(self.p)[1]
-            return SingularPosition(f"singular position near {self._inputs()}: {self._rank(J)}", self.x)
+            return self._singular(self.model.residual(self.x)(self.p)[1])
         text = (
             f"no solution beyond {self._inputs()}: a limit of motion; just ahead the equations stay open by {ahead.residual:.2g} m"
         )
         return LimitOfMotion(text, self.x)
 
     def _inputs(self) -> str:
-        mechanism = self.model.points.mechanism
-        named = zip(self.model.points.inputs, self.x, strict=True)
-        return ", ".join(
-            f"{g.joint} = {x:.9g} m" if g.link is None else f"{mechanism.link_name(g.link)} = {x:.9g} rad" for g, x in named
-        )
+        """Describe the present inputs."""
+        mechanism, texts = self.model.points.mechanism, []
+        for given, x in zip(self.model.points.inputs, self.x, strict=True):
+            texts.append(f"{given.joint} = {x:.9g} m" if given.link is None else f"{mechanism.link_name(given.link)} = {x:.9g} rad")
+        return ", ".join(texts)
 
-    def _rank(self, J: Array) -> str:
+    def _singular(self, J: Array) -> SingularPosition:
+        """Return the exception for the present position, whose Jacobian J has lost rank."""
         s = np.linalg.svd(J, compute_uv=False)
         rank = int((s >= RANK_TOLERANCE * s.max(initial=0.0)).sum())
-        return f"rank {rank} of {J.shape[1]}, smallest singular value {s.min(initial=np.inf):.2g}"
+        counts = f"rank {rank} of {J.shape[1]}, smallest singular value {s.min(initial=np.inf):.2g}"
+        return SingularPosition(f"singular position near {self._inputs()}: {counts}", self.x)

@@ -1,8 +1,8 @@
-"""Study of convergence: how far from the right assembly a first guess may be, for random starts and three root finders.
+"""Study of convergence: three root finders from random starts at different distances from the right assembly.
 
 Men, Feng, He (2009) start from the assembly as drawn and then from the last position, and call the search insensitive to its start.
-That depends on the distance: from starts as near as those every search finds the assembly; from starts anywhere within the size of
-the linkage none always does.
+That depends on the distance. From starts as near as theirs every root finder finds the assembly; from starts anywhere within the
+size of the linkage, none finds it always.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,18 +17,19 @@ from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-SAME = 1e-6  # [m, rad] far above where searches end, far below any distance of two assemblies
+SAME = 1e-6  # [m, rad] largest distance of a root from the right assembly: far above rounding, far below other assemblies
 
 Form = Callable[[Mechanism, tuple[Input, ...]], tuple[Residual, Array]]
 
 
 @dataclass(frozen=True)
 class Basin:
-    """Searches from random starts within +-spread of a solution [m; rad in a form with angles].
+    """The results of one root finder from random starts.
 
     Attributes:
-        right, other: share that ended at the solution, or at another root; the rest did not converge.
-        iterations: mean of those that ended at the solution; NaN where none did.
+        spread: largest distance of a start from the solution in any coordinate [m; rad in a form with angles].
+        right, other: shares of starts that ended at the solution, and at another root; the rest did not converge.
+        iterations: mean number of iterations to the solution; NaN if no search ended there.
     """
 
     method: str
@@ -51,6 +52,7 @@ def loop_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual
     unknown, still = len(equations.unknown), np.zeros(len(start))
 
     def residual(x: Array) -> tuple[Array, Array]:
+        """Return residual and Jacobian at the unknown variables x."""
         system = equations.at(np.concatenate([x, start[unknown:]]), still)
         return system.A, system.J
 
@@ -71,9 +73,11 @@ def basins(
     form: Form = point_form,
     difference: Callable[[Array, Array], Array] = np.subtract,
 ) -> tuple[Basin, ...]:
-    """Count how often each method finds the assembled start: a row per spread and method, the same random starts for all.
+    """Count how often each root finder finds the assembled start, from the same random starts: a row per spread and method.
 
-    `form` gives residual and solution in other coordinates; `difference` compares those (angles: but for whole turns).
+    Args:
+        form: mechanism, inputs -> residual and solution in the coordinates of the search.
+        difference: difference of two points in these coordinates; that of angles is modulo whole turns.
     """
     residual, solution = form(mechanism, inputs)
     rows = []

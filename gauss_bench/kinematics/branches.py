@@ -1,7 +1,7 @@
-"""All assemblies of a linkage with its inputs fixed, found from random starts, each listed once.
+"""All assemblies of a linkage with its inputs fixed, found from random starts.
 
-From randomly moved links Levenberg-Marquardt approaches the constraints and Gauss-Newton converges onto them. It is not guaranteed
-that all assemblies are found: the search ends after a number of starts without a new one.
+From randomly placed links Levenberg-Marquardt approaches the constraints and Gauss-Newton converges onto them. The search ends
+after a number of starts without a new assembly, so that it may miss some.
 Source: as in `root_finding`.
 """
 
@@ -18,33 +18,32 @@ from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angles
 from gauss_bench.terms import Array
 
-MOST = 300  # starts
-PATIENCE = 40  # starts without anything new
-NEAR = 1e-6  # of the linkage's size, before Gauss-Newton
-SAME = 1e-5  # of the linkage's size, and [rad]: far above where searches end
+MOST = 300  # largest number of starts
+PATIENCE = 40  # number of starts without a new assembly after which the search ends
+NEAR = 1e-6  # [sizes of the linkage] residual at which Gauss-Newton takes over
+SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies are the same: far above the error of a search
 
 
-def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]:
+def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     """Return the positions (n,) of all assemblies found: q itself first, then from the nearest to the farthest.
 
     The coordinates of the scenario's drivers, or the crank's angle, keep their values in q. Angles are within half a turn of q's.
 
     Raises:
-        ValueError: what is held leaves something free, or the joints are open at q.
+        ValueError: the fixed inputs leave a motion free, or the joints are open at q.
     """
-    held = hold_at(mechanism, q)
-    freedom = Freedom(held)
+    freedom = Freedom(hold_inputs(mechanism, q))
     here = freedom.close(q)
     if here is None:
         raise ValueError(f"{mechanism.name} has no other assembly from here: its joints are open")
     if here.free.shape[1]:
-        raise ValueError(f"{mechanism.name} is not held: {here.free.shape[1]} of its motions stay free beside its inputs")
+        raise ValueError(f"{mechanism.name} has free motions: {here.free.shape[1]} of its motions stay free beside its inputs")
 
-    positions, rng, idle = [here.q], np.random.default_rng(seed), 0
+    positions, rng, idle = [here.q], np.random.default_rng(0), 0
     for _ in range(MOST):
-        idle += 1
-        if idle > PATIENCE:
+        if idle == PATIENCE:
             break
+        idle += 1
         start = here.q * freedom.scale + rng.uniform(-np.pi, np.pi, size=len(q)) * freedom.size
         root = levenberg_marquardt(lambda x: freedom.rows(x / freedom.scale), start, tolerance=NEAR * freedom.size)
         place = freedom.close(root.x / freedom.scale) if root.flag == ExitFlag.CONVERGED else None
@@ -57,26 +56,27 @@ def branches(mechanism: Mechanism, q: Array, seed: int = 0) -> tuple[Array, ...]
     return (positions[0], *sorted(positions[1:], key=lambda x: _apart(freedom, x, here.q)))
 
 
-def hold_at(mechanism: Mechanism, q: Array) -> Mechanism:
+def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
     """Return the linkage with its inputs fixed at their values in q (n,)."""
     if mechanism.drivers:
         still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
         return replace(mechanism, drivers=still)
     if mechanism.crank is None:
-        raise ValueError(f"{mechanism.name} has neither a driver nor a crank whose position could be held")
+        raise ValueError(f"{mechanism.name} has neither a driver nor a crank that could be fixed")
     crank = constant(float(angle_at(q, mechanism.crank)), 0.0)
     return replace(mechanism, drivers=(AngleDriver("crank", crank, mechanism.crank),))
 
 
 def _apart(freedom: Freedom, a: Array, b: Array) -> float:
+    """Return the largest distance of two positions in scaled coordinates [m]."""
     return float(np.abs((a - b) * freedom.scale).max())
 
 
 def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
-    """Return the same position with angles within half a turn of given ones; links joined by a slide are shifted together."""
+    """Return q with whole turns removed, so that angles are within half a turn of those in `near`; slides shift links together."""
     q = q.copy()
     turns = 2 * np.pi * np.round(angles(q - near) / (2 * np.pi))
     for link, (root, _) in shared_angles(mechanism).items():
-        if root != GROUND:  # what slides on the ground has no whole turns
+        if root != GROUND:  # a link that slides on the ground cannot turn
             angles(q)[link] -= turns[root]
     return q

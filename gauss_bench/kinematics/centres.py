@@ -1,11 +1,12 @@
-"""Instant centres: for every two links the point at which both have the same velocity.
+"""Instant centres: the point at which two links have the same velocity, for every pair of links.
 
 With z, u and omega the place, velocity and angular speed of the links' centres of mass, as complex numbers,
 
     u_a + i omega_a (c - z_a) = u_b + i omega_b (c - z_b)
 
-is linear in c; where both turn alike there is none, and their relative motion is a translation. Only ratios of velocities count, so
-that a linkage of one degree of freedom has its centres at rest too. Those of any three links lie in a line (Aronhold, Kennedy).
+is linear in c. Two links with the same angular speed have no such point: one translates relative to the other. Only ratios of
+velocities matter, so that a linkage of one degree of freedom has centres at rest too. The centres of any three links lie in one
+line (Aronhold, Kennedy).
 Source: Kennedy, The Mechanics of Machinery (1886); Uicker, Pennock, Shigley, Theory of Machines and Mechanisms, chapter 3.
 """
 
@@ -20,31 +21,29 @@ from gauss_bench.mechanism.model import GROUND, Mechanism, every_two
 from gauss_bench.mechanism.spaces import angle_at, place_at
 from gauss_bench.terms import Array
 
-STILL = 1e-9  # of the fastest motion of the linkage, a turn counted as a way of its size: what rounding leaves of none
-FARTHEST = 1e6  # of the linkage's size: a centre beyond counts as infinitely far
+STILL = 1e-9  # a relative motion below this share of the fastest motion in the linkage is rounding
+FARTHEST = 1e6  # a centre farther away than this many sizes of the linkage counts as infinitely far
 
 
 @dataclass(frozen=True, eq=False)
 class Centre:
-    """The instant centre of two links, indices with GROUND first.
+    """The instant centre of two links, given by their indices; GROUND comes first.
 
     Attributes:
-        at: (2,) [m], or None: at infinity, or the links do not move relative to each other.
-        along: unit vector (2,) of the relative translation where the centre is at infinity (across to `along`), else None.
-        pinned: whether a pin fixes it permanently.
+        at: (2,) [m]; None if the centre is infinitely far away, or if the links do not move relative to each other.
+        along: unit vector (2,) of the relative translation if the centre is infinitely far away, else None.
     """
 
     links: tuple[int, int]
     at: Array | None
     along: Array | None = None
-    pinned: bool = False
 
 
 def free_motion(mechanism: Mechanism, q: Array) -> Array:
-    """Return the velocity (n,) that the joints leave free at q, of arbitrary size.
+    """Return the velocity (n,) that the joints leave free at q (n,), of arbitrary size.
 
     Raises:
-        ValueError: there is none, or more than one; a velocity must then be given.
+        ValueError: the joints leave no motion free, or more than one.
     """
     freedom = Freedom(replace(mechanism, drivers=()))
     free = freedom.at(q)[1].free
@@ -53,15 +52,15 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
     return np.asarray(free[:, 0] / freedom.scale)
 
 
-def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Centre, ...]:
-    """Return the centre of every two links (bodies, if some are welded) at q (n,), for the velocity v (n,) or the only free one.
+def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
+    """Return the centre of every two links (bodies, if some are welded) in the free motion at q (n,).
 
     Raises:
-        ValueError: no velocity is given, and more or less than one motion is free.
+        ValueError: the joints leave no motion free, or more than one.
     """
-    freedom = Freedom(replace(mechanism, drivers=()))
-    v, size = free_motion(mechanism, q) if v is None else v, freedom.size
-    fastest = float(np.abs(v * freedom.scale).max(initial=0.0))
+    v, size = free_motion(mechanism, q), mechanism.size
+    # a turn of one radian counts as a displacement of the linkage's own size
+    fastest = float(np.abs(v * np.tile([1.0, 1.0, size], len(mechanism.links))).max(initial=0.0))
     pins = {}
     for name in {pin.joint for pin in mechanism.pins}:
         for pair in every_two(tuple(x for x in mechanism.pins if x.joint == name)):
@@ -70,15 +69,16 @@ def centres(mechanism: Mechanism, q: Array, v: Array | None = None) -> tuple[Cen
     centres = []
     for a, b in combinations(range(GROUND, len(mechanism.links)), 2):
         if (a, b) in pins:
-            centres.append(Centre((a, b), pins[a, b], pinned=True))
+            centres.append(Centre((a, b), pins[a, b]))
             continue
         (z_a, u_a), (z_b, u_b) = ([complex(*place_at(x, link)) for x in (q, v)] for link in (a, b))
         w_a, w_b = (float(angle_at(v, link)) for link in (a, b))
-        turn, way = w_b - w_a, (u_b - 1j * w_b * z_b) - (u_a - 1j * w_a * z_a)
-        if abs(turn) * size > STILL * fastest and abs(way) < FARTHEST * size * abs(turn):
-            c = 1j * way / turn
+        # the equation above, as  i turn c = -slip:  slip is the relative velocity of the points of both links at the origin
+        turn, slip = w_b - w_a, (u_b - 1j * w_b * z_b) - (u_a - 1j * w_a * z_a)
+        if abs(turn) * size > STILL * fastest and abs(slip) < FARTHEST * size * abs(turn):
+            c = 1j * slip / turn
             centres.append(Centre((a, b), np.array([c.real, c.imag])))
         else:
-            moving = abs(way) > STILL * fastest
-            centres.append(Centre((a, b), None, np.array([way.real, way.imag]) / abs(way) if moving else None))
+            moving = abs(slip) > STILL * fastest
+            centres.append(Centre((a, b), None, np.array([slip.real, slip.imag]) / abs(slip) if moving else None))
     return tuple(centres)

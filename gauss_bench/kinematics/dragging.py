@@ -1,14 +1,14 @@
 """Dragging a linkage by one of its points: the smallest change that brings the point to its target, or as near as possible.
 
-With N a basis of the free motions, P = dp/dy how the point moves with them and r what it lacks of its target, each step solves
+With N a basis of the free motions, y (f,) their amounts, P = dp/dy the Jacobian of the point p, and r = p - target, each step
+solves
 
-    (P^T P + sum_k r_k d^2 p_k / dy^2 + mu 1) y = -P^T r        Levenberg-Marquardt, mu as large as makes it positive definite
+    (P^T P + sum_k r_k d^2 p_k / dy^2 + mu 1) y = -P^T r        Levenberg-Marquardt, with mu that makes the matrix positive definite
 
-and Gauss-Newton takes the result back onto the constraints. Steps are short enough that the way is the linkage's own: the free
-motions turn little from one to the next, and the constraints are met close to the prediction to second order; else the step is
-halved. So no other assembly is reached than by moving there, and through a fork of the motion it goes straight on. Where the point
-determines a linkage of two degrees of freedom, it keeps to its side of their singular positions, det P = 0: an arm
-that is pulled straight folds back to the side it came from.
+and Gauss-Newton projects the result back onto the constraints. A step is halved until the linkage certainly moves continuously: the
+free motions turn little, and the projected position is near the prediction to second order. The linkage therefore reaches another
+assembly only by moving there, and passes a fork of the motion straight on. If two degrees of freedom are determined by the point,
+the linkage stays on its side of the singular positions det P = 0: an arm that is pulled straight folds back as it was.
 """
 
 from collections.abc import Iterator
@@ -24,16 +24,17 @@ from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angle_slot, place_at
 from gauss_bench.terms import Array
 
-LARGEST_STEP = 0.15  # of the linkage's size, and [rad] of any link
-LARGEST_MISS = 0.25  # of a step: the constraints are met as near as that to the prediction
+# Lengths below are shares of the linkage's size.
+LARGEST_STEP = 0.15  # largest displacement in one step, and turn of any link [rad]
+LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
 SMALLEST_COSINE = 0.9  # between the free motions before and after a step
 HALVINGS = 12
-MOST_STEPS = 60  # nine linkage sizes; a pointer is asked again where it went meanwhile
-NEAR = 1e-13  # of the linkage's size: no step brings the point nearer to its target
-RESTING = 1e-8  # of the linkage's size: a step after which the next, its square, would be lost in rounding
-REACHED = 1e-10  # of the linkage's size: the point is at its target
-FLAT = 1e-9  # part of the largest curvature that counts as none
-MARGIN = 1e-3  # of det P: what a linkage keeps from the singular position, about a degree of a stretched arm, 1e-4 of its length
+MOST_STEPS = 60  # nine sizes of the linkage; the studio then asks where the pointer is meanwhile
+NEAR = 1e-13  # distance from the target that only rounding leaves
+RESTING = 1e-8  # a step after which the next, of the order of its square, would be rounding
+REACHED = 1e-10  # distance at which the point counts as being at its target
+FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
+MARGIN = 1e-3  # smallest |det P|: about one degree before an arm is stretched, 1e-4 of its length
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,9 @@ class Locks:
 
     Attributes:
         links: names of links that keep their angle.
-        points: references "link.point" that stay where they are.
+        points: points "link.point" that keep their place.
         slides: names of prismatic joints that do not slide.
-        joints: names of pin joints whose links do not turn against each other.
+        joints: names of pin joints whose links keep their relative angle.
     """
 
     links: tuple[str, ...] = ()
@@ -59,8 +60,9 @@ class Dragged:
 
     Attributes:
         q: (n,) the position.
-        reached: whether the point is at its target. apart: its distance from the target [m].
-        note: a sentence that says why the target was not reached, or empty.
+        reached: whether the point is at its target.
+        apart: distance of the point from its target [m].
+        note: why the target was not reached; empty if it was.
     """
 
     q: Array
@@ -70,36 +72,40 @@ class Dragged:
 
 
 def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
-    """Return the linkage without drivers, with all locked parts fixed at their positions in q (n,).
+    """Return the linkage without its drivers, with all locked parts fixed at their positions in q (n,).
 
     Raises:
-        ValueError: there is no link, point, slide or joint of a name.
+        ValueError: there is no link, point, slide or joint of that name.
     """
     pins, still = [], []
     for reference in locks.points:
-        point = name_link(mechanism, reference)
+        point = find_point(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
         pins += [Revolute(f"lock of {reference}", f"lock of {reference}", at, point)] if point.link != GROUND else []
     for name in locks.joints:
-        pins += [_second_pin(mechanism, q, x) for x in _named("pin joint", name, [x for x in mechanism.pins if x.joint == name])]
+        own = [x for x in mechanism.pins if x.joint == name]
+        _check_found(own, "pin joint", name)
+        pins += [_second_pin(mechanism, q, x) for x in own]
     for name in locks.links:
-        _named("link", name, [x for x in mechanism.whole.links if x.name == name])
-        body, _ = mechanism.placed(name)
+        _check_found([x for x in mechanism.whole.links if x.name == name], "link", name)
+        body, _ = mechanism.find_body(name)
         still.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
     for name in locks.slides:
-        for slide in _named("slide", name, [x for x in mechanism.slides if x.name == name]):
+        slides = [x for x in mechanism.slides if x.name == name]
+        _check_found(slides, "slide", name)
+        for slide in slides:
             still.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
     return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(still))
 
 
-def _named(kind: str, name: str, found: list[Any]) -> list[Any]:
+def _check_found(found: list[Any], kind: str, name: str) -> None:
+    """Raise ValueError if no part of that name was found."""
     if not found:
         raise ValueError(f"no {kind} {name!r} that could be locked")
-    return found
 
 
 def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
-    """Return a second pin between the same two links, away from the first: together they rigidly connect the links."""
+    """Return a second pin between the same two links, away from the first; both together connect the links rigidly."""
     at = position(q, joint.a) + np.array([mechanism.size, 0.0])
     ends = []
     for link in (joint.a.link, joint.b.link):
@@ -108,30 +114,31 @@ def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
     return Revolute(f"lock of {joint.name}", f"lock of {joint.joint}", ends[0], ends[1])
 
 
-def name_link(mechanism: Mechanism, reference: str | Point) -> Point:
-    """The point "link.point", or the one given.
+def find_point(mechanism: Mechanism, reference: str) -> Point:
+    """Return the point "link.point".
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no such point.
     """
-    if isinstance(reference, Point):
-        return reference
     try:
-        return mechanism.named_point(reference)
+        return mechanism.find_point(reference)
     except (KeyError, StopIteration):
         raise ValueError(f"no point {reference!r}") from None
 
 
 class Drag:
-    """One drag of a point: each call of `to` continues from the last position."""
+    """A drag of one point: each call of `to` continues from the last position."""
 
     def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
-        """From an assembled q (n,), by the point "link.point"; targets are places, or ways from the point `onto` of another link.
+        """Begin at an assembled q (n,), by the point "link.point".
+
+        Targets are places in the world, or, if a point `onto` of another link is given, vectors from that point.
 
         Raises:
-            ValueError: the point is on the ground, there is nothing of a name, or the joints are open at q.
+            ValueError: the point is on the ground, a name is unknown, or the joints are open at q.
         """
-        self.point, self.onto = name_link(mechanism, point), onto
+        self.point = find_point(mechanism, point) if isinstance(point, str) else point
+        self.onto = onto
         if self.point.link == GROUND and onto is None:
             raise ValueError(f"{point} is fixed to the ground: moving it changes the linkage, it does not drag it")
         self.freedom = Freedom(lock(mechanism, q, locks))
@@ -147,7 +154,7 @@ class Drag:
         return self.place.q
 
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
-        """Drag the point toward a target (2,) [m] in at most so many steps."""
+        """Drag the point towards a target (2,) [m] in at most `most` steps."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
         apart, last = self._apart(self.place, target), not self.place.free.shape[1]
         for _ in range(most):
@@ -157,14 +164,15 @@ class Drag:
             apart = self._apart(self.place, target)
         if apart <= REACHED * size:
             return Dragged(self.q, True, apart, "")
-        why = f"the linkage lets {self.point.name} come no nearer" if self.place.free.shape[1] else "nothing is left to move"
-        return Dragged(self.q, False, apart, why if last else "still on its way")
+        why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
+        return Dragged(self.q, False, apart, why if last else "the target is too far away for one drag")
 
     def _apart(self, place: Place, target: Array) -> float:
+        """Return the distance of the point from the target [m]."""
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
-        """Take the best step that brings the point nearer than `apart`; return whether another step may help."""
+        """Take the best step that brings the point nearer than `apart`; return True if another step may bring it nearer still."""
         bends = self._bends()
         for y in self._steps(self.at(self.place) - target, bends):
             place = self._go(y, bends)
@@ -178,18 +186,19 @@ class Drag:
         return False
 
     def _bends(self) -> Array:
-        """Second derivatives (f, f, n) of the scaled coordinates by the free motions."""
+        """Return the second derivatives (f, f, n) of the scaled coordinates with respect to the free motions."""
         N = self.place.free
         f = N.shape[1]
         i, j = np.triu_indices(f)
-        both = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T  # x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
+        # the bilinear form by its quadratic form: x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
+        both = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T
         quarters = self.freedom.bend(self.place, both) / 4
         bends = np.zeros((f, f, len(self.q)))
         bends[i, j] = bends[j, i] = quarters[: len(i)] - quarters[len(i) :]
         return bends
 
     def _steps(self, lacking: Array, bends: Array) -> Iterator[Array]:
-        """Yield steps y (f,) that bring the point nearer to first order: the best one first, then shorter ones."""
+        """Yield steps y (f,) that bring the point nearer to first order, for r (2,): the best one first, then shorter ones."""
         P, N, limit = self._moves(self.place), self.place.free / self.freedom.scale[:, None], LARGEST_STEP * self.freedom.size
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
@@ -201,7 +210,7 @@ class Drag:
         mu = max(0.0, FLAT * largest - 2.0 * float(curvature[0])) if curvature[0] < FLAT * largest else 0.0
         y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
         if curvature[0] < -FLAT * largest and np.abs(y).max() < RESTING * self.freedom.size:
-            y = limit * V[:, 0]  # as far away as can be, where either way leads nearer
+            y = limit * V[:, 0]  # the point is at the maximum of its distance: either direction leads nearer
         if self.side:
             y = self._stay_on_side(y, P, bent, gradient, H)
         y = y * min(1.0, limit / max(float(np.abs(self.place.free @ y).max()), np.finfo(float).tiny))
@@ -210,7 +219,7 @@ class Drag:
             y = y / 2
 
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
-        """Return the step y (2,), or the nearest one that to first order stays on its side of det P = 0."""
+        """Return the step y (2,), or the nearest one that to first order stays on this side of det P = 0."""
         room = MARGIN - self.side * float(np.linalg.det(P))
         ahead = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
         if ahead @ y >= room or not ahead.any():
@@ -225,36 +234,39 @@ class Drag:
         way = N @ y
         guess = self.q + (way + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
         place = self.freedom.close(guess)
-        if place is None or place.free.shape[1] != N.shape[1]:  # with fewer it is off a fork of the motion, by one way or another
-            return place if place and place.free.shape[1] < N.shape[1] else None
+        if place is None or place.free.shape[1] > N.shape[1]:
+            return None
+        if place.free.shape[1] < N.shape[1]:  # the step has left a fork of the motion, where there are more free motions
+            return place
         missed, turned = float(np.abs((place.q - guess) * scale).max()), N.T @ place.free
         if missed > LARGEST_MISS * np.abs(way).max() or np.linalg.svd(turned)[1][-1] < SMALLEST_COSINE:
             return None
+        # give the new basis the orientation of the old one, so that the signs of det P can be compared
         place = replace(place, free=place.free * np.append(np.ones(N.shape[1] - 1), np.sign(np.linalg.det(turned))))
         return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 
     def _det(self, place: Place) -> float:
-        """Return det P if the point's position determines the linkage's; 0 if P is not square."""
+        """Return det P; 0 if P is not square."""
         return float(np.linalg.det(self._moves(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
 
     def _side(self) -> float:
-        """Return the sign of det P, the side of the point's singular position; 0 near it."""
+        """Return the sign of det P, which tells the sides of a singular position apart; 0 near it."""
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
     def at(self, place: Place) -> Array:
-        """(2,) where the point is [m], or how far from `onto`."""
+        """Return the place (2,) of the point [m], or the vector to it from `onto`."""
         here = position(place.q, self.point)
         return here if self.onto is None else here - position(place.q, self.onto)
 
     def _moves(self, place: Place) -> Array:
-        """P (2, f): how the point moves with the free motions."""
+        """Return P (2, f), the derivative of the point's place with respect to the free motions."""
         N = place.free.T / self.freedom.scale
         states = np.broadcast_to(place.q, N.shape)
         moves = velocity(states, N, self.point)
         return (moves if self.onto is None else moves - velocity(states, N, self.onto)).T
 
     def _centripetal(self, N: Array, point: Point) -> Array:
-        """(f, f, 2): what is left of a point's second derivatives by free motions N (n, f) where its link turns alone."""
-        turns = N[angle_slot(point.link)]  # of the ground any row does: its arms are nothing
+        """Return the centripetal part (f, f, 2) of a point's second derivatives: omega_i omega_j times its arm, for N (n, f)."""
+        turns = N[angle_slot(point.link)]  # any row serves for the ground, whose arms are zero
         return np.outer(turns, turns)[..., None] * arm(self.q, point)

@@ -1,4 +1,4 @@
-"""The exceptions with which a motion stops, by loops and by points alike."""
+"""The exceptions that end a motion before its last time, raised by loop closure and by point equations alike."""
 
 from typing import Any
 
@@ -7,8 +7,8 @@ class MotionError(ArithmeticError):
     """The inputs cannot be followed any further.
 
     Attributes:
-        inputs: the last ones that were reached [rad, m], by name or in order.
-        time: of the sample that was not reached [s], NaN where it is not known.
+        inputs: the last values that the inputs reached [rad, m], by name or in order.
+        time: the first sample time that was not reached [s]; NaN where it is not known.
         reached: the motion up to the sample before.
     """
 
@@ -22,4 +22,4 @@ class LimitOfMotion(MotionError):
 
 
 class SingularPosition(MotionError):
-    """The Jacobian loses rank: the inputs do not determine how the motion goes on."""
+    """The Jacobian loses rank: the inputs do not determine how the motion continues."""

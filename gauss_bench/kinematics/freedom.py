@@ -1,12 +1,12 @@
 """Free motions at a position: a basis, their second derivatives, and the projection back onto the constraints.
 
-Coordinates are scaled, so that a turn of one radian counts as a way of the linkage's own size; a shortest change is shortest in
-that sense. With J of the joint rows in scaled coordinates and its singular values,
+Coordinates are scaled so that a turn of one radian counts as a displacement of the linkage's own size; shortest changes are
+shortest in scaled coordinates. With J the joint rows in scaled coordinates, N a basis of the free motions and y (f,) their amounts,
 
     J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...,    J^+ the pseudo-inverse
 
-gamma being the quadratic form in the velocities that `Constraints` knows. What drives the linkage is held as at t = 0;
-knife edges, which hold no position, are left out.
+where gamma is the quadratic form in the velocities that `Constraints` evaluates. Drivers keep their values at t = 0. Knife edges
+are left out, because they constrain velocities, not positions.
 """
 
 from dataclasses import dataclass, replace
@@ -17,9 +17,9 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-RANK_TOLERANCE = 1e-7  # of the largest singular value: a freedom more than elsewhere, where the motion forks
-CLOSED = 1e-13  # of the linkage's size: a residual that rounding leaves
-CORRECTIONS = 12  # from a prediction to second order three are usual
+RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
+CLOSED = 1e-13  # [sizes of the linkage] a residual that rounding explains
+CORRECTIONS = 12  # largest number of corrections: three are usual from a prediction to second order
 
 
 @dataclass(frozen=True, eq=False)

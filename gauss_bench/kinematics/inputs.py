@@ -8,7 +8,7 @@ from gauss_bench.mechanism.motion_laws import MotionLaw
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """One prescribed coordinate: the angle of a link [rad], or by name the place along a slide or the length of a bar [m]."""
+    """One prescribed coordinate: the angle of the link `link` [rad], or the coordinate of the slide or active bar `joint` [m]."""
 
     law: MotionLaw
     link: int | None = None
@@ -23,9 +23,10 @@ class Input:
 
 
 def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
+    """Return the drivers that prescribe the distance of two points, by name."""
     return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
 
 
 def inputs_of(mechanism: Mechanism) -> tuple[Input, ...]:
-    """The drivers of the mechanism's scenario as inputs."""
+    """Return the drivers of the mechanism's scenario as inputs."""
     return tuple(Input(d.law, link=d.link) if isinstance(d, AngleDriver) else Input(d.law, joint=d.name) for d in mechanism.drivers)

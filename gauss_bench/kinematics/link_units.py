@@ -1,8 +1,8 @@
-"""Link units: what one link contributes to the loop equations, from nothing but its own shape.
+"""Link units: the contribution of one link to the loop equations, computed from its own shape alone.
 
-A loop passes a link from the element where it enters to the one where it leaves. An element lies at r in the frame of the link; one
-that can be moved along the link by s (the guide of a slide, the far end of an active bar) lies at r + s u. Vectors of the plane are
-complex numbers, with E = exp(i phi) of the link and w the way in its frame:
+A loop passes a link from the element where it enters to the one where it leaves. An element lies at r in the frame of the link. One
+that moves along the link by s (the guide of a slide, the far end of an active bar) lies at r + s u. Vectors of the plane are
+complex numbers, E = exp(i phi) is the direction of the link, and w is the vector from element to element in the frame of the link:
 
     w = (r + s u)_leave - (r + s u)_enter
     vector unit         A = E w
@@ -10,8 +10,8 @@ complex numbers, with E = exp(i phi) of the link and w the way in its frame:
     Jacobian-rate unit  J' = [i E (w' + i phi' w), +-i phi' E u, ...]
 
 The sign is + for the element where the loop leaves. This covers every link of the paper: RR, RRR, 4R, RP1 (the slide's element is a
-block, without s), RP2 (it is a guide, with s), PP, active bars S, links of the frame. The column of phi is missing where the link
-cannot turn. In the paper's table 1 the first column of J' of RP2 ends in -phi' sin phi, phi' cos phi; it must end in -s' sin phi,
+block, without s), RP2 (it is a guide, with s), PP, active bars S, links of the frame. A link that cannot turn has no column of phi.
+In the paper's table 1 the first column of J' of RP2 ends in -phi' sin phi, phi' cos phi; it must end in -s' sin phi,
 s' cos phi, as the rule above has it.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
 eqs. (6)-(10) and table 1.
@@ -37,8 +37,8 @@ class Element:
     Attributes:
         pair: name of the pair; node: that of its joint, which a multiple joint shares among its pairs.
         kind: PIN, GUIDE, BLOCK, or ROD_END for the pin that an active bar pushes out.
-        at: position r in the frame of the link [m]; along: unit vector u of the coordinate s, for GUIDE and ROD_END.
-        slide: name of the coordinate s, for GUIDE and ROD_END.
+        at: position r in the frame of the link [m].
+        along, slide: unit vector u and name of the coordinate s, for GUIDE and ROD_END.
     """
 
     pair: str
@@ -51,7 +51,7 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class LinkUnit:
-    """The three units of a way through a link: vector (2,) [m], J (2, C) [m/rad, -] and J_rate (2, C), its derivative in time."""
+    """The three units of a way through a link: vector (2,) [m], J (2, C) [m/rad, -], J_rate (2, C) the time derivative of J."""
 
     vector: Array
     J: Array
@@ -60,12 +60,12 @@ class LinkUnit:
 
 @dataclass(frozen=True)
 class Way:
-    """A way through a link; the opposite one has the negative units.
+    """The way of a loop through a link, from one element to another; the opposite way has the negative units.
 
     Attributes:
         link: index of the link.
-        enter, leave: its elements.
-        turns: whether the link has a variable angle, r of C = r + p1 in the paper.
+        enter, leave: the two elements.
+        turns: whether the link has a variable angle (r of C = r + p1 in the paper).
     """
 
     link: int
@@ -75,17 +75,17 @@ class Way:
 
     @cached_property
     def moving(self) -> list[tuple[float, Element]]:
-        """The elements with a coordinate of their own and their signs, in an order that does not depend on the sense."""
+        """Signs and elements that have a coordinate of their own, by name, so that both senses have the same order of columns."""
         ends = [(-1.0, self.enter), (1.0, self.leave)]
         return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda one: one[1].slide)
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """Names of the coordinates s of the columns that follow that of the angle."""
+        """Names of the coordinates s, in the order of their columns, which follow that of the angle."""
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """The units at the link's angle [rad], angular speed [rad/s], and its slides' coordinates [m] and speeds [m/s]."""
+        """Return the units at the link's angle [rad], angular speed [rad/s], and its slides' coordinates [m] and speeds [m/s]."""
         E = cmath.exp(1j * angle)
         w = self.leave.at - self.enter.at
         w_rate = 0j
@@ -103,18 +103,18 @@ class Way:
 
 
 def planar(vectors: Sequence[complex]) -> Array:
-    """Complex numbers as columns (2, C)."""
+    """Return complex numbers as columns (2, C)."""
     z = np.array(vectors, dtype=complex)
     return np.array([z.real, z.imag])
 
 
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
-    """The paper's name of a link: R for pins, P for slides, a count from four on, 1 or 2 for one slide's block or guide.
+    """Return the paper's type of a link with these elements.
 
-    The frame ends in 0. Pins at one multiple joint count once. An end link with one pin is R, an active bar S.
+    It has an R for each pin and a P for each slide, or from four on their number before one letter. A single slide is followed by 1
+    for its block or 2 for its guide. The type of the frame ends in 0, that of an active bar is S. A multiple joint is one pin.
     """
-    nodes = {element.node: element.kind for element in elements}
-    kinds = list(nodes.values())
+    kinds = list({element.node: element.kind for element in elements}.values())
     if ROD_END in kinds:
         return "S"
     slides = [kind for kind in kinds if kind != PIN]
@@ -123,4 +123,5 @@ def link_type(elements: Iterable[Element], frame: bool = False) -> str:
 
 
 def _letters(letter: str, count: int) -> str:
+    """Return the letter `count` times, or from four on the count and the letter."""
     return f"{count}{letter}" if count > 3 else letter * count

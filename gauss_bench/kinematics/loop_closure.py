@@ -1,9 +1,9 @@
 """Motion of a linkage that follows its inputs, by closing its loops.
 
-From one sample to the next the inputs go straight. The way is halved until the assembly cannot change unnoticed: every angle turns
-little, Newton ends near the prediction to second order, and det(J^T J_next) > 0 (for a square J: its determinant keeps its sign).
-Where halving ends, the motion ends: at a limit, beyond which the loops cannot be closed, or at a singular position, where they can
-in more than one way.
+From one sample to the next the inputs change along a straight line. A step is halved until it certainly stays on its assembly:
+every angle turns little, Newton's method ends near the prediction to second order, and det(J^T J_next) > 0 (for a square J: its
+determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
+closed, or at a singular position, where they can be closed in more than one way.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
 fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
 """
@@ -21,14 +21,14 @@ from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-LARGEST_TURN = 0.3  # [rad] of any link in one part: far less than lies between two assemblies away from a singular position
-LARGEST_MISS = 0.05  # [rad] of the prediction, whose error is of the order of the cube of the turn
-SMALLEST_PART = 1e-10  # [rad, m] of the inputs: where halving ends, and so how sharply a limit is found
-BEYOND = 1e-3  # [rad, m] past the end: if the loops close there, it was no limit
+LARGEST_TURN = 0.3  # [rad] of any link in one step: far less than the distance of two assemblies away from singular positions
+LARGEST_MISS = 0.05  # [rad] from the prediction, whose error is of the order of the cube of the turn
+SMALLEST_PART = 1e-10  # [rad, m] shortest step of the inputs: the accuracy to which a limit is found
+BEYOND = 1e-3  # [rad, m] beyond the end of a motion: if the loops can be closed there, the end is no limit
 
 
 class _State(NamedTuple):
-    """A closed state x with its J, and the Newton steps spent on it."""
+    """A closed state x with its J, and the number of Newton steps spent on it."""
 
     x: Array
     J: Array
@@ -44,9 +44,10 @@ class _End(Stopped):
 
 
 def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> Motion:
-    """Compute the motion at the times (k,) [s] of a linkage with as many inputs as degrees of freedom.
+    """Compute the motion at times (k,) [s] of a linkage with as many inputs as degrees of freedom.
 
-    The first sample is reached from q0, so that angles are continuous from there. Open chains have no loops: everything is input.
+    The first sample is reached from q0, so that angles are continuous from there. An open chain has no loops: all its coordinates
+    are inputs.
     Source: Wang et al. (2010), eqs. (1)-(15).
 
     Raises:
@@ -64,7 +65,8 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
         for goal in goals:
             state = _follow(equations, state, goal)
             x = state.x
-            equations.check_rank(state.J, REGULAR)  # near a singular position rates would be lost, although a search may pass by it
+            # the search passes singular positions at a distance where rates are lost already
+            equations.check_rank(state.J, REGULAR)
             states.append(state)
     except Stopped as stopped:
         end = stopped if isinstance(stopped, _End) else _End(f"singular position, {stopped}", True, x)
@@ -83,6 +85,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     size = float(np.abs(change).max(initial=0.0))
 
     def advance(share: float) -> None:
+        """Move the inputs to this share of the change."""
         nonlocal state, steps
         state = _advance(equations, state, goal if share == 1.0 else first[TU:] + share * change)
         steps += state.steps
@@ -99,7 +102,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     """Return the next state if it certainly belongs to the same assembly.
 
     Raises:
-        Stopped: the part is too long, or leads to no regular position.
+        Stopped: the step is too long, or leads to no regular position.
     """
     TU, x = len(equations.unknown), state.x
     slope, bend = equations.rates(x, target - x[TU:], np.zeros_like(target))
@@ -117,7 +120,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
 
 
 def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
-    """Return the exception for the end of a motion: a limit if the loops do not close just beyond it, else a singularity."""
+    """Return the exception for the end of a motion: a limit if the loops cannot be closed just beyond it."""
     TU, x = len(equations.unknown), last.x
     gone = float(np.abs(x - first)[TU:].max())
     guess = x + (x - first) * (BEYOND / gone if gone else 0.0)
@@ -133,7 +136,7 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
 
 
 def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Convert the samples reached to absolute coordinates; `given` are rates and second rates of the inputs."""
+    """Convert the states to absolute coordinates; `given` are the first and second derivatives (k, TK) of the inputs."""
     levels = [(s.x, *equations.rates(s.x, *level)) for s, *level in zip(states, *given, strict=False)]
     x = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

@@ -1,8 +1,8 @@
 """The loop equations of a linkage with given inputs, put together from link units.
 
 phi are the unknown and q the known variables: angles of links [rad], one for all links joined by slides, and coordinates along
-slides and active bars [m]. A loop l is closed where the vectors of its ways add up to nothing; its matrices are the sums of the
-link units A_i, J_i, J_i' put in the columns of their variables by U_i and K_i, and those of all loops stand one below the other:
+slides and active bars [m]. A loop l is closed where the vectors through its links add up to zero. Its matrices are sums of the link
+units A_i, J_i, J_i', whose columns U_i and K_i move to those of their variables; the matrices of all loops are stacked:
 
     A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   Jd_l = sum J_i' U_i,   Bd_l = sum J_i' K_i
 
@@ -10,35 +10,33 @@ link units A_i, J_i, J_i' put in the columns of their variables by U_i and K_i, 
     J phi' = -B q'
     J phi'' = -B q'' - Bd q' - Jd phi'
 
-All are solved in the least-squares sense, which is the solution itself where J is square, and the common one of consistent
-equations where loops repeat each other.
+All are solved in the least-squares sense. That is the exact solution if J is square, and the common solution of consistent
+equations if redundant joints make loops depend on each other.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Trans. CSAM 41(2), 2010,
-eqs. (1)-(5), (9)-(15); (13)-(15) print the stack as a transposed row, which would stand the loops side by side.
+eqs. (1)-(5), (9)-(15); (13)-(15) print the stack as a transposed row, which would put the loops side by side.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
-from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.inputs import Input, active_bars
 from gauss_bench.kinematics.link_units import MOVING, Way
 from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
-from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 
 NEWTON_STEPS = 12
-SETTLED = 1e-9  # [rad, m] last Newton step: convergence is quadratic, so what is left is below rounding
-FORKED = 1e-7  # of the largest singular value of J: closer to a singular position, assemblies are not told apart
+SETTLED = 1e-9  # [rad, m] largest last Newton step: convergence is quadratic, so that the error left is below rounding
+FORKED = 1e-7  # smallest singular value of J, as a share of the largest, down to which assemblies can be distinguished
 REGULAR = 1e-4  # the same for rates, whose relative error is rounding over the square of this: eight digits are left
-LARGEST_GROUP = 3  # loops; a larger group is not told apart from what follows it, since the sets to try explode
 
 
 class Stopped(ArithmeticError):
-    """There is no closed state here, or (`singular`) J has lost rank at it."""
+    """The loops cannot be closed near a state, or J loses rank there, in which case `singular` is True."""
 
     def __init__(self, text: str, singular: bool):
         self.singular = singular
@@ -47,13 +45,10 @@ class Stopped(ArithmeticError):
 
 @dataclass(frozen=True)
 class Variable:
-    """The angle of a link and of all that slides join to it, or the coordinate along a slide or bar (where `link` is None)."""
+    """The angle of a link and of all links that slides join to it, or, if `link` is None, the coordinate along a slide or bar."""
 
     name: str
     link: int | None = None
-
-    def __str__(self) -> str:
-        return f"s({self.name})" if self.link is None else f"theta({self.name})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +64,12 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class PlacedWay:
-    """A way of a loop, the columns of its slides in x (for their values), and U and K of eqs. (9)-(10) side by side (C, TU + TK).
+    """A way through a link, and where its variables are in a state x (TU + TK,).
 
-    A row has one 1, in the column of the variable that its column of the unit belongs to.
+    Attributes:
+        slides: indices in x of the coordinates of its slides.
+        factors: U and K of eqs. (9)-(10) side by side (C, TU + TK): column c of the link unit belongs to the variable in whose
+            column row c has its one 1.
     """
 
     way: Way
@@ -79,49 +77,40 @@ class PlacedWay:
     factors: Array
 
 
-@dataclass(frozen=True, eq=False)
-class LoopGroup:
-    """Loops whose unknowns can only be solved together (an Assur group): rows and columns of J."""
-
-    rows: list[int]
-    columns: list[int]
-
-
 def solve_rows(J: Array, rhs: Array) -> Array:
-    """Least-squares solution of J x = rhs."""
+    """Return the least-squares solution of J x = rhs."""
     return np.asarray(np.linalg.lstsq(J, rhs, rcond=RANK_TOLERANCE)[0]) if J.size else np.zeros(J.shape[1])
 
 
 class LoopEquations:
     """The loop equations; states x (TU + TK,) hold the unknown variables, then the known ones.
 
-    Variables stand in the order of the links, then of the slides; the known ones in that of the inputs. An input `joint` may also
-    be the name of an active bar of the mechanism's drivers: the bar then is one more link S, without mass.
+    Unknown variables are in the order of the links, then of the slides; known ones in that of the inputs. An input may also
+    prescribe the length of an active bar among the mechanism's drivers. The bar then is one more link, of type S, without mass.
 
     Raises:
-        ValueError: the inputs are not as many as degrees of freedom, not found, not free or twice the same; a link hangs on
-            nothing; the linkage has knife edges.
+        ValueError: there are not as many inputs as degrees of freedom; an input names nothing that can be driven, or two inputs the
+            same variable; no joint connects some link to the frame; the linkage has couplings or knife edges.
     """
 
     def __init__(self, mechanism: Mechanism, inputs: Sequence[Input]):
         self.mechanism, self.inputs = mechanism, inputs
         if mechanism.couplings:
-            self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loops know nothing of")
+            self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")
         if mechanism.knife_edges:
-            self._refuse("has knife edges, which loops know nothing of")
+            self._refuse("has knife edges, which loop equations do not describe")
         if len(inputs) != mechanism.dof:
             self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(inputs)}")
-        bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
+        bars = active_bars(mechanism)
         self.bars = [bars[x.joint] for x in inputs if x.joint in bars]
         self.graph = find_graph(mechanism, self.bars)
-        frames, bars_after = shared_angles(mechanism), range(len(mechanism.links), self.graph.links)
-        frames |= {i: (i, 0.0) for i in bars_after}
+        frames = shared_angles(mechanism) | {i: (i, 0.0) for i in range(len(mechanism.links), self.graph.links)}
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
         slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]
-        self.known = [self._driven(x, [*angles, *slides]) for x in inputs]
+        self.known = [self._find_variable(x, [*angles, *slides]) for x in inputs]
         if len(set(self.known)) < len(inputs):
             self._refuse(f"has two inputs for one variable: {', '.join(x.name for x in self.known)}")
         self.unknown = [x for x in [*angles, *slides] if x not in self.known]
@@ -131,13 +120,13 @@ class LoopEquations:
         self.turning = np.array([[float(x.link == root) for x in self.variables] for root in self.roots])
         self.ways = [[self._place(p.way(self.roots[p.link] != GROUND)) for p in loop.passages] for loop in self.graph.loops]
         self.lengths = np.where(self.is_angle, 1.0, self._size())[: len(self.unknown)]
-        self.groups = self._groups()
 
     def _refuse(self, text: str) -> None:
+        """Raise ValueError with the name of the linkage."""
         raise ValueError(f"{self.mechanism.name} {text}")
 
-    def _driven(self, given: Input, variables: Sequence[Variable]) -> Variable:
-        """The variable that an input prescribes."""
+    def _find_variable(self, given: Input, variables: Sequence[Variable]) -> Variable:
+        """Return the variable that an input prescribes."""
         wanted = None if given.link is None else self.roots[given.link]
         name = given.joint if given.link is None else self.mechanism.link_name(given.link)
         matching = [x for x in variables if x.link == wanted and (wanted is not None or x.name == given.joint)]
@@ -146,21 +135,22 @@ class LoopEquations:
         return matching[0]
 
     def _size(self) -> float:
-        """Return the longest vector through a moving link [m]: it makes columns of J per metre comparable with those per radian."""
+        """Return the longest vector through a moving link [m], which makes columns of J per metre and per radian comparable."""
         ways = (p.way for loop in self.ways for p in loop if p.way.link != GROUND)
         return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
 
     def _place(self, way: Way) -> PlacedWay:
+        """Find the variables of a way in a state."""
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
         own += [Variable(name) for name in way.slides]
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
     def input_levels(self, times: Array) -> Levels:
-        """Values, rates and second rates (k, TK) of the known variables.
+        """Return the known variables and their first and second derivatives (k, TK) at times (k,).
 
         Raises:
-            ValueError: a law is not finite.
+            ValueError: a law has a value that is not finite.
         """
         levels = [np.array([np.broadcast_to(x, np.shape(times)) for x in given.law(times)]) for given in self.inputs]
         prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
@@ -170,7 +160,7 @@ class LoopEquations:
         return prescribed[0] - np.array(phases), prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
-        """Name of each input -> its value in x, as its law counts it [rad, m]."""
+        """Return the value of each input in a state x [rad, m], by name, in the sense of its law."""
         inputs: dict[str, float] = {}
         for given, known in zip(self.inputs, x[len(self.unknown) :], strict=True):
             if given.link is None:
@@ -180,12 +170,11 @@ class LoopEquations:
         return inputs
 
     def start(self) -> Array:
-        """x of the mechanism's q0."""
+        """Return the state x of the mechanism's start q0."""
         q = self.mechanism.q0
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
-        for joint in self.mechanism.joints:
-            if isinstance(joint, Prismatic):
-                values[joint.name] = float(value(joint.motion, q))
+        for slide in self.mechanism.slides:
+            values[slide.name] = float(value(slide.motion, q))
         for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
@@ -209,7 +198,7 @@ class LoopEquations:
         """Return the closed state near x with the same inputs, its J, and the number of Newton steps.
 
         Raises:
-            Stopped: Newton does not converge, or J has lost rank where it does.
+            Stopped: Newton's method does not converge, or J has lost rank at the solution.
         """
         x, still, TU = x.copy(), np.zeros_like(x), len(self.unknown)
         count, last = 0, np.inf
@@ -232,7 +221,7 @@ class LoopEquations:
             raise Stopped(f"the Jacobian has rank {rank} of {len(self.unknown)}", True)
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
-        """Return rates and second rates of x (TU + TK,) for given ones of the inputs (TK,)."""
+        """Return first and second derivatives of x (TU + TK,) for those of the inputs, `speed` and `second` (TK,)."""
         here = self.at(x, np.zeros_like(x))
         x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])
         here = self.at(x, x_rate)
@@ -244,17 +233,3 @@ class LoopEquations:
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)
-
-    def _groups(self) -> list[LoopGroup]:
-        """Return the smallest sets of loops that can be solved one after the other: no more unknowns than equations in each."""
-        TU = len(self.unknown)
-        needs = [{int(k) for p in ways for k in np.flatnonzero(p.factors[:, :TU].any(axis=0))} for ways in self.ways]
-        left, groups = list(range(len(needs))), []
-        while left:
-            sets = (c for size in range(1, LARGEST_GROUP + 1) for c in combinations(left, size))
-            own = next((c for c in sets if len(set().union(*(needs[l] for l in c))) <= 2 * len(c)), tuple(left))
-            columns = set().union(*(needs[l] for l in own))
-            groups.append(LoopGroup([2 * l + i for l in own for i in (0, 1)], sorted(columns)))
-            left = [l for l in left if l not in own]
-            needs = [need - columns for need in needs]
-        return groups

@@ -1,4 +1,4 @@
-"""States of a linkage that follows its inputs, as loops and points both give them."""
+"""The motion of a linkage that follows its inputs, the common result of loop closure and point equations."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,8 @@ class Motion:
     """States at k times.
 
     Attributes:
-        q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles unwrapped, continuous from q0.
-        iterations: (k,) corrections taken to reach each sample from the one before.
+        q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles are unwrapped, continuous from q0.
+        iterations: (k,) corrections of the solver on the way from the sample before.
     """
 
     q: Array

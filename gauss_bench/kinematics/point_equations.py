@@ -1,22 +1,22 @@
-"""The equations between the points of a linkage, their exact Jacobian and bias, and the groups they fall into.
+"""The equations between the points of a linkage, their exact Jacobian and bias, and groups of them that can be solved separately.
 
-With z as in `points`, every equation is at most quadratic and made of three constant rows a, b, c:
+With z as in `points`, every equation is at most quadratic and consists of three constant rows a, b, c:
 
     phi = Re(conj(a z) (b z) + c z),    dphi = Re(r dz)  with  r = conj(b z) a + conj(a z) b + c
     phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
 
-so that Jacobian and acceleration bias are exact, and the same few lines for every kind. u is the unit vector of a line through G:
+so that Jacobian and acceleration bias are exact. The kinds of equations are, with u the unit vector of a line through G:
 
     (|B - A|^2 - L^2) / 2 L            the two points that show a link's direction
-    C - A - (c - a) (B - A) / (b - a)  two rows: every further point of a link, or of a partner in a slide, which has its angle
+    C - A - (c - a) (B - A) / (b - a)  two rows: every further point of a link, or of one that slides on it and shares its angle
     C - A - (c - a) exp(i theta)       two rows: every further point of a link of known direction
     u x (P - G) - offset               the block point of a slide
     u . (P - G) - s                    a driven slide
     (|B - A|^2 - L(t)^2) / 2 size      an active bar
 
-All are in metres. A third point by lengths would admit the mirror image of the link, and two bars by the cross product of their
-directions a turn by 180 degrees; the linear rows admit neither. A line is a cross product and not the printed quotient of
-differences, which is 0/0 where it is parallel to the x axis.
+All residuals are in metres. Lengths to a third point would also admit the mirror image of the link, and the cross product of the
+directions of two bars also a turn by 180 degrees; the linear rows exclude both. A line is a cross product instead of the printed
+quotient of differences, which is 0/0 if the line is parallel to the x axis.
 Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, J. Mechanical Transmission
 33(4), 2009, section 1: eq. (2).
 """
@@ -39,10 +39,10 @@ Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,)
 
 @dataclass(frozen=True, eq=False)
 class PointGroup:
-    """Points that only their equations together determine (an Assur group): its name, rows and columns of the Jacobian.
+    """Points that can only be solved together (an Assur group): its name, and its rows and columns of the Jacobian.
 
-    The sign of its determinant tells assemblies apart: that of a dyad is the side on which its middle point lies. It can change
-    only where the determinant vanishes, which is a singular position.
+    The sign of the group's determinant distinguishes assemblies: for a dyad it is the side on which the middle point lies. It
+    changes only where the determinant vanishes, which is a singular position.
     """
 
     name: str
@@ -51,7 +51,7 @@ class PointGroup:
 
 
 def link_equations(p: Points, link: int) -> Iterator[Equation]:
-    """The equations that hold the points of one link at their places in it."""
+    """Yield the equations that keep the points of one link at their places in it."""
     anchor, none = p.anchor[link], np.zeros(p.N, dtype=complex)
     owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
     if link == owner:
@@ -66,7 +66,7 @@ def link_equations(p: Points, link: int) -> Iterator[Equation]:
 
 
 def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
-    """The line of a slide, and its driven coordinate."""
+    """Yield the equations of the line of a slide and, if it is driven, of its coordinate."""
     u = exp(1j * slide.angle) * p.direction(slide.guide.link)
     gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))
     yield u, -1j * gap, -slide.offset * p.unit(0)
@@ -75,7 +75,7 @@ def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
 
 
 def bar_equation(p: Points, name: str) -> Equation:
-    """The length of an active bar."""
+    """Return the equation of the length of an active bar."""
     bar, size = p.bars[name], np.sqrt(2 * p.size)
     gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / size
     return gap, gap, -p.unit(p.stretched[name]) / size**2
@@ -84,79 +84,89 @@ def bar_equation(p: Points, name: str) -> Equation:
 class PointModel:
     """Points and equations of a mechanism with given inputs.
 
-    Unknowns are p (2 u,), x before y of each unknown point [m]; there are m >= 2 u equations, more where the linkage is redundant.
+    Unknowns are p (2 u,), x before y of each unknown point [m]; there are m >= 2 u equations, more if the linkage is redundant.
     """
 
     def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
-        """Raises ValueError for knife edges, or inputs that are not as many as degrees of freedom or contradict each other."""
+        """Set up the equations.
+
+        Raises:
+            ValueError: there are not as many inputs as degrees of freedom, or they contradict each other; or the mechanism has
+                couplings or knife edges.
+        """
         if mechanism.couplings:
             raise ValueError(f"{mechanism.name}: points have no equation for the coupling {mechanism.couplings[0].name}")
         if mechanism.knife_edges:
-            raise ValueError(f"{mechanism.name}: knife edges leave no trace in positions, so that points cannot obey them")
+            raise ValueError(f"{mechanism.name}: knife edges constrain velocities alone, so that points have no equation for them")
         if len(inputs) != mechanism.dof:
             raise ValueError(f"{mechanism.name}: {len(inputs)} inputs for {mechanism.dof} degrees of freedom")
         self.points = p = Points(mechanism, inputs)
-        equations = [e for i in range(len(mechanism.links)) for e in link_equations(p, i)]
-        equations += [e for slide in mechanism.slides for e in slide_equations(p, slide)]
+        equations: list[Equation] = []
+        for i in range(len(mechanism.links)):
+            equations += link_equations(p, i)
+        for slide in mechanism.slides:
+            equations += slide_equations(p, slide)
         equations += [bar_equation(p, name) for name in p.stretched]
         self.a, self.b, self.c = np.array(equations, complex).reshape(-1, 3, p.N).transpose(1, 0, 2)
-        self.size, self.unknown = self.points.size, self.points.unknown
-        self.names = tuple(self.points.points[k - self.points.first].name for k in self.unknown)
-        self.directions = np.array([self.points.direction(i) for i in range(len(mechanism.links))])
-        self.centres = np.array([self.points.point(i, 0j) for i in range(len(mechanism.links))])
-        self.groups = groups(self)
+        self.size, self.unknown = p.size, p.unknown
+        self.names = tuple(p.points[k - p.first].name for k in self.unknown)
+        self.directions = np.array([p.direction(i) for i in range(len(mechanism.links))])
+        self.centres = np.array([p.point(i, 0j) for i in range(len(mechanism.links))])
+        self.groups = find_groups(self)
 
-    def filled(self, z: Vectors, p: Array) -> Vectors:
-        """z (N,) with the unknown points p (2 u,) put in."""
+    def fill(self, z: Vectors, p: Array) -> Vectors:
+        """Return z (N,) with the unknown points p (2 u,) inserted."""
         z = z.copy()
         z[self.unknown] = p.reshape(-1, 2) @ [1.0, 1.0j]
         return z
 
     def at(self, x: Array, p: Array) -> Vectors:
-        """z (N,) at inputs x (i,) [rad, m] and unknown points p (2 u,)."""
+        """Return z (N,) at inputs x (i,) [rad, m] and unknown points p (2 u,)."""
         still = np.zeros_like(x)
-        return self.filled(self.points.known(x, still, still)[0], p)
+        return self.fill(self.points.known(x, still, still)[0], p)
 
     def phi(self, z: Vectors) -> Array:
-        """Residual (m,) [m]."""
+        """Return the residual (m,) [m]."""
         return np.asarray(((self.a @ z).conj() * (self.b @ z) + self.c @ z).real)
 
     def rows(self, z: Vectors) -> Vectors:
-        """r (m, N) of dphi = Re(r dz)."""
+        """Return r (m, N) of dphi = Re(r dz)."""
         return np.asarray((self.b @ z).conj()[:, None] * self.a + (self.a @ z).conj()[:, None] * self.b + self.c)
 
     def jacobian(self, r: Vectors) -> Array:
-        """dphi/dp (m, 2 u) of rows r."""
+        """Return dphi/dp (m, 2 u) from the rows r (m, N)."""
         part = r[:, self.unknown]
         return np.stack([part.real, -part.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
 
     def residual(self, x: Array) -> Residual:
-        """p -> phi (m,), J (m, 2 u) at the inputs x (i,) [rad, m]."""
+        """Return the function p -> phi (m,), J (m, 2 u) at the inputs x (i,) [rad, m]."""
         known = self.at(x, np.zeros(2 * len(self.unknown)))
 
-        def of(p: Array) -> tuple[Array, Array]:
-            z = self.filled(known, p)
+        def evaluate(p: Array) -> tuple[Array, Array]:
+            """Return residual and Jacobian at the unknown points p."""
+            z = self.fill(known, p)
             return self.phi(z), self.jacobian(self.rows(z))
 
-        return of
+        return evaluate
 
     def bias(self, dz: Vectors) -> Array:
-        """2 Re(conj(a z') (b z')) (m,): what the speeds dz (N,) leave in phi''."""
+        """Return 2 Re(conj(a z') (b z')) (m,), the part of phi'' that is quadratic in the speeds dz (N,)."""
         return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
 
     def signs(self, J: Array) -> Array:
-        """Sign (g,) of the determinant of each group."""
+        """Return the sign (g,) of the determinant of each group."""
         signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
         return np.array(signs, dtype=int)
 
 
-def groups(model: PointModel) -> tuple[PointGroup, ...]:
-    """The groups that have more than one assembly, in an order in which they can be solved.
+def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
+    """Return the groups that have more than one assembly, in an order in which they can be solved.
 
-    Equations and unknowns are matched; an equation points from its unknown to the others in it, and unknowns that reach each
-    other form a group. Left out are groups whose rows do not change with the points (no choice), and what redundant equations
-    reach: it has more equations than unknowns and no determinant.
+    Each unknown is matched with an equation, which makes it depend on the other unknowns in that equation. Unknowns that depend on
+    each other form a group. Groups of linear equations are left out, because they have one solution, and so are groups that depend
+    on redundant equations, because they have more equations than unknowns and therefore no determinant.
     """
+    # the pattern of J at random points, where no entry is zero by chance
     z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])
     z[0] = 1.0
     J = model.jacobian(model.rows(z))
@@ -168,13 +178,15 @@ def groups(model: PointModel) -> tuple[PointGroup, ...]:
     row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}
     free = {i for i in range(m) if pattern[i].any() and ("row", i) not in matched}
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in np.flatnonzero(pattern[i]).tolist())
-    spoiled = {k for i in free for start in np.flatnonzero(pattern[i]).tolist() for k in {start} | nx.descendants(needs, start)}
+    redundant: set[int] = set()
+    for start in {k for i in free for k in np.flatnonzero(pattern[i]).tolist()}:
+        redundant |= {start} | nx.descendants(needs, start)
     curved = np.any(model.a[:, model.points.first :] != 0, axis=1) & np.any(model.b[:, model.points.first :] != 0, axis=1)
-    several = []
+    groups = []
     for part in nx.strongly_connected_components(needs):
         columns = sorted(part)
         rows = sorted(row_of[k] for k in columns)
-        if curved[rows].any() and not part & spoiled:
+        if curved[rows].any() and not part & redundant:
             name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))
-            several.append(PointGroup(name, np.array(rows), np.array(columns)))
-    return tuple(several)
+            groups.append(PointGroup(name, np.array(rows), np.array(columns)))
+    return tuple(groups)

@@ -1,11 +1,11 @@
-"""Basic points of a linkage: which of them pivots and inputs determine, and how all other points of a link follow from two.
+"""Basic points of a linkage: those that pivots and inputs determine, and the unknown ones, which determine all links.
 
-Points and directions of the plane are complex numbers. All that a position needs stands in one vector
+Points and directions of the plane are complex numbers. A position is one vector
 
     z = [1, inputs, points]        an input: exp(i theta) of a link, s along a slide, or L^2 of an active bar
 
-A vector s fixed in a link with the points A and B is s (B - A) / (b - a), small letters being places in the link: linear in z. So
-is every point of a link of known direction, once one of its points is known.
+A link with the points A and B at the places a and b in its own frame turns a vector s of that frame into s (B - A) / (b - a), which
+is linear in z. Every point of a link of known direction is linear in z too, once one of its points is known.
 """
 
 from cmath import exp
@@ -21,29 +21,31 @@ from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
 from gauss_bench.terms import Array, Vectors
 
-SAME = 1e-12  # [m] places given in a file agree to rounding, or differ by what can be made
+SAME = 1e-12  # [m] distance below which two places in a file are the same up to rounding
 
 
 @dataclass(frozen=True, eq=False)
 class BasicPoint:
-    """A point of one or more links: its place in the frame of each of them (complex, from the centre of mass) [m]."""
+    """A point of one or more links; `at` has its complex place in each of them, from the centre of mass [m]."""
 
     name: str
     at: Mapping[int, complex]
 
 
 def place(point: Point) -> complex:
+    """Return the place of a point in its link [m]."""
     return complex(*point.local)
 
 
 def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], turned: set[int]) -> list[BasicPoint]:
-    """Pins, merged where they coincide in a link, and blocks of slides; then what a link needs to show its direction.
+    """Return pins, merged where they coincide in a link, blocks of slides, and the points that links need to show their direction.
 
-    `frames` as from `shared_angles`; the roots in `turned` have a known direction and need no second point.
+    `frames` is that of `shared_angles`; the roots in `turned` have a known direction and need no second point.
     """
     basic: list[BasicPoint] = []
 
     def add(name: str, *ends: Point) -> None:
+        """Add a point, merged with those that lie at the same place of a link."""
         at = {end.link: place(end) for end in ends}
         met = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
         merged = BasicPoint(met[0].name if met else name, {k: s for x in met for k, s in x.at.items()} | at)
@@ -74,20 +76,27 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
 
 
 def link_size(points: list[BasicPoint]) -> float:
-    """Largest distance of two points of a link [m]; 1 m where no link has two."""
+    """Return the largest distance of two points of a moving link [m]; 1 m if no link has two points."""
     spans = (abs(p.at[k] - q.at[k]) for p in points for q in points for k in p.at.keys() & q.at.keys() if k != GROUND)
     return max(spans, default=0.0) or 1.0
 
 
 class Points:
-    """The vector z of a mechanism with given inputs, and rows (N,) of quantities linear in z.
+    """The vector z (N,) of a mechanism with given inputs, and rows (N,) of quantities linear in z.
+
+    A root is a link whose angle others share, as in `shared_angles`; an entry is an index in z.
 
     Attributes:
-        points: all of them; those that no link of known direction carries have the entries `unknown` (u,) in z.
-        of: link -> entries of its points; anchor: link -> the one from which its others are reached.
-        turned, pushed, stretched: root, slide, active bar -> entry of its known direction, coordinate, squared length.
-        base: root of unknown direction -> link and entries A, B that show it.
-        placed_by: entry of a known point -> link that carries it; rows: entry -> where, in the order in which they follow.
+        points: all basic points; the entry of the first is `first`.
+        unknown: (u,) entries of the points that no link of known direction carries.
+        of: link -> entries of its points.
+        anchor: link -> entry of the point from which its other points are computed.
+        turned: root of known direction -> entry of its direction.
+        pushed: driven slide -> entry of its coordinate.
+        stretched: active bar -> entry of its squared length.
+        base: root of unknown direction -> a link, and entries A, B of two of its points, which give the direction.
+        placed_by: entry of a known point -> link that carries it.
+        rows: entry of a known point -> row of its place, in the order in which they can be evaluated.
         size: largest distance of two points of a link [m].
     """
 
@@ -96,7 +105,7 @@ class Points:
         self.frames = shared_angles(mechanism)
         self.slides = {j.name: j for j in mechanism.slides}
         self.bars = active_bars(mechanism)
-        self.turned, self.pushed, self.stretched = self._driven()
+        self.turned, self.pushed, self.stretched = self._enter_inputs()
         self.points = joint_points(mechanism, self.frames, set(self.turned))
         self.size = link_size(self.points)
         self.first = 1 + len(inputs)
@@ -112,8 +121,12 @@ class Points:
         self.base = {root: self._base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
-    def _driven(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
-        """Root, slide and active bar -> entry of its known direction, coordinate or squared length."""
+    def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
+        """Return `turned`, `pushed` and `stretched`.
+
+        Raises:
+            ValueError: an input prescribes nothing, or something that is known already.
+        """
         turned: dict[int, int] = {GROUND: 0}
         pushed: dict[str, int] = {}
         stretched: dict[str, int] = {}
@@ -126,22 +139,24 @@ class Points:
                     raise ValueError(f"input {entry}: the angle of {self.mechanism.link_name(given.link)} is known already")
                 turned[root] = entry
                 continue
-            name, known = str(given.joint), pushed if given.joint in self.slides else stretched
-            if name not in {**self.slides, **self.bars} or name in known:
+            name, entries = str(given.joint), pushed if given.joint in self.slides else stretched
+            if name not in {**self.slides, **self.bars} or name in entries:
                 raise ValueError(f"input {entry}: {name} is neither slide nor active bar, or is driven already")
-            known[name] = entry
+            entries[name] = entry
         return turned, pushed, stretched
 
     def unit(self, entry: int) -> Vectors:
+        """Return the row that is one entry of z."""
         row = np.zeros(self.N, dtype=complex)
         row[entry] = 1.0
         return row
 
     def local(self, link: int, entry: int) -> complex:
+        """Return the place of the point with this entry in a link [m]."""
         return self.points[entry - self.first].at[link]
 
     def direction(self, link: int) -> Vectors:
-        """Row of exp(i theta) of a link: its known direction, or the line of two points."""
+        """Return the row of exp(i theta) of a link, from its known direction or from two points."""
         root, phase = self.frames[link]
         if root in self.turned:
             return self.unit(self.turned[root]) * exp(1j * phase)
@@ -150,7 +165,7 @@ class Points:
         return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
 
     def point(self, link: int, s: complex) -> Vectors:
-        """Row of the point at the place s [m] of a link."""
+        """Return the row of the point at the place s [m] in a link."""
         if link == GROUND:
             return self.unit(0) * s
         anchor = self.anchor[link]
@@ -158,12 +173,12 @@ class Points:
         return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
 
     def block(self, slide: Prismatic) -> int:
-        """Entry of the block point of a slide."""
+        """Return the entry of the block point of a slide."""
         link = slide.block.link
         return min(self.of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
     def _place(self) -> None:
-        """Find every point whose place follows from pivots and driven links alone, one link after the other."""
+        """Fill `placed_by` and `rows` with the points that pivots and driven links alone determine, one link after the other."""
         link: int | None = GROUND
         waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
         while link is not None:
@@ -177,18 +192,19 @@ class Points:
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
-        """Return a link and two of its points that give the direction of a root: known points first, then the longest distance."""
+        """Return a link and two of its points that give the direction of a root; they are known ones if possible, and far apart."""
         members = [link for link, (r, _) in self.frames.items() if r == root]
         pairs = [(link, A, B) for link in members for A, B in permutations(self.of[link], 2)]
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
+            """Return the order of preference of a link and two of its points."""
             link, A, B = pair
             return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
 
         return max(pairs, key=rank)
 
     def known(self, x: Array, rate: Array, second: Array) -> Vectors:
-        """z, z', z'' (3, N) with the unknown points left at zero, for inputs, rates and second rates (i,) [rad, m; s]."""
+        """Return z, z', z'' (3, N) with unknown points at zero, for inputs and their first and second derivatives (i,) [rad, m]."""
         Z = np.zeros((3, self.N), dtype=complex)
         Z[0, 0] = 1.0
         for k, given in enumerate(self.inputs):
@@ -203,11 +219,11 @@ class Points:
         return Z
 
     def inputs_at(self, q: Array) -> Array:
-        """Inputs (i,) [rad, m] of a state q (n,)."""
+        """Return the values (i,) of the inputs [rad, m] at a state q (n,)."""
         return np.array([float(value(given.coordinate(self.mechanism), q)) for given in self.inputs])
 
     def unknown_at(self, q: Array) -> Array:
-        """Unknown points (2 u,) of a state q (n,), x before y of each [m]."""
+        """Return the unknown points (2 u,) at a state q (n,), x before y of each [m]."""
         owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]
         places = [position(q, Point(link, np.array([s.real, s.imag]), "")) for link, s in owners]
         return np.array(places).reshape(-1)

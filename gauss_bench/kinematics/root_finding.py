@@ -1,4 +1,4 @@
-"""Three methods for a root of F(x) = 0 with one signature; each returns its last x, an exit flag and its iterations.
+"""Three methods for a root of F(x) = 0, with the same arguments and result.
 
 With the Jacobian J at x, the step h of each is
 
@@ -6,7 +6,7 @@ With the Jacobian J at x, the step h of each is
     Gauss-Newton          the same h, halved until |F|^2 falls enough (backtracking, condition of Armijo)
     Levenberg-Marquardt   (J^T J + mu I) h = -J^T F, mu after Nielsen: smaller where the linear model predicts well, else larger
 
-Over-determined systems (redundant, but consistent equations) are allowed: J h = -F is then meant in least squares.
+There may be more equations than unknowns if they are consistent; J h = -F is then solved in the least-squares sense.
 Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
 Non-Linear Least Squares Problems (2004), algorithm 3.16.
 """
@@ -23,30 +23,32 @@ from gauss_bench.terms import Array
 
 Residual = Callable[[Array], tuple[Array, Array]]
 
-RANK_TOLERANCE = 1e-9  # of the largest singular value, as in the first assembly
-SUFFICIENT = 1e-4  # part of the promised decrease that a step must bring; the usual choice of Armijo's constant
-HALVINGS = 30  # a step shorter by 1e-9 is none
-DAMPING = 1e-3  # first mu, of the largest entry of J^T J: the start is taken for a fair guess
-FLAT = 1e-8  # |J^T F| of |J| |F|: a minimum of |F|; a double root comes here only once F itself is near 1e-16
+TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
+LIMIT = 100  # largest number of iterations
+RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
+SUFFICIENT = 1e-4  # share of the predicted decrease that a step must bring: the usual choice of Armijo's constant
+HALVINGS = 30  # largest number of halvings: the step is then shorter by 1e-9
+DAMPING = 1e-3  # first mu as a share of the largest diagonal entry of J^T J, for a fair first guess
+FLAT = 1e-8  # |J^T F| / (|J| |F|) at a minimum of |F|; at a double root F is near 1e-16 before the ratio is as small
 
 
 class ExitFlag(StrEnum):
-    """How a search ended."""
+    """The reason why a search ended."""
 
     CONVERGED = "converged"
-    STALLED = "stalled"  # no step makes |F| smaller, or it is not finite: a minimum that is no root
-    SINGULAR = "singular"  # J lost rank on the way, so that the step is not determined
+    STALLED = "stalled"  # no step reduces |F| (a minimum that is no root), or F is not finite
+    SINGULAR = "singular"  # J has lost rank, so that the step is not determined
     TOO_MANY = "too many iterations"
 
 
 @dataclass(frozen=True, eq=False)
 class Root:
-    """Where a search ended.
+    """The end of a search.
 
     Attributes:
         x: (n,) the last iterate.
-        flag: whether it is a root, or why not.
-        iterations: steps tried.
+        flag: CONVERGED if it is a root.
+        iterations: number of steps that were tried.
         residual: max |F| at x, in the unit of F.
     """
 
@@ -60,6 +62,7 @@ RootFinder = Callable[..., Root]
 
 
 def largest(x: NDArray[np.inexact[Any]]) -> float:
+    """Return the largest absolute value, 0 of an empty array."""
     return float(np.abs(x).max(initial=0.0))
 
 
@@ -70,7 +73,7 @@ def at_rest(x: Array, h: Array) -> bool:
 
 
 def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
-    """The result where x is a root, or F is not finite there."""
+    """Return the result if x is a root or F is not finite there, else None."""
     if largest(F) <= tolerance:
         return Root(x, ExitFlag.CONVERGED, iteration, largest(F))
     return None if np.isfinite(F).all() else Root(x, ExitFlag.STALLED, iteration, largest(F))
@@ -84,23 +87,24 @@ def full_step(F: Array, J: Array) -> Array | None:
     return None if rank < J.shape[1] else h
 
 
-def newton_raphson(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
-    """Full steps from x (n,) until max |F| <= `tolerance`, at most `limit` of them.
+def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
+    """Take full steps from x (n,) until max |F| <= `tolerance`, at most LIMIT of them.
 
-    `residual` maps x to F (m,) and J (m, n), m >= n. Fastest near a root; may leap anywhere from afar.
+    `residual` maps x to F (m,) and J (m, n), m >= n. This is the fastest method near a root; far from one its steps may go
+    anywhere.
     """
-    return search_along(residual, x, tolerance, limit, halvings=0)
+    return search_along(residual, x, tolerance, halvings=0)
 
 
-def gauss_newton(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
-    """As `newton_raphson`, with each step halved until |F|^2 falls by a share of what its length promises."""
-    return search_along(residual, x, tolerance, limit, HALVINGS)
+def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
+    """As `newton_raphson`, but halve each step until |F|^2 falls by a share of the predicted decrease."""
+    return search_along(residual, x, tolerance, HALVINGS)
 
 
-def search_along(residual: Residual, x: Array, tolerance: float, limit: int, halvings: int) -> Root:
-    """Iterate with steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; 0 means full steps."""
+def search_along(residual: Residual, x: Array, tolerance: float, halvings: int) -> Root:
+    """Iterate with steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; with 0 take full steps."""
     F, J = residual(x)
-    for iteration in range(limit):
+    for iteration in range(LIMIT):
         if end := end_search(x, F, tolerance, iteration):
             return end
         h = full_step(F, J)
@@ -116,25 +120,26 @@ def search_along(residual: Residual, x: Array, tolerance: float, limit: int, hal
         if at_rest(x, part * h):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         x, F, J = x + part * h, G, K
-    return give_up(x, F, tolerance, limit)
+    return give_up(x, F, tolerance)
 
 
-def give_up(x: Array, F: Array, tolerance: float, limit: int) -> Root:
-    """The result after the last step that is allowed."""
-    return end_search(x, F, tolerance, limit) or Root(x, ExitFlag.TOO_MANY, limit, largest(F))
+def give_up(x: Array, F: Array, tolerance: float) -> Root:
+    """Return the result after the last allowed step."""
+    return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))
 
 
-def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, limit: int = 100) -> Root:
-    """As `newton_raphson`, with damped steps that need no rank: the most patient of the three, and never SINGULAR."""
+def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
+    """As `newton_raphson`, but with damped steps, which are determined even where J loses rank."""
     F, J = residual(x)
     mu, growth = DAMPING * float((J * J).sum(axis=0).max(initial=0.0)), 2.0
-    for iteration in range(limit):
+    for iteration in range(LIMIT):
         if end := end_search(x, F, tolerance, iteration):
             return end
         gradient = J.T @ F
         if largest(gradient) <= FLAT * float(np.linalg.norm(J)) * float(np.linalg.norm(F)):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        damped = np.vstack([J, np.sqrt(mu) * np.eye(len(x))])  # the same h as from J^T J + mu I, without squaring the condition
+        # least squares of J stacked on sqrt(mu) I has the same solution as (J^T J + mu I) h = -J^T F, at a lower condition number
+        damped = np.vstack([J, np.sqrt(mu) * np.eye(len(x))])
         h = np.linalg.lstsq(damped, -np.concatenate([F, np.zeros(len(x))]), rcond=None)[0]
         if at_rest(x, h):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
@@ -145,7 +150,7 @@ def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = 1e-13, 
             mu, growth = mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         else:
             mu, growth = mu * growth, 2 * growth
-    return give_up(x, F, tolerance, limit)
+    return give_up(x, F, tolerance)
 
 
 ROOT_FINDERS: dict[str, RootFinder] = {

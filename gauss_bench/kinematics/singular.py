@@ -1,9 +1,9 @@
 """Singular positions of a linkage with one degree of freedom: limits of motion and dead centres, solved exactly.
 
-The positions form a curve q(s) with the tangent x, J x = 0. A coordinate c(q) with gradient g cannot drive the linkage where
-g . x = 0: there it reverses. For the crank that is a limit of its motion, for any other coordinate a dead centre. The curve is
-followed by its own length, which passes such points without noticing them. Where g . x changes its sign between two positions, the
-root lies on the curve between them: one unknown, the way back along the tangent, with the constraints closed at every trial.
+The positions form a curve q(s) with the tangent x, J x = 0. A coordinate c(q) with gradient g reverses where g . x = 0, and cannot
+drive the linkage there. For the crank such a position is a limit of its motion, for any other coordinate a dead centre. The curve
+is followed in steps of its own length s, which is regular at such positions. Where g . x changes its sign between two positions,
+the root lies on the curve between them. It is searched along the tangent, with the constraints closed at every trial.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
@@ -19,14 +19,14 @@ from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Measur
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
-STEP = 0.02  # [rad, m] along the curve: a fiftieth of a radian of the fastest link
-LONGEST = 4000  # steps: more than ten turns of the fastest link
-ENDS = (-0.1 * STEP, 1.1 * STEP)  # back along the tangent, between which a reversal lies that a step has passed
+STEP = 0.02  # [rad, m] length of a step along the curve
+LONGEST = 4000  # largest number of steps: more than ten turns of the fastest link
+ENDS = (-0.1 * STEP, 1.1 * STEP)  # distances back along the tangent between which a reversal lies that the last step has passed
 NEWTON_STEPS = 30
 TOLERANCE = 1e-12
-REVERSED = 1e-9  # g . x at a reversal, where a curve that forks leaves a jump
-SAME = 1e-6  # two positions as near as that are one
-RANK_TOLERANCE = 1e-7  # of the largest singular value: the curve forks there
+REVERSED = 1e-9  # largest |g . x| at a root; where the curve forks, the search ends at a jump of g . x instead
+SAME = 1e-6  # [rad, m] distance below which two positions are the same
+RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 
 
 class ChangePoint(ArithmeticError):
@@ -38,10 +38,10 @@ class Singular:
     """A position at which a coordinate reverses.
 
     Attributes:
-        coordinate: name of the link (its angle) or slide (its place).
-        kind: "limit" for what drives, "dead centre" for any other coordinate.
-        value: of the coordinate [rad, m]; input: of what drives, there [rad, m].
-        driving: what drives: the crank's angle or, without a crank, the measured coordinate.
+        coordinate: name of the link (for its angle) or slide that reverses.
+        kind: "limit" if this coordinate is the driving one, else "dead centre".
+        value, input: values of this coordinate and of the driving one at the position [rad, m].
+        driving: the driving coordinate: the crank's angle or, without a crank, the measured coordinate.
         q: (n,) the position.
     """
 
@@ -54,27 +54,28 @@ class Singular:
 
     @property
     def crank(self) -> float:
-        """Angle of the crank there [rad]; not a number where no angle drives."""
+        """Angle of the crank at the position [rad]; NaN if the driving coordinate is no angle."""
         return self.input if isinstance(self.driving.coordinate, Angle) else float("nan")
 
 
 def input_coordinate(mechanism: Mechanism) -> Measured:
-    """The coordinate taken to drive: the crank's angle, or the measured coordinate of a linkage without crank."""
+    """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank."""
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
     measured = mechanism.measured
-    return next((x for x in driving_coordinates(mechanism) if _alike(x.coordinate, measured.coordinate)), measured)
+    # under the name of its link or slide where it is one of the coordinates that can drive
+    return next((x for x in driving_coordinates(mechanism) if _is_same(x.coordinate, measured.coordinate)), measured)
 
 
-def _alike(a: Coordinate, b: Coordinate) -> bool:
-    """Tell whether two coordinates are one: the same angle of a link, or the way along the same slide."""
+def _is_same(a: Coordinate, b: Coordinate) -> bool:
+    """Tell whether two coordinates are the angle of the same link, or the displacement along the same slide."""
     if isinstance(a, Angle) and isinstance(b, Angle):
         return (a.a, a.b) == (b.a, b.b)
     return isinstance(a, Along) and isinstance(b, Along) and (a.origin, a.point, a.angle) == (b.origin, b.point, b.angle)
 
 
 def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
-    """Angles of links with a pin on the ground, and places along slides on the ground: what a motor or a cylinder can hold."""
+    """Return the coordinates that a motor or cylinder on the ground can drive: of its pins and of its slides."""
     coordinates = []
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
@@ -95,12 +96,12 @@ class Curve:
         self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
     def rows(self, q: Array) -> tuple[Array, Array]:
-        """phi (m,) and J (m, n)."""
+        """Return the residual phi (m,) and the Jacobian J (m, n) of the joints."""
         rows = self.constraints(0.0, q, np.zeros_like(q))
         return rows.phi, rows.J
 
     def tangent(self, q: Array, along: Array | None = None) -> Array:
-        """Unit tangent (n,), turned to the side of `along`.
+        """Return the unit tangent (n,), turned to the side of the vector `along`.
 
         Raises:
             ChangePoint: J has lost rank.
@@ -113,49 +114,50 @@ class Curve:
         return -x if along is not None and x @ along < 0 else x
 
     def orientation(self, q: Array, x: Array) -> float:
-        """Sign of det [J; x], which changes where another curve crosses; 0 where J is not one row short of square."""
+        """Return the sign of det [J; x], which changes where another curve crosses; 0 if the matrix is not square."""
         A = np.vstack([self.rows(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
 
     def step(self, q: Array, x: Array) -> Array:
-        """The next position: along the tangent, then back to the constraints."""
-        return self._closed(q + STEP * x)
+        """Return the next position: a step along the tangent, projected back onto the constraints."""
+        return self._close(q + STEP * x)
 
-    def _closed(self, q: Array) -> Array:
+    def _close(self, q: Array) -> Array:
+        """Project q (n,) onto the constraints by Gauss-Newton."""
+
         def shortest(J: Array, phi: Array) -> Array:
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
         return project(q, self.rows, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
-        """The position before q, at most a step away, at which g . x = 0.
+        """Return the position before q, at most a step away, at which g . x = 0.
 
         Raises:
             ChangePoint: there is none, as happens where the curve forks.
         """
 
-        def place(back: float) -> tuple[Array, float]:
-            here = self._closed(q - back * x)
-            return here, float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
+        def rate(back: float) -> float:
+            """Return g . x at this distance back along the tangent."""
+            here = self._close(q - back * x)
+            return float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
 
-        ends = [place(back)[1] for back in ENDS]
-        if ends[0] * ends[1] < 0:
-            here, left = place(brentq(lambda back: place(back)[1], *ENDS, xtol=1e-15))
-            if abs(left) < REVERSED:
-                return here
+        if rate(ENDS[0]) * rate(ENDS[1]) < 0:
+            back = brentq(rate, *ENDS, xtol=1e-15)
+            if abs(rate(back)) < REVERSED:
+                return self._close(q - back * x)
         raise ChangePoint(f"no isolated singular position of {coordinate.name} near here: the curve forks")
 
 
-def singular_positions(mechanism: Mechanism, coordinates: list[Measured] | None = None) -> list[Singular]:
-    """All positions at which a driving coordinate reverses, in the order in which the curve from q0 meets them.
+def singular_positions(mechanism: Mechanism) -> list[Singular]:
+    """Return all positions at which a coordinate that could drive reverses, in the order in which the curve from q0 meets them.
 
     Raises:
         ValueError: more or fewer than one degree of freedom.
         ChangePoint: the curve forks on the way.
     """
     curve = Curve(mechanism)
-    coordinates = coordinates or driving_coordinates(mechanism)
-    driving = input_coordinate(mechanism)
+    coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
     positions: list[Singular] = []
     q, x = mechanism.q0, curve.tangent(mechanism.q0)
     x = -x if gradient(driving.coordinate, q) @ x < 0 else x
@@ -171,18 +173,19 @@ def singular_positions(mechanism: Mechanism, coordinates: list[Measured] | None 
             if sign * signs[k] < 0 or (count == 0 and abs(signs[k]) < TOLERANCE):
                 at = curve.refine(c, q, x)
                 kind = "limit" if c.name == driving.name else "dead centre"
-                found = Singular(c.name, kind, float(value(c.coordinate, at)), float(value(driving.coordinate, at)), driving, at)
                 # a start at a dead centre is found a second time when the curve closes
-                if not any(k.coordinate == c.name and _distance(at, k.q) < SAME for k in positions):
-                    positions.append(found)
+                if not any(known.coordinate == c.name and _distance(at, known.q) < SAME for known in positions):
+                    here, there = float(value(c.coordinate, at)), float(value(driving.coordinate, at))
+                    positions.append(Singular(c.name, kind, here, there, driving, at))
             signs[k] = sign
+        # the curve is closed where it comes back to its start in the same sense
         if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and x @ first > 0:
             break
     return positions
 
 
 def _describe(driving: Measured, q: Array) -> str:
-    """Describe the position of the driving coordinate in words."""
+    """Describe a position by the value of the driving coordinate."""
     x = float(value(driving.coordinate, q))
     return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f"{driving.name} = {x:.4g} m"
 

@@ -1,18 +1,19 @@
 """The links and pairs of a linkage as a graph, and its independent loops.
 
-Links are nodes and pairs are edges; a joint of m links is m - 1 pairs J, J.001, ... at distance zero, so that every pair joins two
-links, and two links may share several pairs. Of p pairs and n links (frame included) a tree takes n - 1, and each of the other
+Links are nodes and pairs are edges. A joint of m links is m - 1 pairs J, J.001, ... at the same place, so that every pair joins two
+links. Two links may share several pairs. Of the p pairs between n links (frame included) a tree takes n - 1, and each of the other
 
     L = p - n + 1
 
-pairs closes one loop: the way back through the tree. The tree is the breadth-first one from the frame, which keeps the loops short
-and next to the frame.
+pairs closes one loop, whose other pairs lie on the path through the tree. The tree is the breadth-first one from the frame, which
+keeps the loops short and near the frame.
 Source: Wang et al., Trans. CSAM 41(2), 2010, sections 2.2 and 3.1 (L, offset multiple joints). How the loops are
 chosen is not printed there; those of the breadth-first tree are the printed ones.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import networkx as nx
 import numpy as np
@@ -21,42 +22,41 @@ from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Elemen
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
-Levels = tuple[Array, Array, Array]  # a quantity, its rate and its second rate
+Levels = tuple[Array, Array, Array]  # a quantity and its first and second derivative in time
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two links and the element of each; of a slide the guide comes first."""
+    """A joint of two links: their indices, and the element of each. The guide of a slide comes first."""
 
     links: tuple[int, int]
     elements: tuple[Element, Element]
 
     @property
     def name(self) -> str:
+        """Name of the pair."""
         return self.elements[0].pair
 
     @property
     def node(self) -> str:
+        """Name of the joint, which a multiple joint shares among its pairs."""
         return self.elements[0].node
 
     def element(self, link: int) -> Element:
-        """The element that belongs to a link."""
+        """Return the element that belongs to a link."""
         return self.elements[self.links.index(link)]
-
-    def other(self, link: int) -> int:
-        """The link at the other side."""
-        return self.links[1 - self.links.index(link)]
 
 
 @dataclass(frozen=True)
 class Passage:
-    """A loop on its way through a link: it comes in by one pair and goes on by the next."""
+    """The part of a loop that passes one link: it enters by one pair and leaves by the next."""
 
     link: int
     enter: Pair
     leave: Pair
 
     def way(self, turns: bool) -> Way:
+        """Return the way through the link; `turns` tells whether its angle is variable."""
         return Way(self.link, self.enter.element(self.link), self.leave.element(self.link), turns)
 
 
@@ -68,7 +68,7 @@ class Loop:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints in order, the pairs of one multiple joint merged into one."""
+        """Names of the joints around the loop; the pairs of one multiple joint are one name."""
         nodes = [passage.leave.node for passage in self.passages]
         merged = [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
         return tuple(merged[:-1] if len(merged) > 1 and merged[0] == merged[-1] else merged)
@@ -79,7 +79,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class TreeEdge:
-    """How the tree reaches a link: from its parent through a pair."""
+    """An edge of the tree: a link, its parent, and the pair between them."""
 
     link: int
     parent: int
@@ -88,7 +88,7 @@ class TreeEdge:
 
 @dataclass(frozen=True, eq=False)
 class LinkageGraph:
-    """The pairs, the breadth-first tree from the frame (parents first) and the loops; `links` counts links without the frame."""
+    """The pairs, the edges of the breadth-first tree (parents first) and the loops; `links` counts links without the frame."""
 
     links: int
     pairs: tuple[Pair, ...]
@@ -96,22 +96,24 @@ class LinkageGraph:
     loops: tuple[Loop, ...]
 
     def elements(self, link: int) -> tuple[Element, ...]:
-        """All elements of a link."""
+        """Return all elements of a link."""
         return tuple(pair.element(link) for pair in self.pairs if link in pair.links)
 
 
 def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[Pair, ...]:
-    """The pairs of the joints in file order, then two pins for each active bar, which is one more link after the others."""
-    joined = [_pair(joint) for joint in mechanism.joints]
+    """Return the pairs of the joints in file order, then two pins for each active bar, which is one more link after the others."""
+    pairs = [_pair(joint) for joint in mechanism.joints]
     for k, bar in enumerate(bars, start=len(mechanism.links)):
-        (near, a), (far, b) = ((f"{bar.name} at {p.name}", p) for p in (bar.a, bar.b))
-        outside = [Element(name, p.name, PIN, complex(*p.local)) for name, p in ((near, a), (far, b))]
-        joined.append(Pair((a.link, k), (outside[0], Element(near, a.name, PIN, 0j))))
-        joined.append(Pair((k, b.link), (Element(far, b.name, ROD_END, 0j, 1.0 + 0j, bar.name), outside[1])))
-    return tuple(joined)
+        a, b = bar.a, bar.b
+        near, far = f"{bar.name} at {a.name}", f"{bar.name} at {b.name}"
+        near_end, far_end = Element(near, a.name, PIN, 0j), Element(far, b.name, ROD_END, 0j, 1.0 + 0j, bar.name)
+        pairs.append(Pair((a.link, k), (Element(near, a.name, PIN, complex(*a.local)), near_end)))
+        pairs.append(Pair((k, b.link), (far_end, Element(far, b.name, PIN, complex(*b.local)))))
+    return tuple(pairs)
 
 
 def _pair(joint: Joint) -> Pair:
+    """Return the pair of a joint."""
     if not isinstance(joint, Prismatic):
         a, b = (Element(joint.name, joint.joint, PIN, complex(*p.local)) for p in (joint.a, joint.b))
         return Pair((joint.a.link, joint.b.link), (a, b))
@@ -123,10 +125,10 @@ def _pair(joint: Joint) -> Pair:
 
 
 def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> LinkageGraph:
-    """The graph of a linkage, with the given active bars as further links.
+    """Return the graph of a linkage, with the given active bars as further links.
 
     Raises:
-        ValueError: links that no chain of joints holds to the frame, by name.
+        ValueError: no chain of joints connects some links to the frame; the message names them.
     """
     pairs = pairs_of(mechanism, bars)
     links = len(mechanism.links) + len(bars)
@@ -134,14 +136,17 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
     parents = dict(nx.bfs_predecessors(net, GROUND))
     loose = [mechanism.link_name(i) for i in range(len(mechanism.links)) if i not in parents]
     if loose:
-        raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops cannot tell where they are")
-    tree = {i: TreeEdge(i, parent, next(iter(net[parent][i].values()))["pair"]) for i, parent in parents.items()}
-    taken = {branch.pair.name for branch in tree.values()}
-    loops = tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in taken)
-    return LinkageGraph(links, pairs, tuple(tree.values()), loops)
+        raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
+    tree = nx.Graph()
+    for i, parent in parents.items():
+        tree.add_edge(parent, i, pair=next(iter(net[parent][i].values()))["pair"])
+    edges = tuple(TreeEdge(i, parent, tree[parent][i]["pair"]) for i, parent in parents.items())
+    used = {edge.pair.name for edge in edges}
+    return LinkageGraph(links, pairs, edges, tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in used))
 
 
 def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
+    """Return the graph of links (nodes) and pairs (edges)."""
     net = nx.MultiGraph()
     net.add_nodes_from(range(GROUND, links))
     for pair in pairs:
@@ -155,7 +160,7 @@ def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
     return tuple(i for i in range(len(mechanism.links)) if i not in reached)
 
 
-def held_coordinates(mechanism: Mechanism) -> Mechanism:
+def pin_loose_links(mechanism: Mechanism) -> Mechanism:
     """Add a pin to the frame for every group of links that no joint connects to it; such a pin closes no loop."""
     while loose := loose_links(mechanism):
         name = f"loose {loose[0]}"
@@ -164,32 +169,23 @@ def held_coordinates(mechanism: Mechanism) -> Mechanism:
     return mechanism
 
 
-def _path(tree: dict[int, TreeEdge], link: int) -> list[int]:
-    """Return the links on the tree's path from one link to the frame, both included."""
-    path = [link]
-    while path[-1] != GROUND:
-        path.append(tree[path[-1]].parent)
-    return path
-
-
-def _loop(tree: dict[int, TreeEdge], chord: Pair, pairs: Sequence[Pair]) -> Loop:
+def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
     """Return the loop that a pair outside the tree closes."""
-    first, second = (_path(tree, link) for link in chord.links)
-    while len(first) > 1 and len(second) > 1 and first[-2] == second[-2]:
-        first.pop()
-        second.pop()
-    down, up = first[-2::-1], second[:-1]  # from the common link to the chord, and back
-    links = [first[-1], *down, *up]
-    crossed = [tree[i].pair for i in down] + [chord] + [tree[i].pair for i in up]
+    path = nx.shortest_path(tree, *chord.links)
+    breadth_first = list(tree)
+    top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
+    links = path[top::-1] + path[:top:-1]  # from there to one end of the chord, and from its other end back
+    crossed = [tree[a][b]["pair"] if tree.has_edge(a, b) else chord for a, b in pairwise([*links, links[0]])]
+    crossed[top] = chord  # even where the two links of the chord share an edge of the tree
     if pairs.index(crossed[0]) > pairs.index(crossed[-1]):
         links, crossed = [links[0], *links[:0:-1]], crossed[::-1]
     return Loop(tuple(Passage(link, crossed[k - 1], crossed[k]) for k, link in enumerate(links)))
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
-    """Link -> (root, phase) with theta = theta_root + phase [rad]: links that slides join turn by the same angle.
+    """Return link -> (root, phase) with theta = theta_root + phase [rad]; links that slides join turn by the same angle.
 
-    The frame is the root of whatever slides along it; else the first link that is nobody's block is.
+    The root of links that slide on the frame is the frame. The root of others is the first one that is not the block of a slide.
     """
     blocks = {j.block.link for j in mechanism.slides}
     roots: dict[int, tuple[int, float]] = {}
@@ -205,12 +201,10 @@ def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
 
 
 def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Mapping[str, Levels]) -> Levels:
-    """q, v, a (k, 3 links) of the first links, by walking the tree from the frame: exact rates, no differences.
+    """Return q, v, a (k, 3 links) of the first `links` links, computed along the tree from the frame.
 
     Args:
-        graph: tree and pairs.
-        links: how many links to give back.
-        angles: of all links, their speeds and accelerations (k, n), the frame last.
+        angles: angles, angular speeds and accelerations (k, n) of all links, those of the frame last.
         slides: name -> coordinate along a slide or active bar, its speed and acceleration (k,).
     """
     theta, omega, alpha = angles
@@ -218,6 +212,7 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
     turning = 1j * alpha - omega**2
 
     def arm(i: int, element: Element) -> tuple[Array, Array, Array]:
+        """Return the vector from the centre of a link to one of its elements, and its derivatives, complex (k,)."""
         still = np.zeros(len(theta))
         s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (still, still, still)))
         w = element.at + s
@@ -225,10 +220,10 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
         return e * w, e * (s_rate + 1j * o * w), e * (s_second + 2j * o * s_rate + turning[:, i] * w)
 
     at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
-    for branch in graph.tree:
-        near = arm(branch.parent, branch.pair.element(branch.parent))
-        far = arm(branch.link, branch.pair.element(branch.link))
-        at[branch.link] = tuple(z + x - y for z, x, y in zip(at[branch.parent], near, far, strict=True))
+    for edge in graph.tree:
+        near = arm(edge.parent, edge.pair.element(edge.parent))
+        far = arm(edge.link, edge.pair.element(edge.link))
+        at[edge.link] = tuple(z + x - y for z, x, y in zip(at[edge.parent], near, far, strict=True))
     q, v, a = (
         np.stack([x for i in range(links) for x in (at[i][level].real, at[i][level].imag, angle[:, i])], axis=-1)
         for level, angle in enumerate(angles)

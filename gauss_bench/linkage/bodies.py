@@ -1,15 +1,15 @@
-"""Expands shorthand of a file before anything is computed: cylinders become links and joints, welded links become one body.
+"""Expand shorthand of a file before anything is computed: cylinders become links and joints, welded links become one body.
 
-Between the points P and Q a cylinder C is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them,
-along the line of both pins: its coordinate is the length of the cylinder. The x axes of barrel and rod run from P to Q.
+A cylinder C between the points P and Q is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them,
+along the line of both pins: its coordinate is the length of the cylinder. The x axes of barrel and rod point from P to Q.
 
 A body has the frame and the name of one of its links, its root; a point P of another link L becomes the point L.P of the body.
 With mass m_i, centre c_i and inertia I_i of the parts, in the frame of the body,
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
-Point masses are parts without inertia of their own. Results are reported for the links of the file again (`spread`). The force in a
-weld is what the links beyond it need besides their other forces (`weld_forces` in metrics.py).
+Point masses are parts without inertia. `spread` computes results for the links of the file again, and `weld_forces` in metrics.py
+the force in a weld, from the motion of the links beyond it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ def write_out(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
-    """Return the table of a uniform bar from its pin along x, in the direction `sense`: +1 for the barrel, -1 for the rod."""
+    """Return the table of a bar from its pin along x, in the direction `sense`: +1 for the barrel, -1 for the rod."""
     link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
     if "com" in part:
         link["com"] = [sense * part["com"], 0]
@@ -61,7 +61,7 @@ class Mass(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """The frame of a link in that of the root of its body: its origin (2,) [m] and its angle [rad]."""
+    """The frame of a link in the frame of its body's root: origin (2,) [m] and angle [rad]."""
 
     root: str
     origin: Array
@@ -69,66 +69,65 @@ class Pose(NamedTuple):
 
 
 def together(parts: Sequence[Mass]) -> Mass:
-    """Return mass, centre and inertia of rigidly connected parts, by the parallel-axis theorem."""
+    """Return mass, centre and inertia of rigidly connected parts together, by the parallel-axis theorem."""
     mass = sum((x.mass for x in parts[1:]), start=parts[0].mass)
     com = sum((x.mass * x.com for x in parts[1:]), start=parts[0].mass * parts[0].com) / mass
     inertia = [x.inertia + x.mass * length(x.com - com) ** 2 for x in parts]
     return Mass(mass, com, sum(inertia[1:], start=inertia[0]))
 
 
-def poses(links: Mapping[str, Link], welds: Welds, first: Sequence[str], number: Number) -> dict[str, Pose]:
+def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], number: Number) -> dict[str, Pose]:
     """Return the pose of every link in its body.
 
-    The root of a body is its link that comes first in `first`, else the link that is not welded to another one.
+    The root of a body is its first link in `preferred`, else the link that is not welded to another one.
 
     Raises:
         BuildError: two pairs of points of a weld have different distances, so that they cannot coincide.
     """
     zero = number("0")
-    own = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
+    poses = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
     waiting = dict(welds)
     while waiting:  # welds form a forest: take a weld whose `to` is not itself waiting for a pose
         key, weld = next((k, x) for k, x in waiting.items() if all(x["to"] != other["link"] for other in waiting.values()))
         del waiting[key]
-        origin, turn = _on(links[weld["to"]], links[weld["link"]], key, weld, number)
-        base = own[weld["to"]]
-        own[weld["link"]] = Pose(base.root, base.origin + turn_vector(origin, base.turn), base.turn + turn)
-    poses = dict(own)
-    # express the poses of a body in the frame of its chosen root
-    for root in {x.root for x in own.values()}:
-        members = [name for name, x in own.items() if x.root == root]
-        chosen = next((x for x in first if x in members), root)
-        if chosen != root:
-            base = own[chosen]
-            for name in members:
-                poses[name] = Pose(chosen, turn_vector(own[name].origin - base.origin, -base.turn), own[name].turn - base.turn)
+        origin, turn = _pose_on(links[weld["to"]], links[weld["link"]], key, weld, number)
+        base = poses[weld["to"]]
+        poses[weld["link"]] = Pose(base.root, base.origin + turn_vector(origin, base.turn), base.turn + turn)
+    for root in {x.root for x in poses.values()}:
+        members = {name: x for name, x in poses.items() if x.root == root}
+        chosen = next((name for name in preferred if name in members), root)
+        if chosen != root:  # express all poses of the body in the frame of the preferred link
+            base = members[chosen]
+            for name, pose in members.items():
+                poses[name] = Pose(chosen, turn_vector(pose.origin - base.origin, -base.turn), pose.turn - base.turn)
             poses[chosen] = Pose(chosen, pair(number, (0, 0)), zero)
     return poses
 
 
-def _on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number) -> tuple[Array, Any]:
+def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number) -> tuple[Array, Any]:
     """Return origin (2,) [m] and angle [rad] of a link's frame in the frame of the link that it is welded to."""
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
-    pairs = [(to.points[a.partition(".")[2]], link.points[b.partition(".")[2]]) for a, b in weld["points"]]
-    if len(pairs) == 2:
-        there, here = (b - a for a, b in zip(*pairs, strict=True))
-        if length(here) == 0 or abs(length(there) - length(here)) > SAME * length(here):
-            apart = f"{float(length(there)):.6g} m apart on {to.name}, {float(length(here)):.6g} m on {link.name}"
+    points = [(to.points[a.partition(".")[2]], link.points[b.partition(".")[2]]) for a, b in weld["points"]]
+    on_to, on_link = points[0]
+    if len(points) == 2:
+        line_to, line_link = points[1][0] - on_to, points[1][1] - on_link
+        if length(line_link) == 0 or abs(length(line_to) - length(line_link)) > SAME * length(line_link):
+            apart = f"{float(length(line_to)):.6g} m apart on {to.name}, {float(length(line_link)):.6g} m on {link.name}"
             raise BuildError(f"welds.{key}.points", f"two pairs of points cannot coincide: {apart}")
-        turn = np.arctan2(there[1], there[0]) - np.arctan2(here[1], here[0])
-    a, b = pairs[0]
-    return a - turn_vector(b, turn), turn
+        turn = np.arctan2(line_to[1], line_to[0]) - np.arctan2(line_link[1], line_link[0])
+    return on_to - turn_vector(on_link, turn), turn
 
 
-def bodies(links: Mapping[str, Link], placed: Mapping[str, Pose]) -> tuple[Link, ...]:
+def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, ...]:
     """Return one link for each body, in the order of the file."""
-    roots = list(dict.fromkeys(placed[name].root for name in links))
-    return tuple(_body(links[root], {k: x for k, x in placed.items() if x.root == root}, links) for root in roots)
+    roots = dict.fromkeys(poses[name].root for name in links)
+    return tuple(_body(links[root], {name: x for name, x in poses.items() if x.root == root}, links) for root in roots)
 
 
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
+    """Return one link for a body: `root` with the points, bars and masses of all members, in the root's frame."""
     if len(members) == 1:
         return root
     points: dict[str, Array] = {}
@@ -143,28 +142,28 @@ def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) ->
     return Link(root.name, whole.mass, whole.inertia, whole.com, points, tuple(bars))
 
 
-def parts(links: Mapping[str, Link], placed: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
+def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
     """Return every link of the file as a part of its body."""
     index = {body.name: i for i, body in enumerate(bodies)}
     parts = []
     for name, link in links.items():
-        pose = placed[name]
+        pose = poses[name]
         i = index[pose.root]
         parts.append(Part(name, i, pose.origin + turn_vector(link.com, pose.turn) - bodies[i].com, pose.turn))
     return tuple(parts)
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
-    """Read welds: the links beyond each weld, and the point about which its moment is reported."""
+    """Return the welds: of each the links beyond it, and the point about which its moment is reported."""
     names = list(links)
-    read = []
+    found = []
     for key, weld in welds.items():
-        beyond = {weld["link"]}  # grows to every link that is held through this weld
+        beyond = {weld["link"]}  # grows to every link that this weld carries
         while more := {x["link"] for x in welds.values() if x["to"] in beyond} - beyond:
             beyond |= more
         link = links[weld["link"]]
         point = weld["points"][0][1].partition(".")[2] if "points" in weld else None
-        at = link.points[point] if point else 0 * link.com
+        at = link.points[point] if point else 0 * link.com  # else the origin of the link's frame
         place = Point(names.index(link.name), at - link.com, f"{link.name}.{point or ''}")
-        read.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
-    return tuple(read)
+        found.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in beyond)))
+    return tuple(found)

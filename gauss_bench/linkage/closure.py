@@ -1,19 +1,18 @@
 """First assembly: from a rough sketch to a consistent start.
 
-The sketch picks the branch: Gauss-Newton closes the joints from it with nothing held, then the held coordinates of the start are
-reached in small steps, so that a start far from the sketch keeps its assembly. Speeds follow from one linear system.
+The sketch decides the assembly mode. Gauss-Newton closes the joints from it while no coordinate is held. Then the coordinates that
+the start holds move to their values in small steps, so that the assembly mode is kept. Speeds follow from one linear system.
 """
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.build import measure_angle, measure_slide
-from gauss_bench.linkage.errors import AssemblyError, NotPlaced
+from gauss_bench.linkage.errors import AssemblyError
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.close import Residual, project
 from gauss_bench.mechanism.coordinates import gradient, spread, value
 from gauss_bench.mechanism.evaluate import Constraints
@@ -28,17 +27,18 @@ from gauss_bench.mechanism.model import (
     Mechanism,
     Point,
 )
-from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians, turn_vector
+from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
-LARGE, REGULAR = 100, 1e-8  # rows and columns from which normal equations are solved, where their pivots are that even
+LARGE = 100  # rows and columns from which sparse normal equations are solved
+REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
 MOVES = 1e-6  # share of a coordinate's gradient that the joints leave free: far above rounding over any usable conditioning
 CLOSED = 1e-10  # [m, rad] a residual that rounding explains; Gauss-Newton ends near 1e-16
 STILL = 1e-15  # [m, rad] a step of Gauss-Newton that only rounding makes
-NEARLY = 1e-9  # [m, rad] a step of Gauss-Newton that ends an intermediate closure: convergence is quadratic, so 1e-18 is left
+NEARLY = 1e-9  # [m, rad] the last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left
 FAR, ROUNDING = 100.0, 4e-16  # coordinates larger than FAR [m, rad] converge only to their own rounding, relative ROUNDING
 LONGEST = 0.5  # [m, rad] longest step of Gauss-Newton
 STEP = np.radians(5.0)  # largest change of a held coordinate between two closures
@@ -48,7 +48,11 @@ MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole t
 
 @dataclass(frozen=True)
 class Held:
-    """Coordinates that a start holds, with the values (k,) and rates (k,) that they must take [m, rad and per second]."""
+    """The k coordinates that a start holds.
+
+    Attributes:
+        target, rate: (k,) values and rates that they must take [m, rad and per second].
+    """
 
     coordinates: list[Coordinate]
     target: Array
@@ -58,6 +62,10 @@ class Held:
         """Return the values (k,) of the held coordinates at q (n,), and their gradients as rows (k, n)."""
         rows = [gradient(x, q) for x in self.coordinates]
         return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
+
+    def distance(self, q: Array) -> float:
+        """Return how far the held coordinates at q (n,) are from their targets: the largest difference [m or rad]."""
+        return float(np.abs(self.of(q)[0] - self.target).max(initial=0.0))
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
@@ -69,8 +77,8 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     """
     joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
     held = list_held(mechanism, document["scenarios"][mechanism.scenario])
-    q = sketch_from(mechanism, document)
-    q = reach(mechanism, joints, held, q)
+    q = close_sketch(mechanism, document)
+    q = reach_held(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
     rank = _rank(joints(0.0, q, v).J)
     closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
@@ -78,12 +86,12 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
         closed = replace(closed, measured=first_moving(closed, joints(0.0, q, v).J))
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
-    closed = replace(closed, warnings=tuple(through_zero(closed, joints)))
-    return replace(closed, apart=closed.apart and start_state(closed.apart, closed))
+    closed = replace(closed, warnings=tuple(warn_of_zero_length(closed, joints)))
+    return replace(closed, apart=closed.apart and place_apart(closed.apart, closed))
 
 
-def sketch_from(mechanism: Mechanism, document: dict[str, Any]) -> Array:
-    """Return q (n,) with the joints closed near the sketch; no coordinate of a start is held.
+def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
+    """Return q (n,) with the joints closed near the sketch; the scenario's start is ignored.
 
     Raises:
         AssemblyError: a link is not placed by the sketch, or the joints cannot be closed.
@@ -92,19 +100,19 @@ def sketch_from(mechanism: Mechanism, document: dict[str, Any]) -> Array:
     return close_joints(mechanism, joints, sketch(mechanism, document))
 
 
-def start_state(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism of unwelded links, placed where the start of the welded bodies puts them."""
+def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism of separate links, placed where the start of the welded bodies puts them."""
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     links = spread(mechanism, start)
     return replace(apart, q0=links.q[0], v0=links.v[0])
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
-    """Return names of link angles and slides that, held together, leave no freedom beside rows J (m, n) at q (n,); angles first."""
+    """Return names of link angles and slides that, held beside rows J (m, n) at q (n,), leave no freedom; angles come first."""
     names = []
     rank = _rank(J)
-    # greedy: a coordinate is taken when its gradient raises the rank of the rows taken so far
-    for x in _coordinates(mechanism):
+    # greedy: a coordinate is taken if its gradient raises the rank of the rows taken so far
+    for x in _list_coordinates(mechanism):
         more = np.vstack([J, gradient(x.coordinate, q)])
         if rank < mechanism.n and _rank(more) > rank:
             J, rank = more, rank + 1
@@ -112,23 +120,23 @@ def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
     return names
 
 
-def _coordinates(mechanism: Mechanism) -> list[Measured]:
+def _list_coordinates(mechanism: Mechanism) -> list[Measured]:
     """Return the angle of every link, then the coordinate of every slide."""
     angles = [measure_angle(mechanism.links, i) for i in range(len(mechanism.links))]
     return [*angles, *map(measure_slide, mechanism.slides)]
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
-    """Return the first link angle, or else the first slide, that joint rows J (m, n) let move.
+    """Return the first link angle, or else the first slide, that can move with joint rows J (m, n).
 
-    If the linkage is rigid, that is the angle of the first link.
+    If the linkage is rigid, this is the angle of the first link.
     """
-    coordinates = _coordinates(mechanism)
+    coordinates = _list_coordinates(mechanism)
     rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])  # (k, n)
-    # a gradient that is a combination of joint rows belongs to a coordinate that cannot move: project those rows out
-    held = _shortest(J.T, rows.T)
-    free = np.abs(rows - held.T @ J).max(axis=1) > MOVES
-    return coordinates[int(free.argmax())]
+    # a coordinate cannot move if its gradient is a combination of joint rows: subtract the nearest combination
+    combination = _shortest(J.T, rows.T)
+    moves = np.abs(rows - combination.T @ J).max(axis=1) > MOVES
+    return coordinates[int(moves.argmax())]
 
 
 def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
@@ -149,63 +157,73 @@ def check_springs(mechanism: Mechanism) -> None:
     """Refuse a spring with a rest length between points that coincide at the start.
 
     Raises:
-        AssemblyError: there is one.
+        AssemblyError: there is such a spring.
     """
-    for f in mechanism.forces:
-        for law in (x for x in f.lowered() if isinstance(x, Law) and (x.rest != 0 or x.bias != 0)):
-            if isinstance(law.coordinate, Distance) and value(law.coordinate, mechanism.q0) < CLOSED:
-                raise AssemblyError(f"forces.{f.name}.between", "the points coincide at the start: the force has no direction")
+    for name, law, distance in _laws_on_distances(mechanism):
+        if (law.rest != 0 or law.bias != 0) and value(distance, mechanism.q0) < CLOSED:
+            raise AssemblyError(f"forces.{name}.between", "the points coincide at the start: the force has no direction")
 
 
-def through_zero(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
+def warn_of_zero_length(mechanism: Mechanism, joints: Constraints) -> Iterator[str]:
     """Warn of springs with a rest length whose end points the linkage can bring together: their force has no direction there."""
     if mechanism.dof <= len(mechanism.drivers):
         return  # the motion does not follow from forces
     close, world = joint_residual(joints), Point(GROUND, np.zeros(2), "ground.")
-    for f in mechanism.forces:
-        for law in (x for x in f.lowered() if isinstance(x, Law) and x.k * x.rest + x.bias != 0):
-            if not isinstance(ends := law.coordinate, Distance):
-                continue
-            # x and y of both ends; the joints closed with equal x and equal y mean that the points coincide
-            axes = [[Along(world, p, 0.0, across) for p in (ends.a, ends.b)] for across in (False, True)]
+    for name, law, distance in _laws_on_distances(mechanism):
+        if law.k * law.rest + law.bias == 0:
+            continue
+        # if the joints can be closed with x and y of both ends equal, the points can coincide
+        a, b = distance.a, distance.b
+        axes = [(Along(world, a, 0.0, across), Along(world, b, 0.0, across)) for across in (False, True)]
 
-            def residual(q: Array, axes: list[list[Along]] = axes) -> tuple[Array, Array]:
-                (F, J), gaps = close(q), [value(b, q) - value(a, q) for a, b in axes]
-                return np.append(F, gaps), np.vstack([J, *(gradient(b, q) - gradient(a, q) for a, b in axes)])
+        def residual(q: Array, axes: list[tuple[Along, Along]] = axes) -> tuple[Array, Array]:
+            F, J = close(q)
+            gaps = [value(at_b, q) - value(at_a, q) for at_a, at_b in axes]
+            return np.append(F, gaps), np.vstack([J, *(gradient(at_b, q) - gradient(at_a, q) for at_a, at_b in axes)])
 
-            if gauss_newton(mechanism.q0, residual)[1] < CLOSED:
-                yield (
-                    f"forces.{f.name}: the linkage can bring {ends.a.name} and {ends.b.name} together, where the spring has no "
-                    "direction: its force turns round at once, and no step size follows that; keep the motion away from there"
-                )
+        if gauss_newton(mechanism.q0, residual)[1] < CLOSED:
+            yield (
+                f"forces.{name}: the linkage can bring {a.name} and {b.name} together, where the spring has no "
+                "direction: its force reverses at once, which no step size resolves; keep the motion away from there"
+            )
+
+
+def _laws_on_distances(mechanism: Mechanism) -> Iterator[tuple[str, Law, Distance]]:
+    """Yield the name of every force that acts along the distance of two points, with its law and that distance."""
+    for force in mechanism.forces:
+        for load in force.to_loads():
+            if isinstance(load, Law) and isinstance(load.coordinate, Distance):
+                yield force.name, load, load.coordinate
 
 
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
-    """Solve residual(q) -> (F, J) for F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST.
+    """Solve F = 0, where residual(q) returns F and J, by Gauss-Newton with minimum-norm steps of at most LONGEST.
 
-    The iteration ends when a step is smaller than `enough`, or than the rounding of coordinates that are large.
+    The iteration ends if a step is smaller than `enough`, or than the rounding of coordinates that are large.
 
     Returns:
-        q (n,) and max |F| there, infinity if the iteration diverged.
+        q (n,) and max |F| there; infinity if the iteration diverged.
     """
 
-    def lost(_: Array, F: Array, J: Array) -> bool:
+    def is_infinite(_: Array, F: Array, J: Array) -> bool:
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def still(q: Array, size: Array) -> bool:
         largest = float(np.abs(q).max(initial=0.0))
         return bool(size < (enough if largest < FAR else max(enough, ROUNDING * largest)))
 
-    q = project(q, residual, _shortest, iterations, lost, still, LONGEST)
+    q = project(q, residual, _shortest, iterations, is_infinite, still, LONGEST)
     F, J = residual(q)
-    return q, np.inf if lost(q, F, J) else float(np.abs(F).max(initial=0.0))
+    return q, np.inf if is_infinite(q, F, J) else float(np.abs(F).max(initial=0.0))
 
 
 def _shortest(J: Array, F: Array) -> Array:
     """Return the shortest x that minimises |J x - F|; large regular systems are solved by sparse normal equations."""
-    sparse, factors = _normal_equations(J)
-    if factors is None:
+    normal = _normal_equations(J)
+    if normal is None:
         return np.asarray(np.linalg.lstsq(J, F, rcond=RANK_TOLERANCE)[0])
+    sparse, factors = normal
+    # more columns than rows: x = J^T (J J^T)^-1 F; else x = (J^T J)^-1 J^T F
     return np.asarray(sparse.T @ factors.solve(F) if J.shape[0] <= J.shape[1] else factors.solve(sparse.T @ F))
 
 
@@ -213,36 +231,36 @@ def _rank(J: Array) -> int:
     """Return the rank of rows J (m, n); regular normal equations show a full rank without a singular value decomposition."""
     if not len(J):
         return 0
-    return min(J.shape) if _normal_equations(J)[1] is not None else int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
+    return int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE)) if _normal_equations(J) is None else min(J.shape)
 
 
-def _normal_equations(J: Array) -> tuple[Any, Any]:
-    """Return sparse J and LU factors of the smaller of J J^T and J^T J; None, None if J is small or they are singular."""
-    if min(J.shape) >= LARGE:
-        from scipy.sparse import csc_array
-        from scipy.sparse.linalg import splu
+def _normal_equations(J: Array) -> tuple[Any, Any] | None:
+    """Return sparse J and LU factors of the smaller of J J^T and J^T J; None if J is small or they are nearly singular."""
+    if min(J.shape) < LARGE:
+        return None
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
 
-        sparse = csc_array(J)
-        with suppress(RuntimeError):  # exactly singular
-            factors = splu((sparse @ sparse.T if J.shape[0] <= J.shape[1] else sparse.T @ sparse).tocsc())
-            pivots = np.abs(factors.U.diagonal())
-            if pivots.min() > REGULAR * pivots.max():
-                return sparse, factors
-    return None, None
+    sparse = csc_array(J)
+    normal = sparse @ sparse.T if J.shape[0] <= J.shape[1] else sparse.T @ sparse
+    try:
+        factors = splu(normal.tocsc())
+    except RuntimeError:  # exactly singular
+        return None
+    pivots = np.abs(factors.U.diagonal())
+    return (sparse, factors) if pivots.min() > REGULAR * pivots.max() else None
 
 
 def levenberg_marquardt(q: Array, residual: Residual) -> Array:
     """Search for a root by Levenberg-Marquardt, for a sketch from which Gauss-Newton does not close the joints."""
     from scipy.optimize import least_squares
 
-    tolerance = 1e-15
-    return np.asarray(
-        least_squares(lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], xtol=tolerance, ftol=tolerance, gtol=tolerance).x
-    )
+    tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
+    return np.asarray(least_squares(lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], **tolerances).x)
 
 
 def joint_residual(joints: Constraints) -> Residual:
-    """Return the function q (n,) -> joint constraints phi (m,) and their Jacobian (m, n)."""
+    """Return the function of q (n,) that returns the residuals phi (m,) of the joints and their Jacobian (m, n)."""
 
     def residual(q: Array) -> tuple[Array, Array]:
         rows = joints(0.0, q, np.zeros_like(q))
@@ -268,50 +286,50 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     return closed
 
 
-def list_held_items(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> list[tuple[Coordinate, Any, Any]]:
-    """List the coordinates that the start and the drivers at t = 0 hold, with their values and rates."""
-    held: list[tuple[Coordinate, Any, Any]] = []
+def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
+    """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their values and rates."""
+    held: list[tuple[Coordinate, Any, Any]] = []  # coordinate, value, rate
     for driver in mechanism.drivers:
         target, rate, _ = driver.law(number("0"))
         held.append((driver.coordinate, target, rate))
     for link, (target, rate) in _list_held_angles(mechanism, scenario, number).items():
         held.append((Angle(GROUND, link), target, rate))
     start = scenario.get("start", {})
-    by_name = {joint.name: joint for joint in mechanism.slides}
+    slides = {joint.name: joint for joint in mechanism.slides}
     for name, target in start.get("slides", {}).items():
         rate = start.get("slide_speeds", {}).get(name, 0)
-        held.append((by_name[name].motion, exact(number, target), exact(number, rate)))
-    for reference, target in start.get("points", {}).items():
+        held.append((slides[name].motion, exact(number, target), exact(number, rate)))
+    world = Point(GROUND, pair(number, (0, 0)), "ground.")
+    for reference, targets in start.get("points", {}).items():
         rates = start.get("point_velocities", {}).get(reference, (0, 0))
-        point = mechanism.named_point(reference)
-        for axis, across in enumerate((False, True)):
-            along = Along(Point(GROUND, pair(number, (0, 0)), "ground."), point, 0.0, across)
-            held.append((along, exact(number, target[axis]), exact(number, rates[axis])))
-    return held
-
-
-def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
-    """List the angles, slides, points and lengths that the start and the drivers at t = 0 hold, with their rates."""
-    items = list_held_items(mechanism, scenario, number)
-    return Held([x for x, _, _ in items], np.array([target for _, target, _ in items]), np.array([rate for _, _, rate in items]))
+        point = mechanism.find_point(reference)
+        for across, target, rate in zip((False, True), targets, rates, strict=True):  # x, then y
+            held.append((Along(world, point, 0.0, across), exact(number, target), exact(number, rate)))
+    return Held([x for x, _, _ in held], np.array([target for _, target, _ in held]), np.array([rate for _, _, rate in held]))
 
 
 def _list_held_angles(mechanism: Mechanism, scenario: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Link index -> held angle [rad] and speed [rad/s]."""
+    """Return index of a body -> angle [rad] and angular speed [rad/s] that the start holds."""
     start = scenario.get("start", {})
-    placed = mechanism.placed
-    speeds = {placed(name)[0]: exact(number, x) for name, x in start.get("speeds", {}).items()}
-    if "speed" in start and mechanism.crank is not None:
-        speeds.setdefault(mechanism.crank, exact(number, start["speed"]))
-    angles = {placed(name)[0]: radians(number, x) - placed(name)[1] for name, x in start.get("angles_deg", {}).items()}
-    angles |= {placed(name)[0]: exact(number, x) - placed(name)[1] for name, x in start.get("angles", {}).items()}
-    if mechanism.crank is not None and {"crank", "crank_deg"} & start.keys():
-        angles[mechanism.crank] = angle_of(start, "crank", number)
-    return {i: (x, speeds.get(i, number("0"))) for i, x in angles.items()}
+    speeds: dict[int, Any] = {}
+    for name, speed in start.get("speeds", {}).items():
+        body, _ = mechanism.find_body(name)
+        speeds[body] = exact(number, speed)
+    crank = mechanism.crank
+    if "speed" in start and crank is not None:
+        speeds.setdefault(crank, exact(number, start["speed"]))
+    angles: dict[int, Any] = {}
+    for key, convert in (("angles_deg", radians), ("angles", exact)):
+        for name, angle in start.get(key, {}).items():
+            body, turn = mechanism.find_body(name)
+            angles[body] = convert(number, angle) - turn
+    if crank is not None and {"crank", "crank_deg"} & start.keys():
+        angles[crank] = angle_of(start, "crank", number)
+    return {body: (angle, speeds.get(body, number("0"))) for body, angle in angles.items()}
 
 
-def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
-    """Move a closed q (n,) until the held coordinates take their values, in steps small enough to keep the assembly branch.
+def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
+    """Move a closed q (n,) until the held coordinates take their values, in steps small enough to keep the assembly mode.
 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
@@ -320,10 +338,11 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     close, evaluations = joint_residual(joints), 0
 
     def follow(state: Array, closed: bool) -> tuple[Array, float]:
-        """Return the end of the homotopy and its residual; with `closed`, stop at the first place that cannot be closed."""
+        """Return the end of the homotopy and its residual; with `closed`, stop at the first position that cannot be closed."""
         # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
         gap, error = held.of(state)[0] - held.target, np.inf
-        for part in np.linspace(1.0, 0.0, 2 + min(MOST_STEPS, int(np.abs(gap).max(initial=0.0) / STEP)))[1:]:
+        steps = 1 + min(MOST_STEPS, int(held.distance(state) / STEP))
+        for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
             if part and error > CLOSED and evaluations > PATIENCE:
                 continue
             goal = held.target + part * gap
@@ -331,19 +350,22 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
                 nonlocal evaluations
                 evaluations += 1
-                (F, J), (value, rows) = close(x), held.of(x)
-                return np.concatenate([F, value - goal]), np.vstack([J, rows])
+                F, J = close(x)
+                values, rows = held.of(x)
+                return np.concatenate([F, values - goal]), np.vstack([J, rows])
 
             state, error = gauss_newton(state, residual, enough=NEARLY if part else STILL)
             if closed and error > CLOSED:
                 break
         return state, error
 
-    # First with every intermediate place closed, which keeps the branch; then from whole turns nearer; last through places that
-    # cannot be closed, as a start beyond a dead centre needs it.
+    # First close every intermediate position, which keeps the assembly mode; then start nearer by whole turns; at last go through
+    # positions that cannot be closed, which a start beyond a dead centre needs. From far away, whole turns come first.
     near = turn_links(mechanism, held, q)
-    far = bool(np.abs(held.of(q)[0] - held.target).max(initial=0.0) > MOST_STEPS * STEP)
-    for start, closed in ((near, True), (near, False)) if far else ((q, True), (near, True), (q, False)):
+    attempts = [(q, True), (near, True), (q, False)]
+    if held.distance(q) > MOST_STEPS * STEP:
+        attempts = [(near, True), (near, False)]
+    for start, closed in attempts:
         reached, error = follow(start, closed)
         if error <= CLOSED:
             break
@@ -353,24 +375,24 @@ def reach(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Ar
     rank = _rank(J)
     if rank < mechanism.n:
         free = ", ".join(free_coordinates(mechanism, reached, J))
-        way = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""
+        where = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""
         text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; what is free: {free or 'a link'}"
-        raise AssemblyError(path, f"{text}; hold it{way}")
+        raise AssemblyError(path, f"{text}; hold it{where}")
     return reached
 
 
 def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """Return the same pose with each held angle within half a turn of its target, by adding whole turns.
 
-    Links that slides connect to a turned link are turned with it: the slide constraint compares their angles.
+    Links that slides connect to a turned link are turned with it, because a slide compares the angles of its links.
     """
     q = q.copy()
-    tied = [{end.link for end in joint.ends} for joint in mechanism.slides]
+    slides = [{end.link for end in joint.ends} for joint in mechanism.slides]
     for coordinate, gap in zip(held.coordinates, held.target - held.of(q)[0], strict=True):
         if isinstance(coordinate, Angle) and coordinate.a == GROUND:
             links = {coordinate.b}  # grows to all links that slides connect to it
-            for _ in tied:
-                links = links.union(*(pair for pair in tied if pair & links))
+            for _ in slides:
+                links = links.union(*(pair for pair in slides if pair & links))
             if GROUND not in links:
                 angles(q)[sorted(links)] += 2 * np.pi * np.round(gap / (2 * np.pi))
     return q
@@ -380,116 +402,16 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """Return v (n,) that satisfies joints, knife edges and the held rates.
 
     Raises:
-        AssemblyError: the rates contradict the constraints or leave the velocity undetermined.
+        AssemblyError: the rates contradict the constraints.
     """
     rows = Constraints(replace(mechanism, drivers=()))(0.0, q, np.zeros_like(q))
-    # J v = 0 for joints and knife edges, and the held gradients times v equal the held rates
+    # J v = 0 for joints and knife edges; the gradients of held coordinates times v equal the held rates
     A = np.vstack([rows.J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
     v = _shortest(A, b)
     if np.abs(A @ v - b).max(initial=0.0) > CLOSED * max(1.0, np.abs(b).max(initial=0.0)):
         raise AssemblyError(f"scenarios.{mechanism.scenario}.start", "the speeds violate the constraints")
     return v
-
-
-def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
-    """Return a first guess q (n,): each link is placed by two known points, or by one point and a known angle.
-
-    An angle is known from the file, or from a link that slides along this one.
-
-    Raises:
-        NotPlaced: links that cannot be placed, by name.
-    """
-    placing = _Sketch(mechanism, document)
-    todo = list(range(len(mechanism.links)))
-    while todo:
-        placed = [i for i in todo if placing.place(i)]
-        if not placed:
-            raise NotPlaced(tuple(mechanism.links[i].name for i in todo))
-        todo = [i for i in todo if i not in placed]
-    return np.concatenate([[*placing.centre[i], placing.theta[i]] for i in range(len(mechanism.links))])
-
-
-class _Sketch:
-    """Places links one after the other: a placed link makes its pins known to its neighbours.
-
-    Attributes:
-        given: body -> angle [rad] that the file gives.
-        drawn: name of a point -> world position (2,) [m] in the sketch, from joints, single points and ground pivots.
-        theta, centre: body -> angle [rad] and centre of mass (2,) [m] of the placed bodies.
-    """
-
-    def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
-        self.mechanism, assembly = mechanism, document.get("assembly", {})
-        angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()} | assembly.get("angles", {})
-        self.given = {i: x - turn for name, x in angles.items() for i, turn in [mechanism.placed(name)]}
-        drawing, drawn = assembly.get("sketch", {}), dict[str, Any]()
-        for name, joint in write_out(document).get("joints", {}).items():
-            references = joint.get("at") or [joint["block"]]
-            grounded = [mechanism.ground_points[r.split(".")[1]] for r in references if r.startswith("ground.")]
-            where = drawing.get(name, grounded[0] if grounded else None)
-            drawn |= {} if where is None else dict.fromkeys(references, where)
-        drawn |= {r: x for r, x in drawing.items() if "." in r}
-        self.drawn = {mechanism.named_point(r).name: np.array(x, dtype=float) for r, x in drawn.items()}
-        self.theta: dict[int, float] = {GROUND: 0.0}
-        self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
-
-    def world(self, point: Point) -> Array:
-        return np.asarray(self.centre[point.link] + turn_vector(point.local, self.theta[point.link]))
-
-    def place(self, i: int) -> bool:
-        """Place body i if enough is known, and return whether it was placed."""
-        link = self.mechanism.links[i]
-        known = {name: self.drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in self.drawn}
-        for pin in self.mechanism.pins:
-            for mine, other in (pin.ends, pin.ends[::-1]):
-                if mine.link == i and other.link in self.theta:
-                    known.setdefault(mine.name.partition(".")[2], self.world(other))
-        if not known:
-            return False
-        # `first` is put where it is drawn; a second point apart from it gives the angle
-        (first, at), *others = known.items()
-        apart = next((name for name, _ in others if np.any(link.points[name] != link.points[first])), None)
-        near, turn = self._partner_angle(i), self.given.get(i)
-        if turn is None and apart is not None:
-            own, drawn_line = link.points[apart] - link.points[first], known[apart] - at
-            turn = float(np.arctan2(drawn_line[1], drawn_line[0]) - np.arctan2(own[1], own[0]))
-        elif turn is None:
-            turn = self._slide_angle(i) if near is None else near
-        if turn is None:
-            return False
-        if near is not None:  # the sketch fixes angles only up to whole turns; slides do not
-            turn += 2 * np.pi * round((near - turn) / (2 * np.pi))
-        self.theta[i] = turn
-        self.centre[i] = at - turn_vector(link.points[first] - link.com, turn)
-        return True
-
-    def _slide_angle(self, i: int) -> float | None:
-        """Return the angle [rad] of body i from a slide whose guide and block points are known, the block ahead of the guide."""
-
-        def where(point: Point) -> Array | None:
-            ends = [(x, y) for pin in self.mechanism.pins for x, y in (pin.ends, pin.ends[::-1])]
-            shared = next((y for x, y in ends if x.name == point.name and y.link in self.theta), None)
-            return self.drawn.get(point.name, None if shared is None else self.world(shared))
-
-        for joint in self.mechanism.slides:
-            guide, block = where(joint.guide), where(joint.block)
-            if i not in (joint.guide.link, joint.block.link) or guide is None or block is None:
-                continue
-            apart = float(np.hypot(*(block - guide)))
-            # the axis passes the block at the offset: it is turned off the line of both points by arcsin(offset / apart)
-            if apart > abs(joint.offset):
-                line = float(np.arctan2(*(block - guide)[::-1])) - float(np.arcsin(joint.offset / apart)) - joint.angle
-                return line if i == joint.guide.link else line + joint.turn
-        return None
-
-    def _partner_angle(self, i: int) -> float | None:
-        """Return the angle [rad] of body i from a slide to a placed body; None without one."""
-        for joint in self.mechanism.slides:
-            for mine, other, turn in ((joint.block, joint.guide, joint.turn), (joint.guide, joint.block, -joint.turn)):
-                if mine.link == i and other.link in self.theta:
-                    return self.theta[other.link] + turn
-        return None
 
 
 def null_space(J: Array, n: int) -> Array:

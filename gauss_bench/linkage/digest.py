@@ -1,4 +1,4 @@
-"""Digests of everything that a result depends on: the numbers of a mechanism, and the sources that computed it."""
+"""Digests of everything that a result depends on: the numbers of a mechanism, and the source files that compute it."""
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
@@ -12,22 +12,27 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 PACKAGE = Path(__file__).parents[1]
-WORDS = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism that no result depends on
+NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "apart"}  # fields of a mechanism
 
 
-def source_digest(*rooms: str, without: Collection[str] = ()) -> str:
-    """SHA-256 of the names and contents of all files of the package's rooms, at every depth; "" is the whole package.
+def source_digest(*folders: str, without: Collection[str] = ()) -> str:
+    """Return SHA-256 of the names and contents of all files in folders of the package, at every depth.
+
+    Args:
+        folders: folders or files of the package; "" is the whole package.
+        without: names of folders and files that are left out.
 
     Raises:
-        FileNotFoundError: a room has no files, so that its versions could not be told apart.
+        FileNotFoundError: a folder has no files, so that its versions have no digest.
     """
     digest = hashlib.sha256()
-    for room in rooms:
-        files = [PACKAGE / room] if (PACKAGE / room).is_file() else sorted(x for x in (PACKAGE / room).rglob("*") if x.is_file())
+    for folder in folders:
+        place = PACKAGE / folder
+        files = [place] if place.is_file() else sorted(x for x in place.rglob("*") if x.is_file())
         names = [x.relative_to(PACKAGE) for x in files]
         used = [x for x in names if "__pycache__" not in x.parts and not {*without} & {x.parts[0], x.name}]
         if not used:
-            raise FileNotFoundError(f"{PACKAGE / room}: no sources there to tell one version from another")
+            raise FileNotFoundError(f"{place}: no sources whose digest would identify a version")
         for name in used:
             digest.update(f"{name.as_posix()}\n".encode() + (PACKAGE / name).read_bytes())
     return digest.hexdigest()
@@ -46,12 +51,13 @@ def content_digest(*values: Any) -> str:
 
 
 def _content(x: Any) -> Iterator[bytes]:
+    """Yield the content of a value as bytes, with types and lengths, so that different values give different bytes."""
     match x:
         case None | bool() | int() | float() | complex() | str():
             yield repr(x).encode()
         case np.ndarray() | np.generic() if x.dtype != object:
             yield f"{x.dtype} {x.shape}".encode() + x.tobytes()
-        case MotionLaw():  # its function is made from these
+        case MotionLaw():  # its function follows from its name and numbers
             yield from _content((x.name, x.numbers))
         case Mapping():
             yield from _content([*x.items()])
@@ -62,7 +68,7 @@ def _content(x: Any) -> Iterator[bytes]:
         case _ if is_dataclass(x):
             yield type(x).__name__.encode()
             for field in fields(x):
-                if not (isinstance(x, Mechanism) and field.name in WORDS):
+                if not (isinstance(x, Mechanism) and field.name in NO_EFFECT):
                     yield from _content(getattr(x, field.name))
         case _:
-            raise TypeError(f"nothing is known of the content of {type(x).__name__}")
+            raise TypeError(f"no digest of the content of {type(x).__name__}")

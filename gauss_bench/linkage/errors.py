@@ -7,7 +7,7 @@ from gauss_bench.untrusted import BadInput
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """One fault: the dotted path of the table and field, and a text that says what is wrong."""
+    """One fault: the dotted path of the table and field, and a description."""
 
     path: str
     text: str

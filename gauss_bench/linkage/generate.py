@@ -1,8 +1,8 @@
-"""Linkages generated in any size: the N-four-bar and N pendulums; single generated linkages are files in `written/`.
+"""Linkages of any size: the N-four-bar and N pendulums.
 
 n_four_bar_N, of the IFToMM benchmark library (A02): N windows of equal bars stand side by side, N + 1 verticals on ground pivots
-(i l, 0) and N horizontals between their tops. On the parallelogram branch the linkage moves like a pendulum; it is singular
-whenever all bars lie on the ground line.
+(i l, 0) and N horizontals between their tops. As a parallelogram the linkage moves like a pendulum; it is singular whenever all
+bars lie on the ground line.
 
 pendulums_N: a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss has n - m = N unknowns, a full matrix;
 Lagrange has n + m = 5N unknowns, each coupled only with its neighbours. Its motion has no known closed form.
@@ -12,7 +12,7 @@ from typing import Any
 
 MASS, LENGTH = 1.0, 1.0  # [kg], [m] of every bar
 SPEED = 1.0  # [m/s] of the first top at the start, to the right
-FIRST, FAN = -60.0, 7.0  # [deg] of the first of many pendulums, and of each against the one before: no two are in line
+FIRST, FAN = -60.0, 7.0  # [deg] angle of the first pendulum, and of each relative to the one before: no two are in line
 
 
 def n_four_bar(count: int) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""Limits on counts, magnitudes and characters of a linkage file; `limits.toml` has each limit with its reason.
+"""Limits on counts, magnitudes and characters of a linkage file; `limits.toml` lists each limit with its reason.
 
-The limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once and with
-the place. Values in a scenario's override have the limits of the values that they replace.
+The limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once, with the
+path of the value. Values in a scenario's override have the limits of the values that they replace.
 """
 
 import tomllib
@@ -16,11 +16,11 @@ from gauss_bench.untrusted import DEEPEST, harmless, unprintable
 
 LONGEST_KEY = 200  # characters of a key
 LONGEST_TEXT = 10_000  # characters of a text
-CHAINED = 100  # points of which each is given from the one before
+CHAINED = 100  # points in a chain in which each is given relative to the next
 SHOWN = 50  # largest number of faults in one error
 MOST = 5000  # entries of a table or list whose name has no count of its own
 ENTRIES = 60_000  # of the whole file: the largest that is generated, 400 windows, has 20,000
-SQUARES = "beyond that sums and squares of it lose every digit of the rest"
+SQUARES = "beyond that, sums with it and squares of it lose all digits of other numbers"
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ ANY = Range(1e15, least=1e-30)
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
     """List the values that are too deep, too many, too large, too small or not printable.
 
-    A limit on counts or depth ends the search at once, with that fault alone.
+    If a limit on counts or depth is exceeded, the search ends at once, and only that fault is returned.
     """
     faults: list[Fault] = []
     entries = 0
-    waiting: list[tuple[str, str, Any, int]] = [("", "", document, 0)]  # path, the nearest key that bounds it, value, depth
+    waiting: list[tuple[str, str, Any, int]] = [("", "", document, 0)]  # path, nearest key that has limits, value, depth
     while waiting:
         path, key, item, depth = waiting.pop()
         if isinstance(item, str):
@@ -56,10 +56,11 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
             entries += len(item)
             if depth > DEEPEST:
                 return [Fault(_beginning(path), f"tables lie more than {DEEPEST} deep")]
-            if len(item) > (most := COUNTS.get(key, MOST)):
-                return [Fault(path, f"{len(item)} entries, and {most} are the most that are read")]
+            most = COUNTS.get(key, MOST)
+            if len(item) > most:
+                return [Fault(path, f"{len(item)} entries; at most {most} are read")]
             if entries > ENTRIES:
-                return [Fault("", f"more than {ENTRIES} entries in all, which are the most that are read")]
+                return [Fault("", f"more than {ENTRIES} entries in all")]
             if isinstance(item, list):
                 waiting += [(f"{path}[{i}]", key, x, depth + 1) for i, x in enumerate(item)]
                 continue
@@ -74,16 +75,18 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
 
 
 def _text_faults(path: str, text: str) -> list[Fault]:
+    """Return a fault if a text is too long or not printable."""
     if len(text) > LONGEST_TEXT:
-        return [Fault(path, f"a text of {len(text)} characters, and {LONGEST_TEXT} are the most that are read")]
+        return [Fault(path, f"a text of {len(text)} characters; at most {LONGEST_TEXT} are read")]
     if any(unprintable(x) for x in text):
-        return [Fault(path, f"{_show(text)} holds characters that cannot be printed")]
+        return [Fault(path, f"{_show(text)} contains characters that cannot be printed")]
     return []
 
 
 def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
+    """Return a fault if a number is out of the range that `limits.toml` gives for its key."""
     if x - x != 0:
-        return []  # not finite, which the grammar refuses
+        return []  # infinite or NaN: the grammar refuses it
     bound = RANGES.get(key, ANY)
     size = abs(x)
     if size > bound.most:
@@ -100,22 +103,25 @@ def _describe(x: Any) -> str:
 
 
 def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Report points that are defined relative to each other in too long a chain; circular chains are found in `references.py`."""
+    """Report points that are defined relative to each other in too long a chain; `references.py` finds circular chains."""
     links = document.get("links")
-    named = links.items() if isinstance(links, dict) else ()
-    for path, owner in [("ground", document.get("ground")), *((f"links.{key}", link) for key, link in named)]:
-        given = owner.get("points") if isinstance(owner, dict) else None
-        points: dict[str, Any] = given if isinstance(given, dict) else {}
+    owners = {"ground": document.get("ground")}
+    if isinstance(links, dict):
+        owners |= {f"links.{key}": link for key, link in links.items()}
+    for path, owner in owners.items():
+        points = owner.get("points") if isinstance(owner, dict) else None
+        if not isinstance(points, dict):
+            continue
         for name in points:
-            chain, back = follow(points, name)
-            if len(chain) > CHAINED and back is None:
+            chain, closing = follow(points, name)
+            if len(chain) > CHAINED and closing is None:
                 yield Fault(f"{path}.points.{name}.from", f"follows from more than {CHAINED} points, one after the other")
                 return
 
 
 def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
-    """Return the chain of points that a point is defined from, itself first, and the point where the chain closes, or None."""
-    chain: dict[str, None] = {}
+    """Return the chain of points from which a point is defined, itself first, and the point where the chain closes, or None."""
+    chain: dict[str, None] = {}  # an ordered set
     while isinstance(name, str) and name not in chain:
         chain[name] = None
         name = points[name].get("from") if isinstance(points.get(name), dict) else None

@@ -1,4 +1,4 @@
-"""Reads a linkage file, applies a scenario and returns the assembled mechanism, or every fault at once."""
+"""Load a linkage: read its file, apply a scenario, and return the assembled mechanism, or every fault at once."""
 
 import copy
 import hashlib
@@ -15,28 +15,26 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import assemble, sketch, sketch_from
+from gauss_bench.linkage.closure import assemble, close_sketch
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.references import items, reference_faults, table
 from gauss_bench.linkage.schema import check_grammar
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import in_a_sentence
 from gauss_bench.untrusted import TooDeep, parse_toml, read_bytes
 
-Place = Callable[[Mechanism, dict[str, Any]], Mechanism]  # a mechanism not yet assembled, its document -> with a start
+Place = Callable[[Mechanism, dict[str, Any]], Mechanism]  # fills in q0, v0 of an unassembled mechanism from its document
 
-MAX_BYTES = 1_048_576  # 3,000 times a four-bar; anything larger is not a hand-written linkage
-KEPT = 64  # mechanisms in the cache
-FIXED = ("format", "name", "crank", "expect", "scenarios")
+MAX_BYTES = 1_048_576  # 3,000 times a four-bar; a larger file is no hand-written linkage
+CACHED = 64  # mechanisms in the cache
+FIXED = ("format", "name", "crank", "expect", "scenarios")  # keys that a scenario may not override
 BUILT_IN = (Path(__file__).parents[1] / "_mechanisms", Path(__file__).parents[2] / "mechanisms")
-WRITTEN, GENERATED = Path(__file__).with_name("written"), "gauss_bench.linkage.generate"  # of SINGLE, and of families
-SINGLE = ("pendulum", "projectile")  # known in closed form
-FAMILY = re.compile(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})")
-LARGEST = 400  # windows or bars: beyond, the file would not be a linkage but a bridge
+SINGLE = ("pendulum", "projectile")  # linkages in `written/`, whose motion is known in closed form
+FAMILY_MEMBER = re.compile(r"(n_four_bar|pendulums)_([1-9][0-9]{0,2})")  # functions of generate.py, and their argument
+LARGEST = 400  # windows or bars of a generated linkage
 
-_known: dict[tuple[str, str, str | None], Mechanism] = {}  # key: path, digest of the content, scenario; most recently used last
+_cache: dict[tuple[str, str, str | None], Mechanism] = {}  # key: path, digest of the content, scenario; most recently used last
 
 
 def built_in_folder() -> Path | None:
@@ -65,11 +63,11 @@ def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """
     document, digest, path = document_of(name_or_path)
     key = str(path), digest, scenario
-    known = _known.pop(key, None) or load_document(document, scenario, str(path), digest, path.stem)
-    if len(_known) >= KEPT:
-        del _known[next(iter(_known))]
-    _known[key] = known
-    return known
+    mechanism = _cache.pop(key, None) or load_document(document, scenario, str(path), digest, path.stem)
+    if len(_cache) >= CACHED:
+        del _cache[next(iter(_cache))]
+    _cache[key] = mechanism
+    return mechanism
 
 
 def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:
@@ -79,25 +77,25 @@ def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:
         LinkageError: the file cannot be read.
     """
     path = find(name_or_path)
-    document = None if path.exists() else generated(str(name_or_path))
+    document = None if path.exists() else generate(str(name_or_path))
     if document is None:
         return *read(path), path
     return document, hashlib.sha256(json.dumps(document).encode()).hexdigest(), path
 
 
-def generated(name: str) -> dict[str, Any] | None:
-    """Return the document of a generated linkage, such as `n_four_bar_8`; None if the name belongs to no such family."""
+def generate(name: str) -> dict[str, Any] | None:
+    """Return the document of a linkage without a file, such as `n_four_bar_8` or `pendulum`; None for any other name."""
     if name in SINGLE:
-        return parse_toml((WRITTEN / f"{name}.toml").read_text(encoding="utf-8"))
-    family = FAMILY.fullmatch(name)
-    if family is None or int(family[2]) > LARGEST:
+        return parse_toml((Path(__file__).parent / "written" / f"{name}.toml").read_text(encoding="utf-8"))
+    member = FAMILY_MEMBER.fullmatch(name)
+    if member is None or int(member[2]) > LARGEST:
         return None
-    document: dict[str, Any] = resolve_name(f"{GENERATED}:{family[1]}")(int(family[2]))
+    document: dict[str, Any] = resolve_name(f"gauss_bench.linkage.generate:{member[1]}")(int(member[2]))  # few runs import it
     return document
 
 
 def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
-    """Return the document with every fractional number as the exact Decimal in the file, not the nearest double.
+    """Return the document with every fractional number as the exact Decimal of the file, not the nearest double.
 
     Raises:
         LinkageError: the file cannot be read.
@@ -107,18 +105,13 @@ def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
     return parse_toml(path.read_text(encoding="utf-8"), Decimal) if path.exists() else document
 
 
-def at_rest(where: Callable[[Mechanism, dict[str, Any]], Array]) -> Place:
-    """Return a function that places a mechanism at rest at where(mechanism, document) (n,), whatever the scenario's start is."""
+def place_by_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
+    """Return the mechanism at rest with its joints closed near the sketch; the scenario's start is ignored.
 
-    def placed(mechanism: Mechanism, merged: dict[str, Any]) -> Mechanism:
-        q = where(mechanism, merged)
-        return replace(mechanism, q0=q, v0=0.0 * q)
-
-    return placed
-
-
-sketched = at_rest(sketch_from)  # joints closed, though some freedoms may not be determined
-drawn = at_rest(sketch)  # joints left open as drawn, to show why they do not close
+    Some freedoms may not be determined.
+    """
+    q = close_sketch(mechanism, document)
+    return replace(mechanism, q0=q, v0=0.0 * q)
 
 
 def load_document(
@@ -129,25 +122,26 @@ def load_document(
     stem: str | None = None,
     place: Place = assemble,
 ) -> Mechanism:
-    """Build the mechanism of a parsed document, as `load` does; `place` finds its start.
+    """Return the mechanism of a parsed document, as `load` does; `place` finds its start.
 
-    Numbers that overflow or lead to a singular matrix are faults of the file, not warnings of a library.
+    Raises:
+        LinkageError: naming every independent fault. Numbers that overflow or lead to a singular matrix are faults of the file.
     """
-    scenario = chosen_scenario(document, scenario, source, stem)
+    scenario = choose_scenario(document, scenario, source, stem)
     merged = merge(document, document["scenarios"][scenario].get("override", {}))
     try:
         with np.errstate(all="ignore"):
-            placed = place(build_mechanism(merged, scenario, source, sha256), merged)
+            mechanism = place(build_mechanism(merged, scenario, source, sha256), merged)
     except (BuildError, AssemblyError) as error:
         raise LinkageError(source, [error.fault]) from error
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise LinkageError(source, [Fault("", f"its numbers cannot be computed with ({in_a_sentence(error)})")]) from error
-    if not all(np.isfinite(x).all() for x in (placed.q0, placed.v0, placed.mass)):
+    if not all(np.isfinite(x).all() for x in (mechanism.q0, mechanism.v0, mechanism.mass)):
         raise LinkageError(source, [Fault("", "its numbers lead to a start that is not finite")])
-    return placed
+    return mechanism
 
 
-def chosen_scenario(document: dict[str, Any], scenario: str | None, source: str, stem: str | None = None) -> str:
+def choose_scenario(document: dict[str, Any], scenario: str | None, source: str, stem: str | None = None) -> str:
     """Check a document and return the name of the scenario: the one asked for, or the first with a start.
 
     Raises:
@@ -163,11 +157,11 @@ def chosen_scenario(document: dict[str, Any], scenario: str | None, source: str,
     return scenario
 
 
-def of_one_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any]:
+def reduce_to_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any]:
     """Return the document with one scenario's override applied and all other scenarios removed."""
-    own = document["scenarios"][scenario]
-    merged = merge(document, own.get("override", {}))
-    return merged | {"scenarios": {scenario: {key: value for key, value in own.items() if key != "override"}}}
+    own = dict(document["scenarios"][scenario])
+    merged = merge(document, own.pop("override", {}))
+    return merged | {"scenarios": {scenario: own}}
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:
@@ -198,7 +192,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
         raise refuse(f"TOML: {error}") from error
     except tomllib.TOMLDecodeError as error:
         raise refuse(*_toml_fault(str(error))) from error
-    except ValueError as error:  # Python refuses to read whole numbers of thousands of digits
+    except ValueError as error:  # Python limits the digits of whole numbers
         raise refuse(f"TOML: a number cannot be read ({error})") from error
     if not document:
         raise refuse("the file is empty")
@@ -206,7 +200,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _toml_fault(message: str) -> tuple[str, str]:
-    """Return text and path of a TOML error; a table that is declared twice is a duplicate name."""
+    """Return sentence and path for a TOML error; a table that is declared twice is a duplicate name."""
     twice = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
     if twice:
         return f"duplicate name: declared twice {twice[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", twice[1]))
@@ -216,30 +210,31 @@ def _toml_fault(message: str) -> tuple[str, str]:
 
 
 def document_faults(document: dict[str, Any], stem: str | None = None) -> list[Fault]:
-    """Return every fault of a document: keys, values, names, and the same with each scenario's override applied."""
-    faults = _own_faults(document, stem)
+    """Return every fault of a document: of keys, values and names, and those that appear with each scenario's override."""
+    faults = _faults_without_overrides(document, stem)
     if any(f.path == "format" for f in faults):
         return [f for f in faults if f.path == "format"]
-    known = {(f.path, f.text) for f in faults}
+    reported = set(faults)
     for name, scenario in items(document, "scenarios"):
         path, override = f"scenarios.{name}.override", table(scenario, "override")
-        own = override_faults(document, override, path)
-        faults += own
-        if override and not own:
-            later = _own_faults(merge(document, override), stem)
-            faults += [Fault(f"{path}.{f.path}", f.text) for f in later if (f.path, f.text) not in known]
+        wrong_paths = override_faults(document, override, path)
+        faults += wrong_paths
+        if override and not wrong_paths:
+            overridden = _faults_without_overrides(merge(document, override), stem)
+            faults += [Fault(f"{path}.{f.path}", f.text) for f in overridden if f not in reported]
     return sorted(set(faults))
 
 
-def _own_faults(document: dict[str, Any], stem: str | None) -> list[Fault]:
-    """Return every fault of a document, overrides left aside."""
-    faults, sound = check_grammar(document)
-    spoilt = any(f.path.startswith("cylinders") for f in faults)  # other names may refer to links of cylinders
-    return faults if spoilt else [*faults, *reference_faults(sound, stem)]
+def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
+    """Return every fault of a document itself; overrides of scenarios are ignored."""
+    faults, accepted = check_grammar(document)
+    if any(f.path.startswith("cylinders") for f in faults):
+        return faults  # other names may refer to links of cylinders
+    return [*faults, *reference_faults(accepted, stem)]
 
 
 def override_faults(document: dict[str, Any], override: dict[str, Any], path: str) -> list[Fault]:
-    """Return the faults of an override's own paths: tables that do not exist, and keys that may not change."""
+    """Return the faults of an override's paths: tables that do not exist, and keys that may not change."""
     faults = [Fault(f"{path}.{key}", "cannot be overridden") for key in override if key in FIXED]
 
     def walk(existing: Any, change: dict[str, Any], where: str) -> None:

@@ -1,7 +1,7 @@
-"""Checks that the schema cannot make: names that must resolve, points that must be determined, keys that belong together.
+"""Checks beyond the schema: names must resolve, points must be determined, and some keys exclude or need each other.
 
-In the document, the schema has replaced every value that it refused by None. Checks skip None, so that all faults of a file are
-reported at once. `grammar.toml` lists the places of names, and the kind of thing that each must name.
+The schema has replaced every value that it refused by None. Checks skip None, so that all faults of a file are reported at once.
+`grammar.toml` lists the places of names, and the kind of thing that each must name.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,50 +20,56 @@ RADIAN_PAIRS = ("angle", "phase", "block_angle", "rest", "start", "travel", "cra
 
 
 def table(value: Any, key: str) -> dict[str, Any]:
-    """The sub-table `key`, or an empty one where there is none or it is not a table."""
+    """Return the sub-table `key`, or an empty table if there is none."""
     inner = value.get(key) if isinstance(value, dict) else None
     return inner if isinstance(inner, dict) else {}
 
 
 def items(value: Any, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Named sub-tables of `key` that really are tables."""
+    """Return name and table of each sub-table of `key`; other values are left out."""
     return ((name, entry) for name, entry in table(value, key).items() if isinstance(entry, dict))
 
 
 def sequence(value: Any, key: str) -> list[Any]:
+    """Return the list `key`, or an empty list if there is none."""
     entries = value.get(key) if isinstance(value, dict) else None
     return entries if isinstance(entries, list) else []
 
 
 def drivers_of(scenario: dict[str, Any]) -> list[Any]:
-    """The tables of a scenario's drivers, be there one `driver`, several `drivers` or none."""
+    """Return the tables of a scenario's drivers: of one `driver`, of several `drivers`, or none."""
     return [scenario["driver"]] if "driver" in scenario else sequence(scenario, "drivers")
 
 
 def places(document: Document, pattern: str) -> list[Place]:
-    """List the places of a pattern that a document has, with what stands there; None stands for nothing."""
+    """List path and value of the places in a document that match a pattern; places with None are left out.
+
+    In a pattern such as `scenarios.*.hold[*]`, * stands for any key, [*] for any entry of a list, and ~ for the keys themselves.
+    """
     found: list[Place] = [("", document)]
     for part in pattern.replace("[*]", ".[*]").split("."):
-        step = {"*": _entries, "[*]": _entries, "~": _keys}.get(part)
-        if step is None:
-            found = [(f"{path}.{part}".lstrip("."), x[part]) for path, x in found if isinstance(x, dict) and part in x]
-        else:
-            found = [place for path, x in found for place in step(path, x)]
+        found = [place for path, x in found for place in _step(path, x, part)]
     return [(path, x) for path, x in found if x is not None]
 
 
-def _entries(path: str, x: Any) -> Iterator[Place]:
-    if isinstance(x, dict):
-        return ((f"{path}.{key}", y) for key, y in x.items())
-    return ((f"{path}[{i}]", y) for i, y in enumerate(x if isinstance(x, list) else ()))
-
-
-def _keys(path: str, x: Any) -> Iterator[Place]:
-    return ((f"{path}.{key}", key) for key in (x if isinstance(x, dict) else ()))
+def _step(path: str, x: Any, part: str) -> Iterator[Place]:
+    """Yield path and value of each place in x that one part of a pattern matches."""
+    if part == "[*]":
+        for i, entry in enumerate(x if isinstance(x, list) else ()):
+            yield f"{path}[{i}]", entry
+    elif isinstance(x, dict):
+        for key, entry in x.items():
+            if part in ("*", "~", key):
+                yield f"{path}.{key}".lstrip("."), key if part == "~" else entry
 
 
 class Names:
-    """The names that a document defines, and the faults of references to them."""
+    """The names that a document defines, and the faults that checks have found.
+
+    Attributes:
+        bodies: link -> the root of its body: the link to which it is welded, directly or through others, or itself.
+        points: link, or "ground" -> names of its points.
+    """
 
     def __init__(self, document: Document):
         self.document = document
@@ -77,23 +83,24 @@ class Names:
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
-        """Note a fault unless the document defines `name` as the kind of thing that `grammar.toml` asks for at this path."""
-        known = {"link": {**self.links, "ground": None}, "own link": self.links, "force": self.forces}
+        """Add a fault unless the document defines `name` as the kind of thing that `grammar.toml` asks for at this path."""
         if kind in ("point", "own point"):
-            self.point(path, name, ground=kind == "point")
-        elif kind in known:
-            if name not in known[kind]:
-                self.fault(path, f"unknown {kind.removeprefix('own ')} {name!r}")
-        elif kind == "link or joint":
-            if name not in self.links and name not in self.joints:
-                self.fault(path, f"unknown link or joint {name!r}")
-        elif name not in self.joints:
-            self.fault(path, f"unknown joint {name!r}")
-        elif kind != "joint" and table(self.joints, name).get("type") != "prismatic":
+            self.check_point(path, name, ground=kind == "point")
+            return
+        known = {
+            "link": {**self.links, "ground": None},
+            "own link": self.links,
+            "force": self.forces,
+            "link or joint": {**self.links, **self.joints},
+        }.get(kind, self.joints)
+        if name not in known:
+            what = "joint" if known is self.joints else kind.removeprefix("own ")
+            self.fault(path, f"unknown {what} {name!r}")
+        elif kind in ("slide", "start slide") and table(self.joints, name).get("type") != "prismatic":
             self.fault(path, "not a prismatic joint" if kind == "start slide" else f"joint {name!r} is not prismatic")
 
-    def point(self, path: str, reference: str, ground: bool = True) -> None:
-        """Note a fault unless "link.point" exists; with ground=False, a point on the ground is a fault too."""
+    def check_point(self, path: str, reference: str, ground: bool = True) -> None:
+        """Add a fault unless the point "link.point" exists; with ground=False, a point on the ground is a fault too."""
         link, dot, point = reference.partition(".")
         if not dot:
             self.fault(path, f"{reference!r} is not of the form 'link.point'")
@@ -104,8 +111,8 @@ class Names:
         elif point not in self.points[link]:
             self.fault(path, f"unknown point {point!r} of {link!r}")
 
-    def different_links(self, path: str, references: list[Any]) -> None:
-        """Note a fault if two of the points lie on one link, or on links that are welded together."""
+    def check_different_links(self, path: str, references: list[Any]) -> None:
+        """Add a fault if two of the points lie on one link, or on links that are welded together."""
         owners = [r.partition(".")[0] for r in references if r is not None]
         for name in sorted({x for x in owners if owners.count(x) > 1}):
             self.fault(path, f"the link {name!r} appears twice")
@@ -113,19 +120,21 @@ class Names:
             if self.bodies.get(a, a) == self.bodies.get(b, b):
                 self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
-    def turns_on_ground(self, path: str, link: str) -> None:
-        """Note a fault unless the link has a revolute joint on the ground; a refused joint is assumed to be one."""
-        joints = [x and x.get("at", ()) for x in self.joints.values()]
-        refused = any(at is None or None in at for at in joints)
-        owners = [{r.partition(".")[0] for r in at} for at in joints if at and not refused]
-        if link in self.links and not refused and not any({"ground", link} <= x for x in owners):
+    def check_turns_on_ground(self, path: str, link: str) -> None:
+        """Add a fault unless the link has a revolute joint on the ground. If a joint was refused, nothing is checked."""
+        points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
+        if link not in self.links or any(at is None or None in at for at in points_of_joints):
+            return
+        owners = [{reference.partition(".")[0] for reference in at} for at in points_of_joints]
+        if not any({"ground", link} <= links for links in owners):
             self.fault(path, f"link {link!r} has no revolute joint on the ground")
 
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Return every fault of names and combinations; `stem` is the file's name without its suffix, None without a file."""
-    if spoilt := _cylinder_faults(document):
-        return spoilt
+    cylinder_faults = _cylinder_faults(document)
+    if cylinder_faults:
+        return cylinder_faults
     document = write_out(document)
     names = Names(document)
     if stem is not None and document.get("name") not in (None, stem):
@@ -137,7 +146,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
             names.check(path, name, kind)
     for pattern in GRAMMAR["lists"]["apart"]:
         for path, references in places(document, pattern):
-            names.different_links(path, references)
+            names.check_different_links(path, references)
     together = [(x["table"], x["key"], x["other"]) for x in GRAMMAR["together"]]
     together += [(pattern, key, f"{key}_deg") for pattern in GRAMMAR["tables"]["angles"] for key in RADIAN_PAIRS]
     for pattern, key, other in together:
@@ -151,21 +160,21 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
 
 
 def _body(document: Document, name: str) -> str:
-    """Return the root of the body that a link is welded into; the link itself if it is not welded. A circle of welds ends too."""
+    """Return the link that a link is welded to, directly or through others; the link itself if it is not welded."""
     welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
-    seen = [name]
-    while (at := welds.get(seen[-1])) is not None and at not in seen:
-        seen.append(at)
-    return seen[-1]
+    chain = [name]
+    while (following := welds.get(chain[-1])) is not None and following not in chain:  # welds in a circle are another fault
+        chain.append(following)
+    return chain[-1]
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
-    """List the faults that keep cylinders from being written out as links and joints, under their own names."""
+    """List the faults of cylinders; a cylinder with a fault cannot be expanded into links and joints."""
     names = Names(document)
     for path, between in places(document, "cylinders.*.between"):
         for i, reference in enumerate(between):
-            names.point(f"{path}[{i}]", reference)
-        names.different_links(path, between)
+            names.check_point(f"{path}[{i}]", reference)
+        names.check_different_links(path, between)
     for key, cylinder in items(document, "cylinders"):
         path = f"cylinders.{key}"
         for part in (BARREL, ROD):
@@ -180,6 +189,7 @@ def _cylinder_faults(document: Document) -> list[Fault]:
 
 
 def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
+    """Check that each point is given in one way, and not relative to itself."""
     for key, value in points.items():
         if not isinstance(value, dict):
             continue
@@ -195,13 +205,15 @@ def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
 
 
 def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
+    """Check bars and point masses, and that mass and inertia are given or follow from them."""
     points, bars, masses = table(link, "points"), sequence(link, "bars"), sequence(link, "point_masses")
-    for i, bar in enumerate(bars):
-        for end in bar or ():
-            if end is not None and end not in points:
-                names.fault(f"{path}.bars[{i}]", f"unknown point {end!r}")
-        if bar and bar[0] is not None and bar[0] == bar[-1]:
-            names.fault(f"{path}.bars[{i}]", "zero length")
+    for place, bar in places(link, "bars[*]"):
+        ends = [end for end in bar if end is not None]
+        for end in ends:
+            if end not in points:
+                names.fault(f"{path}.{place}", f"unknown point {end!r}")
+        if len(ends) == 2 and ends[0] == ends[1]:
+            names.fault(f"{path}.{place}", "zero length")
     for place, point in places(link, "point_masses[*].point"):
         if point not in points:
             names.fault(f"{path}.{place}", f"unknown point {point!r} of {path.partition('.')[2]!r}")
@@ -214,59 +226,56 @@ def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
 
 
 def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
-    welded: set[str] = set()
+    """Check that welds join existing links, each once and not in a circle, and that each determines a pose."""
+    welded: set[str] = set()  # links of the welds so far: a link may be welded only once
     for key, weld in items(names.document, path):
-        _check_weld(names, f"{path}.{key}", weld, welded)
-
-
-def _check_weld(names: Names, path: str, weld: dict[str, Any], welded: set[str]) -> None:
-    """Check one weld; `welded` collects the links of the welds before it, since a link may be welded only once."""
-    link, to, pairs = weld.get("link"), weld.get("to"), sequence(weld, "points")
-    for side, name in (("link", link), ("to", to)):
-        if name == "ground":
-            names.fault(f"{path}.{side}", "what is welded to the ground does not move: make its points ground points")
-        elif name is not None:
-            names.check(f"{path}.{side}", name, "link")
-    if link is None or to is None:
-        return
-    if link in welded:
-        names.fault(f"{path}.link", f"link {link!r} is welded twice; it may be what others are welded to")
-    elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
-        names.fault(path, "welded in a circle")
-    welded.add(link)
-    for i, pair in enumerate(pairs):
-        if pair and None not in pair and [x.partition(".")[0] for x in pair] != [to, link]:
-            names.fault(f"{path}.points[{i}]", f"must be a point of {to!r} and the point of {link!r} that coincides with it")
-    if not pairs and "origin" not in weld:
-        names.fault(f"{path}.origin", "required where no points are given")
-    if len(pairs) == 2 and {"angle", "angle_deg"} & weld.keys():
-        names.fault(f"{path}.angle_deg", "given together with two pairs of points, which fix it")
+        place, link, to, pairs = f"{path}.{key}", weld.get("link"), weld.get("to"), sequence(weld, "points")
+        for side, name in (("link", link), ("to", to)):
+            if name == "ground":
+                names.fault(f"{place}.{side}", "a link that is welded to the ground does not move: make its points ground points")
+            elif name is not None:
+                names.check(f"{place}.{side}", name, "link")
+        if link is None or to is None:
+            continue
+        if link in welded:
+            names.fault(f"{place}.link", f"link {link!r} is welded twice; weld the other link to it instead")
+        elif link == to or (names.bodies.get(link) != names.bodies.get(to) and to in names.links):
+            names.fault(place, "welded in a circle")
+        welded.add(link)
+        for i, pair in enumerate(pairs):
+            if pair and None not in pair and [x.partition(".")[0] for x in pair] != [to, link]:
+                names.fault(f"{place}.points[{i}]", f"must be a point of {to!r} and the point of {link!r} that coincides with it")
+        if not pairs and "origin" not in weld:
+            names.fault(f"{place}.origin", "required where no points are given")
+        if len(pairs) == 2 and {"angle", "angle_deg"} & weld.keys():
+            names.fault(f"{place}.angle_deg", "given together with two pairs of points, which fix it")
 
 
 def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
     if joint.get("type") == "prismatic":
-        names.different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
+        names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
 
 
 def _check_crank(names: Names, path: str, crank: str) -> None:
     names.check(path, crank, "own link")
-    names.turns_on_ground(path, crank)
+    names.check_turns_on_ground(path, crank)
 
 
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
+    """Check the names of a force, that it acts between different links, and the radius of dry friction."""
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]
         if None not in ends and ends[0] == ends[1]:
             names.fault(f"{path}.reaction", "link and reaction are the same")
         elif None not in ends:
-            names.different_links(f"{path}.reaction", ends)
+            names.check_different_links(f"{path}.reaction", ends)
     if force.get("point") is not None:
-        names.point(f"{path}.point", force["point"], ground=kind != "force")
+        names.check_point(f"{path}.point", force["point"], ground=kind != "force")
     if frame not in (None, "body"):
         names.check(f"{path}.frame", frame, "link")
     if kind == "axis_spring_damper":
-        names.different_links(f"{path}.origin", [force.get("point"), force.get("origin", "ground.")])
+        names.check_different_links(f"{path}.origin", [force.get("point"), force.get("origin", "ground.")])
     if kind == "coulomb_friction" and joint in names.joints:
         pair = table(names.joints, joint).get("type")
         if pair == "revolute" and "radius" not in force:
@@ -275,7 +284,7 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
             names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 
-def _check_rows(names: Names, path: str, rows: list[Any]) -> None:
+def _check_times(names: Names, path: str, rows: list[Any]) -> None:
     """Check that the times of a table increase."""
     times = [row[0] for row in rows if row and row[0] is not None]
     if any(b <= a for a, b in pairwise(times)):
@@ -287,22 +296,23 @@ def _check_sketch(names: Names, path: str, name: str) -> None:
 
 
 def _check_measure(names: Names, path: str, measure: dict[str, Any]) -> None:
-    _check_coordinate(names, path, measure, "link", "joint", "between", "point")
+    _check_one_of(names, path, measure, "link", "joint", "between", "point")
     for key in {"angle", "angle_deg"} & measure.keys():
         if "point" not in measure:
             names.fault(f"{path}.{key}", "given without point")
 
 
-def _check_coordinate(names: Names, path: str, owner: dict[str, Any], *keys: str) -> None:
+def _check_one_of(names: Names, path: str, entry: dict[str, Any], *keys: str) -> None:
     """Check that a driver or `measure` names its coordinate by exactly one of these keys."""
-    if len(owner.keys() & set(keys)) != 1:
+    if len(entry.keys() & set(keys)) != 1:
         names.fault(path, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
 
 
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    _check_coordinate(names, path, driver, "link", "joint", "between")
+    """Check that a driver names one coordinate, in the unit of that coordinate, and all numbers of its law."""
+    _check_one_of(names, path, driver, "link", "joint", "between")
     if driver.get("link") is not None:
-        names.turns_on_ground(f"{path}.link", driver["link"])
+        names.check_turns_on_ground(f"{path}.link", driver["link"])
     if "link" not in driver:
         for key in {"start_deg", "travel_deg"} & driver.keys():
             names.fault(f"{path}.{key}", "a length is driven: give metres without _deg")
@@ -313,6 +323,7 @@ def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
+    """Check that no force acts twice, and that a `start` is not given together with `driver`."""
     active = sequence(scenario, "forces")
     for i, force in enumerate(active):
         if force in names.forces and force in active[:i]:
@@ -332,22 +343,24 @@ def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
 
 
 def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
+    """Check that the crank is held once, and that each rate belongs to a coordinate that is held."""
     crank = names.document.get("crank") or ""
     angles = {*table(start, "angles"), *table(start, "angles_deg")}
-    by_crank = {"crank", "crank_deg"} & start.keys()
-    if ({"speed"} | by_crank) & start.keys() and "crank" not in names.document:
+    holds_crank = bool({"crank", "crank_deg"} & start.keys())
+    if (holds_crank or "speed" in start) and "crank" not in names.document:
         names.fault(path, "needs a crank, and the file names none")
-    if by_crank and crank in angles:
+    if holds_crank and crank in angles:
         names.fault(f"{path}.angles.{crank}", "the crank is held twice")
     _check_angles(names, path, start)
-    held = {
-        "speeds": angles | ({crank} if by_crank else set()),
-        "slide_speeds": table(start, "slides").keys(),
-        "point_velocities": table(start, "points").keys(),
-    }
-    loose = [f"{group}.{key}" for group, coordinates in held.items() for key in table(start, group) if key not in coordinates]
-    loose += ["speed"] if "speed" in start and not by_crank and crank not in angles else []
-    for place in loose:
+    if holds_crank:
+        angles.add(crank)
+    held = {"speeds": angles, "slide_speeds": table(start, "slides"), "point_velocities": table(start, "points")}
+    without_coordinate = [
+        f"{group}.{key}" for group, coordinates in held.items() for key in table(start, group) if key not in coordinates
+    ]
+    if "speed" in start and not holds_crank and crank not in angles:
+        without_coordinate.append("speed")
+    for place in without_coordinate:
         names.fault(f"{path}.{place}", "a rate without its held coordinate")
 
 
@@ -359,12 +372,12 @@ CHECKS: dict[str, Callable[[Names, str, Any], None]] = {
     "joints.*": _check_joint,
     "crank": _check_crank,
     "forces.*": _check_force,
-    "forces.*.over_time.rows": _check_rows,
+    "forces.*.over_time.rows": _check_times,
     "assembly": _check_angles,
     "assembly.sketch.~": _check_sketch,
     "measure": _check_measure,
     "scenarios.*": _check_scenario,
     "scenarios.*.start": _check_start,
     **dict.fromkeys(GRAMMAR["tables"]["driver"], _check_driver),
-    **{f"{driver}.rows": _check_rows for driver in GRAMMAR["tables"]["driver"]},
+    **{f"{driver}.rows": _check_times for driver in GRAMMAR["tables"]["driver"]},
 }

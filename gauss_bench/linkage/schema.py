@@ -1,9 +1,9 @@
-"""The grammar of linkage files as types: which keys each table has, and what values they take.
+"""The grammar of linkage files as types: the keys of each table, and the values that they take.
 
-There are two editions, planar-linkage/1 and /2: the second has every key of the first, and those that a table here calls `second`.
-A file that uses one of them must say so, so that a reader of the first does not misread it. One key means something else: `c` of
-`joint_damping` on a pin through several links acts between every two of them, no longer between neighbours in the list alone.
-Names that refer to each other, and everything geometric, are checked in `references.py` and `closure.py`.
+There are two editions of the grammar, planar-linkage/1 and /2. The second adds the keys that a table here lists as `second`. A file
+with one of them must say format = "planar-linkage/2", so that a reader of the first edition does not misread it. One key differs:
+`c` of `joint_damping` on a pin through several links acts between every two of them in the second edition, and only between
+neighbours in the list in the first. `references.py` checks names that refer to each other, `closure.py` everything geometric.
 """
 
 import copy
@@ -45,41 +45,45 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")]
 
 
 class Table(BaseModel):
-    """A table, whose class says of every key whether a motion follows from it (`physics`) or not (`other`): see `digest.py`.
+    """A table of the file.
 
-    `second` names the keys, all of them said to be one or the other too, that the second edition of the grammar brought.
+    Attributes:
+        other: keys that do not affect a motion, such as a title; all other keys enter `physics_digest`.
+        second: keys that only the second edition of the grammar has.
 
     Raises:
-        TypeError: a class that says nothing of a key, or names one that it does not have.
+        TypeError: a class lists a key as `other` or `second` that it does not have.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    physics: ClassVar[frozenset[str]] = frozenset()
     other: ClassVar[frozenset[str]] = frozenset()
     second: ClassVar[frozenset[str]] = frozenset()
 
-    def __init_subclass__(cls, physics: str = "", other: str = "", second: str = "", **more: Any) -> None:
+    def __init_subclass__(cls, other: str = "", second: str = "", **more: Any) -> None:
         super().__init_subclass__(**more)
 
     @classmethod
-    def __pydantic_init_subclass__(cls, physics: str = "", other: str = "", second: str = "", **more: Any) -> None:
+    def __pydantic_init_subclass__(cls, other: str = "", second: str = "", **more: Any) -> None:
         super().__pydantic_init_subclass__(**more)
-        for kind, keys_of_it in (("physics", physics), ("other", other), ("second", second)):
-            inherited: list[frozenset[str]] = [getattr(base, kind, frozenset()) for base in cls.__bases__]
-            setattr(cls, kind, frozenset(keys_of_it.split()).union(*inherited))
-        keys = {field.alias or name for name, field in cls.model_fields.items()}
-        wrong = (cls.physics & cls.other) | (keys ^ (cls.physics | cls.other))
-        if wrong:
-            raise TypeError(f"{cls.__name__}: each key is declared physics or other, once: {', '.join(sorted(wrong))}")
+        cls.other |= {*other.split()}
+        cls.second |= {*second.split()}
+        unknown = (cls.other | cls.second) - {key_of(cls, name) for name in cls.model_fields}
+        if unknown:
+            raise TypeError(f"{cls.__name__} has no key {', '.join(sorted(unknown))}")
+
+
+def key_of(kind: type[Table], name: str) -> str:
+    """Return the key in the file of a field of a table; it differs for words of Python, such as `from`."""
+    return kind.model_fields[name].alias or name
 
 
 def one_of(key: str, kinds: Mapping[str, Any]) -> Any:
-    """Return the type of a table whose `key` says which of these kinds it is."""
+    """Return the type of a table that is one of several kinds, named by the value of its `key`."""
     tagged: Any = reduce(or_, [Annotated[table, Tag(name)] for name, table in kinds.items()])
     return Annotated[tagged, Discriminator(lambda x: str(x.get(key)) if isinstance(x, dict) else None)]
 
 
-class PointTable(Table, physics="r deg xy from"):
+class PointTable(Table):
     r: NotNegative | None = None
     deg: Number | None = None
     xy: Pair | None = None
@@ -93,16 +97,16 @@ PointValue = Annotated[
 Points = dict[Name, PointValue]
 
 
-class GroundTable(Table, physics="points"):
+class GroundTable(Table):
     points: Points = {}
 
 
-class PointMassTable(Table, physics="point mass"):
+class PointMassTable(Table):
     point: Text
     mass: Positive
 
 
-class LinkTable(Table, physics="points bars kg_per_m mass com inertia point_masses", second="point_masses"):
+class LinkTable(Table, second="point_masses"):
     points: Annotated[Points, Field(min_length=1)]
     bars: list[Couple] = []
     kg_per_m: Positive | None = None
@@ -112,19 +116,19 @@ class LinkTable(Table, physics="points bars kg_per_m mass com inertia point_mass
     point_masses: list[PointMassTable] = []
 
 
-class AngledTable(Table, physics="angle_deg angle"):
+class AngledTable(Table):
     angle_deg: Number | None = None
     angle: Number | None = None
 
 
-class WeldTable(AngledTable, physics="link to origin points"):
+class WeldTable(AngledTable):
     link: Text
     to: Text
     origin: Pair | None = None
     points: Annotated[list[Couple], Field(min_length=1, max_length=2)] | None = None
 
 
-class CylinderPartTable(Table, physics="length mass kg_per_m com inertia"):
+class CylinderPartTable(Table):
     length: Positive
     mass: Positive | None = None
     kg_per_m: Positive | None = None
@@ -132,18 +136,18 @@ class CylinderPartTable(Table, physics="length mass kg_per_m com inertia"):
     inertia: Positive | None = None
 
 
-class CylinderTable(Table, physics="between barrel rod"):
+class CylinderTable(Table):
     between: Couple
     barrel: CylinderPartTable
     rod: CylinderPartTable
 
 
-class RevoluteTable(Table, physics="type at"):
+class RevoluteTable(Table):
     type: Literal["revolute"]
     at: Annotated[list[Text], Field(min_length=2)]
 
 
-class PrismaticTable(AngledTable, physics="type guide block block_angle_deg block_angle offset"):
+class PrismaticTable(AngledTable):
     type: Literal["prismatic"]
     guide: Text
     block: Text
@@ -152,36 +156,36 @@ class PrismaticTable(AngledTable, physics="type guide block block_angle_deg bloc
     offset: Number = 0.0
 
 
-class KnifeEdgeTable(AngledTable, physics="type point"):
+class KnifeEdgeTable(AngledTable):
     read: ClassVar = KnifeEdge.read
     type: Literal["knife_edge"]
     point: Text
 
 
-class TableOverTime(Table, physics="law rows"):
+class TableOverTime(Table):
     law: Literal["table"]
     rows: Annotated[list[Pair], Field(min_length=2)]
 
 
-class RampOverTime(Table, physics="law start time"):
+class RampOverTime(Table):
     law: Literal["ramp"]
     start: Number = 0.0
     time: Positive
 
 
-class StepOverTime(Table, physics="law start"):
+class StepOverTime(Table):
     law: Literal["step"]
     start: Number
 
 
-class SineOverTime(Table, physics="law frequency phase_deg phase"):
+class SineOverTime(Table):
     law: Literal["sine"]
     frequency: Positive
     phase_deg: Number | None = None
     phase: Number | None = None
 
 
-class AgainstTable(Table, physics="share speed"):
+class AgainstTable(Table):
     share: Number
     speed: Positive
 
@@ -189,12 +193,12 @@ class AgainstTable(Table, physics="share speed"):
 OverTime = one_of("law", {"table": TableOverTime, "ramp": RampOverTime, "step": StepOverTime, "sine": SineOverTime})
 
 
-class VaryingTable(Table, physics="over_time against", second="over_time against"):
+class VaryingTable(Table, second="over_time against"):
     over_time: OverTime | None = None  # type: ignore[valid-type]
     against: AgainstTable | None = None
 
 
-class TorqueTable(VaryingTable, physics="type link reaction value"):
+class TorqueTable(VaryingTable):
     read: ClassVar = Torque.read
     type: Literal["torque"]
     link: Text
@@ -202,7 +206,7 @@ class TorqueTable(VaryingTable, physics="type link reaction value"):
     value: Number
 
 
-class ForceTable(VaryingTable, physics="type point value frame"):
+class ForceTable(VaryingTable):
     read: ClassVar = PointForce.read
     type: Literal["force"]
     point: Text
@@ -210,43 +214,40 @@ class ForceTable(VaryingTable, physics="type point value frame"):
     frame: Text = "ground"
 
 
-class LinearTable(Table, physics="k c rest"):
+class LinearTable(Table):
     k: Number = 0.0
     c: Number = 0.0
     rest: Number = 0.0
 
 
-class SpringDamperTable(LinearTable, physics="type between"):
+class SpringDamperTable(LinearTable):
     read: ClassVar = SpringDamper.read
     type: Literal["spring_damper"]
     between: Couple
 
 
-class AxisSpringDamperTable(AngledTable, LinearTable, physics="type point origin"):
+class AxisSpringDamperTable(AngledTable, LinearTable):
     read: ClassVar = AxisSpringDamper.read
     type: Literal["axis_spring_damper"]
     point: Text
     origin: Text | None = None
 
 
-class RotationalSpringDamperTable(Table, physics="type links k c rest_deg rest"):
+class RotationalSpringDamperTable(LinearTable):
     read: ClassVar = RotationalSpringDamper.read
     type: Literal["rotational_spring_damper"]
     links: Couple
-    k: Number = 0.0
-    c: Number = 0.0
     rest_deg: Number | None = None
-    rest: Number | None = None
 
 
-class JointDampingTable(Table, physics="type joint c"):
+class JointDampingTable(Table):
     read: ClassVar = JointDamping.read
     type: Literal["joint_damping"]
     joint: Text
     c: NotNegative
 
 
-class CoulombFrictionTable(Table, physics="type joint mu radius speed"):
+class CoulombFrictionTable(Table):
     read: ClassVar = CoulombFriction.read
     type: Literal["coulomb_friction"]
     joint: Text
@@ -255,7 +256,7 @@ class CoulombFrictionTable(Table, physics="type joint mu radius speed"):
     speed: Positive
 
 
-class DrivenTable(Table, physics="link joint between start_deg start"):
+class DrivenTable(Table):
     link: Text | None = None
     joint: Text | None = None
     between: Couple | None = None
@@ -263,24 +264,24 @@ class DrivenTable(Table, physics="link joint between start_deg start"):
     start: Number | None = None
 
 
-class ConstantLaw(DrivenTable, physics="law speed"):
+class ConstantLaw(DrivenTable):
     law: Literal["constant"]
     speed: Number
 
 
-class RiseLaw(DrivenTable, physics="law travel_deg travel time"):
+class RiseLaw(DrivenTable):
     law: Literal["sine", "cosine", "poly345"]
     travel_deg: Number | None = None
     travel: Number | None = None
     time: Positive
 
 
-class TableLaw(DrivenTable, physics="law rows"):
+class TableLaw(DrivenTable):
     law: Literal["table"]
     rows: Annotated[list[Pair], Field(min_length=2)]
 
 
-class StartTable(Table, physics="crank_deg crank speed angles_deg angles slides points speeds slide_speeds point_velocities"):
+class StartTable(Table):
     crank_deg: Number | None = None
     crank: Number | None = None
     speed: Number = 0.0
@@ -309,7 +310,7 @@ JointTable, ForceEntry, ConstraintTable = (one_of("type", x) for x in (JOINTS, F
 DriverTable = one_of("law", LAWS)
 
 
-class ScenarioTable(Table, physics="forces driver drivers start", other="duration override hold", second="hold"):
+class ScenarioTable(Table, other="duration override hold", second="hold"):
     duration: NotNegative
     hold: list[Text] = []
     forces: list[Text] = []
@@ -319,18 +320,18 @@ class ScenarioTable(Table, physics="forces driver drivers start", other="duratio
     start: StartTable | None = None
 
 
-class AssemblyTable(Table, physics="sketch angles_deg angles"):
+class AssemblyTable(Table):
     sketch: dict[Text, Pair] = {}
     angles_deg: dict[Text, Number] = {}
     angles: dict[Text, Number] = {}
 
 
-class ObserveTable(Table, other="points links"):
+class ObserveTable(Table):
     points: list[Text] = []
     links: list[Text] = []
 
 
-class MeasureTable(Table, other="link joint between point angle_deg angle"):
+class MeasureTable(Table):
     link: Text | None = None
     joint: Text | None = None
     between: Couple | None = None
@@ -339,7 +340,7 @@ class MeasureTable(Table, other="link joint between point angle_deg angle"):
     angle: Number | None = None
 
 
-class ExpectTable(Table, other="dof redundant loops"):
+class ExpectTable(Table):
     dof: Annotated[int, Field(strict=True, ge=0)] | None = None
     redundant: Annotated[int, Field(strict=True, ge=0)] | None = None
     loops: Annotated[int, Field(strict=True, ge=0)] | None = None
@@ -347,7 +348,6 @@ class ExpectTable(Table, other="dof redundant loops"):
 
 class LinkageTable(
     Table,
-    physics="crank gravity ground links welds cylinders joints constraints forces assembly scenarios",
     other="format name title expect observe measure",
     second="welds cylinders",
 ):
@@ -376,99 +376,103 @@ def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]
     A key of the second edition is a fault in a file of the first edition.
     """
     try:
-        read = LinkageTable.model_validate(document)
+        linkage = LinkageTable.model_validate(document)
     except ValidationError as error:
-        faults, sound = [], copy.deepcopy(document)
+        faults, accepted = [], copy.deepcopy(document)
         for e in error.errors(include_url=False):
-            place = _place(e["loc"], document)
+            place = _keys_to(e["loc"], document)
             faults.append(Fault(_path(place), _text(dict(e))))
-            _put_none(sound, place)
-        return faults, sound
-    if read.format == SECOND:
+            _put_none(accepted, place)
+        return faults, accepted
+    if linkage.format == SECOND:
         return [], document
-    return [Fault(path, f"a key of {SECOND}, and the file says format = {FORMAT!r}") for path in _of_the_second(read)], document
+    message = f"a key of {SECOND}, and the file says format = {FORMAT!r}"
+    return [Fault(path, message) for path in _keys_of_second(linkage)], document
 
 
-def _of_the_second(item: Any, path: str = "") -> Iterator[str]:
-    """List the places of keys of the second edition, at every depth."""
+def _keys_of_second(item: Any, path: str = "") -> Iterator[str]:
+    """Yield the paths of keys of the second edition, at every depth."""
     if isinstance(item, Table):
         for name in item.model_fields_set:
-            key = type(item).model_fields[name].alias or name
+            key = key_of(type(item), name)
             where = f"{path}.{key}" if path else key
             if key in item.second:
                 yield where
             else:
-                yield from _of_the_second(getattr(item, name), where)
+                yield from _keys_of_second(getattr(item, name), where)
     elif isinstance(item, dict):
         for key, value in item.items():
-            yield from _of_the_second(value, f"{path}.{key}")
+            yield from _keys_of_second(value, f"{path}.{key}")
     elif isinstance(item, list):
         for i, value in enumerate(item):
-            yield from _of_the_second(value, f"{path}[{i}]")
+            yield from _keys_of_second(value, f"{path}[{i}]")
 
 
-def _place(loc: tuple[str | int, ...], document: Any) -> list[Any]:
-    """Return the keys that lead to a fault, without the names of table kinds that pydantic adds to its location."""
-    place: list[Any] = []
-    parts: list[Any] = [*loc]
-    for part in (x for x in parts if x not in ("<list>", "<table>", "[key]")):
-        if isinstance(document, (dict, list)):
-            there = part in document if isinstance(document, dict) else True
-            if there or part is loc[-1]:
-                place.append(part)
-                document = document[part] if there else None
-    return place
+def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
+    """Return the keys that lead to a fault: pydantic's location without the tags of `one_of` that it contains."""
+    keys: list[Any] = []
+    parts = [x for x in location if x not in ("<list>", "<table>", "[key]")]
+    for part in parts:
+        if (isinstance(document, dict) and part in document) or isinstance(document, list):
+            keys.append(part)
+            document = document[part]  # type: ignore[index]
+        elif isinstance(document, dict) and part is location[-1]:
+            keys.append(part)  # a missing key
+            document = None
+    return keys
 
 
-def _put_none(document: Any, place: list[Any]) -> None:
-    *way, last = place
-    for part in way:
-        document = document[part]
+def _put_none(document: Any, keys: list[Any]) -> None:
+    """Replace the value at a place in a document by None."""
+    *parents, last = keys
+    for key in parents:
+        document = document[key]
     if document is not None:
         document[last] = None
 
 
-def _path(place: list[Any]) -> str:
-    return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in place).removeprefix(".")
+def _path(keys: list[Any]) -> str:
+    return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
 
 
 def _text(error: dict[str, Any]) -> str:
+    """Return the sentence for one of pydantic's errors."""
     kind, context = error["type"], error.get("ctx", {})
     if error["loc"] == ("format",) and kind == "literal_error":
         return f"unsupported format {error['input']!r}; this version reads {FORMAT!r} and {SECOND!r}"
     if kind == "union_tag_invalid":
         return f"type {context['tag']!r} is not one of {context['expected_tags']}"
     if kind in ("too_short", "too_long"):
-        exact = context.get("min_length") == context.get("max_length") or error["loc"][-1] in ("value", "com", "gravity", "xy")
-        count = context.get("min_length", context.get("max_length"))
-        return f"must have {'' if exact else 'at least ' if kind == 'too_short' else 'at most '}{count} entries"
+        return f"must have {_count_of_entries(error, context)} entries"
     message: str = error["msg"]
     return str(GRAMMAR["words"].get(kind, message[0].lower() + message[1:]))
 
 
+def _count_of_entries(error: dict[str, Any], context: dict[str, Any]) -> str:
+    """Return the number of entries that a list must have, such as "at least 2"."""
+    least, most = context.get("min_length"), context.get("max_length")
+    if least == most or error["loc"][-1] in ("value", "com", "gravity", "xy"):  # pairs: pydantic tells the bound that failed
+        return str(least if least is not None else most)
+    return f"at least {least}" if error["type"] == "too_short" else f"at most {most}"
+
+
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
-    """Return SHA-256 of everything in a document that affects the motion of a scenario; its override is merged already."""
+    """Return SHA-256 of everything in a document that affects the motion of a scenario; its override is already merged in."""
     physics = _physics(LinkageTable.model_validate(document))
     chosen = physics.pop("scenarios")[scenario]
     acting = {name: physics["forces"][name] for name in chosen.get("forces", [])}
     physics |= {"forces": acting, "scenario": chosen}
-    if document["format"] == SECOND:  # the first edition damps a shared pin between the neighbours in its list
-        _mark_shared(physics, acting)
+    damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
+    if document["format"] == SECOND and any(len(joint.get("at", ())) > 2 for joint in damped):
+        physics["damping"] = "between every two links of a pin"  # the editions damp such a pin differently
     return hashlib.sha256(json.dumps(physics, sort_keys=True).encode()).hexdigest()
 
 
-def _mark_shared(physics: dict[str, Any], acting: dict[str, Any]) -> None:
-    """Mark the physics of a document in which a damped pin joins more than two links: the editions damp such pins differently."""
-    damped = [physics.get("joints", {}).get(f["joint"], {}) for f in acting.values() if f["type"] == "joint_damping"]
-    if any(len(joint.get("at", ())) > 2 for joint in damped):
-        physics["damping"] = "between every two links of a pin"
-
-
 def _physics(item: Any) -> Any:
-    """Return the given keys of a table that are physics, at every depth; equal numbers become equal decimal texts."""
+    """Return the keys of a table that affect a motion, at every depth; equal numbers become equal decimal texts."""
     if isinstance(item, Table):
-        given = {type(item).model_fields[name].alias or name: getattr(item, name) for name in item.model_fields_set}
-        return {key: _physics(value) for key, value in given.items() if key in item.physics}
+        given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
+        return {key: _physics(value) for key, value in given.items() if key not in item.other}
     if isinstance(item, dict):
         return {key: _physics(value) for key, value in item.items()}
     if isinstance(item, list):

@@ -1,7 +1,7 @@
-"""Assembly of a linkage: the nearest position that meets its constraints, by Gauss-Newton iteration.
+"""Closing of a linkage: the nearest position that meets its constraints, by Gauss-Newton iteration.
 
 Each correction is the shortest dq with J dq = -F. The caller chooses the solver for it (rank tolerance, units), the residual that
-counts as closed, the correction that counts as converged, and the longest correction allowed.
+counts as closed, the correction that counts as converged, and the longest correction.
 """
 
 from collections.abc import Callable
@@ -32,12 +32,12 @@ def project(
 
     Args:
         q: first guess.
-        residual: q -> F (..., m) and J (..., m, n).
-        shortest: J, F -> the shortest x (..., n) of J x = F.
+        residual: function of q that returns F (..., m) and J (..., m, n).
+        shortest: function of J and F that returns the shortest x (..., n) with J x = F.
         corrections: largest number of corrections.
-        closed: (q, F, J) before a correction -> True if the residual is small enough to stop.
-        still: (q, size) after a correction, size (...) its largest entry before any shortening -> True to stop.
-        longest: a correction with a larger entry is scaled down to this one, its direction kept.
+        closed: function of q, F and J, called before each correction; the iteration stops if it returns True.
+        still: function of q and the largest entry (...) of a correction, called after it; the iteration stops if it returns True.
+        longest: largest entry that a correction may have; a longer correction is scaled down.
     """
     for count in range(corrections + 1):
         F, J = residual(q)
@@ -52,20 +52,20 @@ def project(
 
 
 def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0) -> None:
-    """Go from 0 to 1 in steps: halve the step after `advance(share)` fails, double it after it succeeds.
+    """Call `advance(share)` for shares that rise from 0 to 1: halve the step after a failure, double it after a success.
 
     Raises:
         ArithmeticError: `advance` failed for a step as short as `shortest`.
     """
-    done, part = 0.0, longest
+    done, step = 0.0, longest
     while done < 1.0:
         # a remainder below `shortest` joins the last step, so that no step is shorter
-        ahead = done + part if done + part < 1.0 - shortest else 1.0
+        share = done + step if done + step < 1.0 - shortest else 1.0
         try:
-            advance(ahead)
+            advance(share)
         except ArithmeticError:
-            if part <= shortest:
+            if step <= shortest:
                 raise
-            part /= 2
+            step /= 2
         else:
-            done, part = ahead, min(2 * part, longest)
+            done, step = share, min(2 * step, longest)

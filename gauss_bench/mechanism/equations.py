@@ -1,12 +1,13 @@
-"""Constraint rows and applied forces of a linkage, written once for numbers of any kind (the `Placement` chooses the kind).
+"""Constraint rows and generalised forces of a linkage, for numbers of any kind: the `Placement` chooses the kind.
 
-A joint holds scalar coordinates at constant values, a driver holds one at a law of time, a knife edge keeps a slip at zero; a force
-is a law on a coordinate or a vector at a point. No code here depends on the kind of a joint or force. Order of rows: joints in the
-file's order, couplings, drivers, knife edges.
+A joint holds scalar coordinates at constant values, a driver holds one at a law of time, a knife edge keeps a slip at zero. A force
+is a law on a coordinate, or a vector at a point. No code here depends on the kind of a joint or force. With x a held coordinate and
+c its value, constant or a law of time, a row has
 
-    phi = x - value,    J = dx/dq,    gamma = value'' - bias,    so that J a = gamma
+    phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
-`Symbols` evaluates all of this once with symbols for coordinates, to generate functions of q, v and the values of the laws.
+Order of rows: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates all of this once with symbols for
+coordinates, and generates functions of q, v and the values of the laws.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,10 +18,10 @@ import numpy as np
 
 from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, slip, state
 from gauss_bench.mechanism.frames import Placement
+from gauss_bench.mechanism.generated import GeneratedFunction, Number, Program, Symbol
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import Real, Vec, slots
-from gauss_bench.mechanism.written import Number, Program, Symbol, Written
+from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
 Motion = tuple[Real, Real, Real]  # value, rate, second rate
@@ -28,20 +29,27 @@ LEVELS = 3  # of a law: value, rate and second rate
 
 
 class Given(Placement):
-    """A placement that knows the numbers of its linkage too: as they stand in the file, left open, or as functions of time."""
+    """A placement that also gives the numbers of its linkage: as in the file, as open parameters, or as functions of time."""
 
     def held(self, joint: str, place: int, value: Any) -> Real:
-        """The constant value of the coordinate at position `place` among those that a joint holds."""
+        """Return the constant value of the coordinate at position `place` among those that a joint holds."""
         return value
 
     def law(self, law: MotionLaw) -> Motion:
-        """The value, rate and second rate of a law at the present time."""
+        """Return the value, rate and second rate of a law at the present time."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One constraint: name, entries of J by generalised speed, gamma, residual (None without a position level), explicit rate."""
+    """One constraint row.
+
+    Attributes:
+        entries: entries of J by index of the state.
+        gamma: right-hand side of J a = gamma.
+        phi: residual; None for a knife edge, which has no position level.
+        phi_t: partial derivative of the residual by time.
+    """
 
     name: str
     entries: dict[int, Real]
@@ -51,33 +59,36 @@ class Row:
 
 
 def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
-    """Yield all constraint rows; `on_constraints` replaces a driven distance by the value of its law, which saves a square root."""
+    """Yield all constraint rows.
+
+    With `on_constraints`, the value of a driven distance is that of its law, which saves a square root.
+    """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for place, (coordinate, value) in enumerate(held):
-            at_rest = (at.held(joint.name, place, value), 0.0, 0.0)
-            yield _row(joint.name, at, coordinate, at_rest, on_constraints)
+            constant = (at.held(joint.name, place, value), 0.0, 0.0)
+            yield _row(joint.name, at, coordinate, constant, on_constraints)
     for driver in mechanism.drivers:
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
         x = slip(edge.coordinate, at)
-        yield Row(edge.name, columns(at.space, x.entries), -x.bias, None, 0.0)
+        yield Row(edge.name, columns(x.entries), -x.bias, None, 0.0)
 
 
 def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
     value, rate, second = motion
     x = state(coordinate, at, value if on_constraints else None)
-    return Row(name, columns(at.space, x.entries), second - x.bias, x.value - value, -rate)
+    return Row(name, columns(x.entries), second - x.bias, x.value - value, -rate)
 
 
 def generalise(at: Placement, load: Load) -> dict[int, Real]:
-    """Return the generalised force of one load, by generalised speed."""
+    """Return the generalised force of one load, by index of the state."""
     match load:
         case Law():
-            return columns(at.space, push(state(load.coordinate, at), load))
+            return columns(push(state(load.coordinate, at), load))
         case PointForce():
-            (_, force), end = at.vector(load.frame, load.value), at.end(load.point)
-            return columns(at.space, (Entry(end.frame, force, at.space.wedge(end.arm, force)),))
+            force, end = at.vector(load.frame, load.value).n, at.end(load.point)
+            return columns((Entry(end.frame, force, wedge(end.arm, force)),))
         case _:
             assert_never(load)
 
@@ -89,17 +100,20 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
             x = state(load.coordinate, at)
             return energy(x, load), -loss(x, load)
         case PointForce():
-            (_, force), end = at.vector(load.frame, load.value), at.end(load.point)
-            if load.frame == GROUND:
-                return -at.space.dot(force, end.place), 0.0
-            turning = at.space.inner(end.frame.omega, at.space.wedge(end.arm, force))
-            return 0.0, at.space.dot(force, end.frame.u) + turning
+            force, end = at.vector(load.frame, load.value).n, at.end(load.point)
+            if load.frame == GROUND:  # a force with a fixed direction has the potential -F . p
+                return -dot(force, end.place), 0.0
+            turning = end.frame.omega * wedge(end.arm, force)
+            return 0.0, dot(force, end.frame.u) + turning
         case _:
             assert_never(load)
 
 
 class Symbols(Given):
-    """The bodies of a mechanism of n coordinates; a `Given` of `equations.py`."""
+    """The bodies of a mechanism of n coordinates, with symbols for all numbers: a recorder of equations.
+
+    A motion law enters by three inputs of the generated function: value, rate and second rate.
+    """
 
     def __init__(self, n: int):
         self.n, self.program = n, Program()
@@ -107,8 +121,8 @@ class Symbols(Given):
         self.laws: list[MotionLaw] = []
 
     def body(self, body: int) -> tuple[list[Symbol], list[Symbol]]:
-        q, v = ([self.program.input(f"{name}{k}") for k in range(self.n)[slots(body)]] for name in "qv")
-        return q, v
+        own = range(self.n)[slots(body)]
+        return [self.program.input(f"q{k}") for k in own], [self.program.input(f"v{k}") for k in own]
 
     def numbers(self, value: Any) -> Vec:
         return Vec(*map(self.program.symbol, value))
@@ -117,19 +131,20 @@ class Symbols(Given):
         return self.program.symbol(value)
 
     def law(self, law: MotionLaw) -> tuple[Symbol, Symbol, Symbol]:
+        first = LEVELS * len(self.laws)
         self.laws.append(law)
-        x, rate, second = (self.program.input(f"g{k}") for k in range(LEVELS * len(self.laws))[-LEVELS:])
-        return x, rate, second
+        return self.program.input(f"g{first}"), self.program.input(f"g{first + 1}"), self.program.input(f"g{first + 2}")
 
-    def written(self, *told: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
-        """Generate a function of t (...), q and v (..., n) that returns each group of symbols as an array (..., k)."""
+    def generate(self, *groups: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
+        """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k)."""
         inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
-        function, laws = Written(self.program, inputs, [[self.program.symbol(x) for x in group] for group in told]), self.laws
+        function = GeneratedFunction(self.program, inputs, [[self.program.symbol(x) for x in group] for group in groups])
+        laws = self.laws
 
         def at(t: float | Array, q: Array, v: Array) -> list[Array]:
             if not laws:
                 return function(q, v, q[..., :0])
-            now = [np.asarray(x) for law in laws for x in law(t)]
-            return function(q, v, np.stack([np.broadcast_to(x, q.shape[:-1]) for x in now], axis=-1))
+            levels = [np.asarray(x) for law in laws for x in law(t)]
+            return function(q, v, np.stack([np.broadcast_to(x, q.shape[:-1]) for x in levels], axis=-1))
 
         return at

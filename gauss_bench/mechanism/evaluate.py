@@ -1,9 +1,9 @@
-"""A mechanism at a state: its constraint rows, the terms of its equations of motion, and its energy, as generated functions.
+"""Evaluate a mechanism at a state: constraint rows, the terms of its equations of motion, and its energy.
 
-Constraint rows take one state, q (n,), or a batch, q (..., n), in double or in the longer type the linkage was built in.
+Constraint rows take one state, q (n,), or a batch, q (..., n), in double or in the longer type in which the linkage was built.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,8 +13,8 @@ from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
+from gauss_bench.mechanism.generated import Symbol
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.written import Symbol
 from gauss_bench.terms import Array, Terms
 
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
@@ -24,7 +24,14 @@ RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is as
 
 @dataclass(frozen=True)
 class Rows:
-    """All constraint rows at a state (or batch): joints two each, then driver, then knife edges."""
+    """All m constraint rows at a state or a batch of states: joints two each, couplings, drivers, knife edges.
+
+    Attributes:
+        phi: (..., m) residuals.
+        J: (..., m, n) Jacobian.
+        gamma: (..., m) right-hand side of J a = gamma.
+        phi_t: (..., m) partial derivatives of the residuals by time.
+    """
 
     phi: Array
     J: Array
@@ -33,61 +40,57 @@ class Rows:
 
 
 class Constraints:
-    """The constraint rows of one mechanism; the sparsity pattern of J is computed once.
+    """The constraint rows of one mechanism. Entries of J that are constant are computed once.
 
     Attributes:
-        m: rows; joint_rows: of joints, which stand first; holonomic: those that have a position level.
-        laws: of drivers.
+        m: number of rows.
+        joint_rows: number of rows of joints and couplings, which stand first.
+        holonomic: number of rows that have a position level; knife edges stand behind them.
+        laws: motion laws of the drivers.
     """
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.n = mechanism, mechanism.n
         at = Symbols(mechanism.n)
-        every = list(equations.rows(mechanism, at))
-        self.m, self.laws = len(every), at.laws
+        rows = list(equations.rows(mechanism, at))
+        self.m, self.laws = len(rows), at.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
         self.joint_rows = self.holonomic - len(mechanism.drivers)
-        self.template = np.zeros((self.m, self.n), dtype=mechanism.gravity.dtype)
-        places = []
-        for place, x in _entries(every, at):
-            if x.number is None:
-                places.append(place[0] * self.n + place[1])
-            else:
-                self.template[place] = x.number
-        self.places = np.array(places, dtype=int)
+        self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)  # J, row by row; 0 where an entry varies
+        varying = []
+        for i, row in enumerate(rows):
+            for k, entry in row.entries.items():
+                number = at.program.symbol(entry).number
+                if number is None:
+                    varying.append(i * self.n + k)
+                else:
+                    self.constant[i * self.n + k] = number
+        self.varying = np.array(varying, dtype=int)
 
     @cached_property
-    def _written(self) -> Callable[..., list[Array]]:
+    def _function(self) -> Callable[..., list[Array]]:
         at = Symbols(self.n)
-        return at.written(*self.asked(at))
+        return at.generate(*self.list_symbols(at))
 
-    def asked(self, at: Symbols) -> tuple[list[Symbol], ...]:
+    def list_symbols(self, at: Symbols) -> tuple[list[Symbol], ...]:
         """Return the varying entries of J, gamma, phi and phi_t as symbols, so that they can share operations with others."""
-        return _groups(list(equations.rows(self.mechanism, at)), at)
+        rows, symbol = list(equations.rows(self.mechanism, at)), at.program.symbol
+        entries = [symbol(x) for row in rows for x in row.entries.values()]
+        varying = [x for x in entries if x.number is None]
+        phi = [symbol(0.0 if row.phi is None else row.phi) for row in rows]
+        return varying, [symbol(row.gamma) for row in rows], phi, [symbol(row.phi_t) for row in rows]
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
-        """Residual, Jacobian, bias and explicit rate of all rows at state(s) q, v (..., n) and time(s) t [s]."""
-        entries, gamma, phi, phi_t = self._written(t, q, v)
-        return Rows(phi, self.filled(entries), gamma, phi_t)
+        """Return all rows at state(s) q, v (..., n) and time(s) t (...) [s]."""
+        entries, gamma, phi, phi_t = self._function(t, q, v)
+        return Rows(phi, self.fill_jacobian(entries), gamma, phi_t)
 
-    def filled(self, entries: Array) -> Array:
-        """Return J (..., m, n): the constant entries, and the varying ones (..., k) put in place."""
-        J = np.empty((*entries.shape[:-1], self.m * self.n), dtype=np.result_type(entries, self.template))
-        J[...] = self.template.ravel()
-        J[..., self.places] = entries
+    def fill_jacobian(self, entries: Array) -> Array:
+        """Return J (..., m, n) from its varying entries (..., k)."""
+        J = np.empty((*entries.shape[:-1], self.m * self.n), dtype=np.result_type(entries, self.constant))
+        J[...] = self.constant
+        J[..., self.varying] = entries
         return J.reshape(*entries.shape[:-1], self.m, self.n)
-
-
-def _entries(every: list[equations.Row], at: Symbols) -> Iterator[tuple[tuple[int, int], Symbol]]:
-    """Row, column and symbol of every entry of J."""
-    return (((i, k), at.program.symbol(x)) for i, row in enumerate(every) for k, x in row.entries.items())
-
-
-def _groups(every: list[equations.Row], at: Symbols) -> tuple[list[Symbol], ...]:
-    symbol = at.program.symbol
-    phi = [symbol(0.0 if row.phi is None else row.phi) for row in every]
-    varying = [x for _, x in _entries(every, at) if x.number is None]
-    return varying, [symbol(row.gamma) for row in every], phi, [symbol(row.phi_t) for row in every]
 
 
 class UndeterminedLoads(ArithmeticError):
@@ -107,21 +110,21 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """Generate one function for the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
+        """One function for the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
         at = Symbols(self.mechanism.n)
-        entries, *others = self.constraints.asked(at)
-        return at.written(entries, self.applied.steady(at), *others)
+        entries, *others = self.constraints.list_symbols(at)
+        return at.generate(entries, self.applied.add_steady(at), *others)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:
-        """M, J, Q, gamma and the residuals at one state q, v (n,); Q without friction, which needs the multipliers."""
+        """Return M, J, Q, gamma and the residuals at one state q, v (n,); Q is without friction, which needs the multipliers."""
         entries, Q, gamma, phi, phi_t = self._terms(t, q, v)
-        J = self.constraints.filled(entries)
+        J = self.constraints.fill_jacobian(entries)
         for force in self.applied.varying:
             Q = Q + force(q, v, t)
         return Terms(self.M, J, Q, gamma, phi, J @ v + phi_t)
 
     def check_loads(self) -> None:
-        """Refuse friction where rows are redundant at the start.
+        """Refuse friction if rows are redundant at the start.
 
         Raises:
             UndeterminedLoads: with the number of redundant rows.
@@ -135,18 +138,18 @@ class Evaluator:
                 )
 
     def energy(self, q: Array, v: Array) -> Array:
-        """Kinetic plus potential energy (...) [J] of state(s) (..., n)."""
+        """Return kinetic plus potential energy (...) [J] of state(s) (..., n)."""
         return 0.5 * (v * v) @ self.mass + self.applied.potential(q)
 
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
-        """The nearest consistent state: Gauss-Newton corrections of q down to rounding, then the shortest correction of v.
+        """Return the nearest consistent state q, v (n,): Gauss-Newton corrects q down to rounding, then v is corrected once.
 
-        Singular values below `rank_tolerance` of the largest are left alone: next to a singular position, or where redundant
-        rows disagree by their own drift, following them would throw the state far along the free motion. A state that is not
-        finite is returned as it is.
+        Singular values below `rank_tolerance` of the largest count as zero: next to a singular position, or where redundant rows
+        disagree by their own drift, a correction along them would throw the state far along the free motion. A state that is not
+        finite is returned unchanged.
         """
         h = self.constraints.holonomic
-        rows: Rows  # at the latest position
+        rows: Rows  # at the latest position; the correction of v uses them
 
         def residual(x: Array) -> tuple[Array, Array]:
             nonlocal rows

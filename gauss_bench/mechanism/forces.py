@@ -1,17 +1,17 @@
 """Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
-Each force is lowered to loads (`lowered` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
-forces at points. One function is generated for all of them, for a state, q (n,), or a batch, q (..., n). Power without a potential
-(dampers, forces that turn with a link) is what the energy balance of a trajectory integrates.
+Each force is expressed by loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
+forces at points. One function is generated for all of them, for a state, q (n,), or a batch, q (..., n). The energy balance of a
+trajectory integrates the power of forces without a potential: dampers, and forces that turn with a link.
 
-Dry friction stands apart, because it depends on the loads of the joints and with them on the accelerations. With N_k the load that
-pair k carries and s its relative speed, the constraint force counts with the active forces (Yuan and Ge, 2016, eq. 3):
+Dry friction is computed separately, because it depends on the loads of the joints and so on the accelerations. With N_k the load
+that pair k carries and s_k its relative speed, the friction is one more active force (Yuan and Ge, 2016, eq. 3):
 
     M a + J^T lambda = Q + W N(lambda),    W_k = -mu_k r_k tanh(s_k / speed_k) ds_k/dv        (r_k = 1 for a slide)
     N = |(lambda_x, lambda_y)| of a pin,   N = |lambda_normal| of a slide
 
-W is known from the state, N from lambda, and lambda from a: a fixed point, found by iteration from the motion without friction. It
-contracts unless mu is so large that friction feeds the loads that cause it.
+W follows from the state, N from lambda, and lambda from a: a fixed point, found by iteration from the motion without friction. The
+iteration converges unless mu is so large that friction increases the loads that cause it.
 """
 
 from collections.abc import Callable
@@ -24,27 +24,23 @@ from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import columns, state
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.model import Force, Mechanism, factor_of, loads, steady_part
-from gauss_bench.mechanism.spaces import PLANE, Real, places
+from gauss_bench.mechanism.spaces import Real, places
 from gauss_bench.terms import Array
 
 
 class AppliedForces:
-    """Gravity and the active forces of one mechanism.
-
-    Raises:
-        TypeError: a force has no `lowered` method.
-    """
+    """Gravity and the active forces of one mechanism."""
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
         self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
         for place, link in zip(places(self.gravity), mechanism.links, strict=True):
             place[:] = link.mass * mechanism.gravity
-        self.varying = [_Varying(mechanism, f) for f in mechanism.varying]
+        self.varying = [_VaryingForce(mechanism, f) for f in mechanism.varying]
         self.loads = loads(f for f in mechanism.forces if not factor_of(f))
 
-    def steady(self, at: Symbols) -> list[Real]:
-        """Return Q (n,) of all steady forces, as symbols."""
+    def add_steady(self, at: Symbols) -> list[Real]:
+        """Return the sum Q (n,) of gravity and all steady forces, as symbols."""
         Q: list[Real] = [at.program.symbol(x) for x in self.gravity]
         for load in self.loads:
             for k, x in equations.generalise(at, load).items():
@@ -52,80 +48,86 @@ class AppliedForces:
         return Q
 
     @cached_property
-    def _steady(self) -> Callable[..., list[Array]]:
+    def _steady_force(self) -> Callable[..., list[Array]]:
         at = Symbols(self.mechanism.n)
-        return at.written(self.steady(at))
+        return at.generate(self.add_steady(at))
 
     @cached_property
     def _energies(self) -> Callable[..., list[Array]]:
-        """Generate the function for potential energy and power of all steady forces."""
+        """One function for the potential energy and the power of all steady forces."""
         at = Symbols(self.mechanism.n)
         potential, power = at.program.symbol(0.0), at.program.symbol(0.0)
         for load in self.loads:
-            held, gained = equations.energies(at, load)
-            potential, power = potential + held, power + gained
-        return at.written([potential], [power])
+            load_potential, load_power = equations.energies(at, load)
+            potential, power = potential + load_potential, power + load_power
+        return at.generate([potential], [power])
 
     def generalised(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
-        """Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s], which only forces that vary need.
+        """Return Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s], which only forces that vary need.
 
         Raises:
-            TypeError: a force varies with time, and none is given.
+            TypeError: a force varies with time, and t is missing.
         """
-        (Q,) = self._steady(0.0, q, v)
+        (Q,) = self._steady_force(0.0, q, v)
         for force in self.varying:
             Q = Q + force(q, v, t)
         return Q
 
     def potential(self, q: Array) -> Array:
-        """Potential energy (...) [J]; constant torques and world-fixed forces have one too, in unwrapped angles."""
-        held, _ = self._energies(0.0, q, np.zeros_like(q))
-        return np.asarray(held[..., 0] - q @ self.gravity)
+        """Return the potential energy (...) [J] at states q (..., n).
+
+        Constant torques and forces that do not turn have a potential too, as a function of unwrapped angles.
+        """
+        potential, _ = self._energies(0.0, q, np.zeros_like(q))
+        return np.asarray(potential[..., 0] - q @ self.gravity)
 
     def power(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
         """Return the power (...) [W] of all forces without a potential."""
-        _, gained = self._energies(0.0, q, v)
-        return np.asarray(gained[..., 0] + sum((force(q, v, t) * v).sum(-1) for force in self.varying))
+        _, power = self._energies(0.0, q, v)
+        return np.asarray(power[..., 0] + sum((force(q, v, t) * v).sum(-1) for force in self.varying))
 
 
-class _Varying:
-    """A varying force: a factor of time or direction times a steady force."""
+class _VaryingForce:
+    """A force that varies: a factor of time or direction times a steady force."""
 
     def __init__(self, mechanism: Mechanism, force: Force):
         factor = factor_of(force)
         assert factor is not None
-        self.name, self.factor, of = force.name, factor, steady_part(force)
-        self.size = float(np.linalg.norm(np.atleast_1d(of.value).astype(float))) or 1.0
-        self.steady = AppliedForces(replace(mechanism, forces=(of,), gravity=0.0 * mechanism.gravity))
+        steady = steady_part(force)
+        self.name, self.factor = force.name, factor
+        self.size = float(np.linalg.norm(np.atleast_1d(steady.value).astype(float))) or 1.0
+        self.steady = AppliedForces(replace(mechanism, forces=(steady,), gravity=0.0 * mechanism.gravity))
 
     def __call__(self, q: Array, v: Array, t: float | Array | None) -> Array:
         """Return the contribution of this force to Q (..., n)."""
         if t is None:
             raise TypeError(f"force {self.name} varies with time, and no time is given")
         Q = self.steady.generalised(q, v)
-        along = (Q * v).sum(-1) / self.size
-        return np.asarray(Q * self.factor(t, along)[..., None])
+        speed = (Q * v).sum(-1) / self.size  # along the force: its power over its size
+        return np.asarray(Q * self.factor(t, speed)[..., None])
 
 
-JAMMED = "the friction does not settle in {} iterations: mu is too large for these joints, or they jam"
+JAMMED = "the friction does not converge in {} iterations: mu is too large for these joints, or they jam"
 
 
 class Jammed(ArithmeticError):
-    """The loads of joints with friction do not settle: each increases the other, as in a slide that jams."""
+    """The loads of joints with friction do not converge: load and friction increase each other, as in a slide that jams."""
 
 
 class JointFriction:
-    """Dry friction in the joints of one mechanism; p counts the pairs with mu > 0, others are left out.
+    """Dry friction in the joints of one mechanism, in the p pairs with mu > 0.
 
     Attributes:
-        acting: (p,) the friction of the file and the pair in which it acts.
-        rows: (p,) first multiplier of each pair.
-        pins: (p,) 1 where the second multiplier is a force too, 0 for a slide, where it is a moment.
+        acting: the p frictions of the file, each with the pair in which it acts.
+        rows: (p,) index of the first multiplier of each pair.
+        pins: (p,) 1 for a pin, whose second multiplier is a force too; 0 for a slide, where it is a moment.
+        lever: (p,) mu times radius [m]; [-] for a slide.
+        speed: (p,) speed of the regularisation [rad/s or m/s].
     """
 
-    ITERATIONS = 200  # settles wherever each iteration takes off a sixth of the error; usual joints take off nine tenths
+    ITERATIONS = 200  # enough if each iteration reduces the error by a sixth; usual joints reduce it by nine tenths
     TOLERANCE = 1e-13  # of the largest multiplier
-    STALLED = 1e-11  # the same, where solving for lambda anew each time leaves rounding times the condition of J
+    STALLED = 1e-11  # the same, if lambda is solved for anew in each iteration, with rounding times the condition of J
 
     def __init__(self, mechanism: Mechanism):
         first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}
@@ -136,41 +138,43 @@ class JointFriction:
         self.speed = np.array([f.speed for f, _ in self.acting])
         at = Symbols(mechanism.n)
         motions = [state(pair.motion, at) for _, pair in self.acting]
-        entries = [columns(PLANE, x.entries) for x in motions]
-        self.places = [(k, p) for p, some in enumerate(entries) for k in some]
-        self._written = at.written([x.rate for x in motions], [x for some in entries for x in some.values()])
+        entries = [columns(x.entries) for x in motions]
+        self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]  # row and column of each entry in W
+        self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
 
     def __bool__(self) -> bool:
         return len(self.rows) > 0
 
     def directions(self, q: Array, v: Array) -> Array:
-        """W (..., n, p): generalised friction for unit loads at state(s) (..., n)."""
+        """Return W (..., n, p), the generalised friction for unit loads at state(s) q, v (..., n)."""
         W = np.zeros((*q.shape, len(self.rows)), dtype=q.dtype)
-        rates, entries = self._written(0.0, q, v)
+        rates, entries = self._function(0.0, q, v)
         law = -self.lever * np.tanh(rates / self.speed)
         for i, (k, p) in enumerate(self.places):
             W[..., k, p] = entries[..., i] * law[..., p]
         return W
 
     def loads(self, multipliers: Array) -> Array:
-        """N (..., p) [N] of multipliers (..., m)."""
+        """Return the loads N (..., p) [N] of the pairs from multipliers (..., m)."""
         return np.hypot(multipliers[..., self.rows], self.pins * multipliers[..., self.rows + 1])
 
     def generalised(self, q: Array, v: Array, multipliers: Array) -> Array:
-        """Friction W N(lambda), (..., n) [N, N m]."""
+        """Return the friction W N(lambda), (..., n) [N, N m]."""
         return np.asarray((self.directions(q, v) @ self.loads(multipliers)[..., None])[..., 0])
 
     def consistent(self, base: Array, gain: Array) -> Array:
         """Solve lambda = base + gain N(lambda) for the multipliers (..., m), with base (..., m) and gain (..., m, p).
 
         Raises:
-            Jammed: the iteration does not settle.
+            Jammed: the iteration does not converge.
         """
         multipliers = base
-        with np.errstate(over="ignore", invalid="ignore"):  # what grows beyond bounds has not settled
+        with np.errstate(over="ignore", invalid="ignore"):  # an iteration that overflows has not settled either
             for _ in range(self.ITERATIONS):
-                before, multipliers = multipliers, base + (gain @ self.loads(multipliers)[..., None])[..., 0]
-                change, scale = np.abs(multipliers - before).max(-1, initial=0.0), np.abs(multipliers).max(-1, initial=0.0)
+                before = multipliers
+                multipliers = base + (gain @ self.loads(multipliers)[..., None])[..., 0]
+                change = np.abs(multipliers - before).max(-1, initial=0.0)
+                scale = np.abs(multipliers).max(-1, initial=0.0)
                 if (change <= self.TOLERANCE * scale).all():
                     return np.asarray(multipliers)
         raise Jammed(JAMMED.format(self.ITERATIONS))

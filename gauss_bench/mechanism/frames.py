@@ -1,7 +1,7 @@
 """Bodies at a state: position and velocity of each body, and vectors fixed in a body expressed in world axes.
 
-A `Placement` locates all bodies of a linkage; the ground is a body at rest at the origin. Coordinates, rows and forces ask it for
-frames, ends and directions, and work with any kind of number.
+A `Placement` locates all bodies of a linkage; the ground is a body at rest at the origin. Coordinates, rows and forces get frames,
+ends and directions from it, and work with any kind of number.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from gauss_bench.mechanism.model import GROUND, Point
-from gauss_bench.mechanism.spaces import PLANE, Real, Turning, Vec
+from gauss_bench.mechanism.spaces import Real, Vec, rotate_vec
 from gauss_bench.terms import Array
 
 
@@ -20,16 +20,16 @@ class Frame(NamedTuple):
 
     Attributes:
         body: its index; GROUND for the ground.
-        z, u: place [m] and velocity [m/s] of its centre of mass.
+        z, u: position [m] and velocity [m/s] of its centre of mass.
         omega: its angular speed [rad/s].
-        angle: about the plane's normal, unwrapped [rad].
+        angle: its angle, unwrapped [rad].
         rests: whether it is the ground, whose terms can be left out.
     """
 
     body: int
     z: Vec
     u: Vec
-    omega: Turning
+    omega: Real
     angle: Real
     rests: bool = False
 
@@ -56,7 +56,7 @@ class Direction(NamedTuple):
 
 
 class Arithmetic(Protocol):
-    """The operations that numbers have no operators for."""
+    """Functions of a kind of number, beside the operators + - *."""
 
     def sqrt(self, x: Real, /) -> Real: ...
     def sin(self, x: Real, /) -> Real: ...
@@ -71,17 +71,16 @@ def unit(angle: float, across: bool = False) -> Array:
 
 
 class Placement:
-    """The bodies of a linkage at a state. A subclass provides `body` for its kind of numbers; frames, ends and directions follow.
+    """The bodies of a linkage at a state. A subclass provides `body` for its kind of number; frames, ends and directions follow.
 
     Attributes:
-        arithmetic: of its numbers.
+        arithmetic: functions of its kind of number.
     """
 
-    space = PLANE
     arithmetic: Arithmetic
 
     def body(self, body: int) -> tuple[Sequence[Real], Sequence[Real]]:
-        """The coordinates of a body, x, y and its angle, and their rates."""
+        """Return the coordinates of a body, x, y and its angle, and their rates."""
         raise NotImplementedError
 
     @cached_property
@@ -95,24 +94,25 @@ class Placement:
         return self.frames[body]
 
     def numbers(self, value: Any) -> Vec:
-        """A vector of the file, (2,), in numbers of this kind."""
+        """Return a vector of the file, (2,), in numbers of this kind."""
         return Vec(*value)
 
     def vector(self, body: int, value: Any) -> Direction:
-        """A vector that is fixed in a body's frame, in world axes."""
-        frame, s = self.frame(body), self.numbers(value)
+        """Return a vector that is fixed in a body's frame, in world axes."""
+        frame, local = self.frame(body), self.numbers(value)
         if frame.rests:
-            return Direction(frame, s)
+            return Direction(frame, local)
         if body not in self.turns:
             self.turns[body] = Vec(self.arithmetic.cos(frame.angle), self.arithmetic.sin(frame.angle))
-        return Direction(frame, self.space.turned(self.turns[body], s))
+        return Direction(frame, rotate_vec(self.turns[body], local))
 
     @cached_property
     def turns(self) -> dict[int, Vec]:
+        """Cosine and sine of the angles of bodies, computed once each."""
         return {}
 
     def direction(self, body: int, angle: float, across: bool = False) -> Direction:
-        """The direction at an angle [rad] of a body's frame, or where `across` the one a quarter turn on."""
+        """Return the direction at an angle [rad] in a body's frame; with `across`, the one a quarter turn further."""
         return self.vector(body, unit(angle, across))
 
     def end(self, point: Point) -> End:

@@ -1,8 +1,8 @@
 """Forces whose factor is piecewise linear in time, as two open parameters each: a level and a slope.
 
 A compiled program has the parameters forces.NAME.level and forces.NAME.slope for each such force, after all others. The stepping
-code sets them for the interval between two kinks and ends a step at every kink. So a table of a thousand rows costs one operation,
-as a ramp does, and the last stage of a step that ends at a jump still sees the value before the jump.
+code sets them for the interval between two kinks and ends a step at every kink. A table of a thousand rows therefore costs no more
+than a ramp, and the last stage of a step that ends at a jump uses the value before the jump.
 """
 
 import numpy as np
@@ -12,24 +12,25 @@ from gauss_bench.mechanism.motion_laws import Factor
 from gauss_bench.terms import Array
 
 
-def line_up(mechanism: Mechanism) -> list[tuple[str, Factor]]:
-    """Return the forces whose factors are piecewise linear in time with at least one kink, by name."""
-    return [(f.name, factor) for f in mechanism.varying if (factor := factor_of(f)) and factor.kinks]
+def list_lines(mechanism: Mechanism) -> list[tuple[str, Factor]]:
+    """List name and factor of the forces whose factor is piecewise linear in time with at least one kink."""
+    factors = [(f.name, factor_of(f)) for f in mechanism.varying]
+    return [(name, factor) for name, factor in factors if factor and factor.kinks]
 
 
 def line_names(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the names of the open parameters of these forces, in order."""
-    return tuple(f"forces.{name}.{key}" for name, _ in line_up(mechanism) for key in ("level", "slope"))
+    return tuple(f"forces.{name}.{key}" for name, _ in list_lines(mechanism) for key in ("level", "slope"))
 
 
 def line_values(mechanism: Mechanism, t: float | Array) -> Array:
     """Return the values (..., n) of these parameters at times (...) [s]; at a kink, those after it."""
-    lines = [factor.line(t) for _, factor in line_up(mechanism)]
+    lines = [factor.line(t) for _, factor in list_lines(mechanism)]
     return np.concatenate([np.zeros((*np.shape(t), 0)), *lines], axis=-1)
 
 
 def with_lines(mechanism: Mechanism, values: Array, t: float | Array) -> Array:
-    """All open numbers (..., n_p) of a program at times (...): `values` (n_p,) whose last ones are those of the lines there."""
+    """Return all open numbers (..., p) of a program at times (...): `values` (p,), whose last ones become those of the lines."""
     lines = line_values(mechanism, t)
     given = values[: len(values) - lines.shape[-1]]
     return np.concatenate([np.broadcast_to(given, (*lines.shape[:-1], len(given))), lines], axis=-1)

@@ -1,4 +1,4 @@
-"""Deprecated: `gauss_bench.load` and what else lies in `gauss_bench.linkage.load`; goes with the next release."""
+"""Deprecated alias of `gauss_bench.linkage.load`, which the next release will not have."""
 
 import warnings
 from importlib import import_module
@@ -6,8 +6,8 @@ from typing import Any
 
 
 def __getattr__(name: str) -> Any:
-    if name.startswith("__"):  # what the import itself asks for
+    if name.startswith("__"):  # attributes that the import system looks up
         raise AttributeError(name)
-    home = import_module("gauss_bench.linkage.load")  # asked for by name alone: the room knows no linkage file
+    home = import_module("gauss_bench.linkage.load")  # by name, because this folder must not import gauss_bench.linkage
     warnings.warn("gauss_bench.mechanism.load is now gauss_bench.linkage.load", DeprecationWarning, stacklevel=2)
     return getattr(home, name)

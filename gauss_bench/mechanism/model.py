@@ -45,7 +45,7 @@ class Angle:
 class Along:
     """Scalar coordinate [m] of `point` along an axis from `origin`, at `angle` [rad] in the frame of the origin's link.
 
-    With `across` it is the distance to the left of that axis: the same with an axis a quarter turn on, free of rounding.
+    With `across` it is the distance to the left of that axis: the axis is then a quarter turn further, without rounding.
     """
 
     origin: Point
@@ -57,7 +57,7 @@ class Along:
 
     @property
     def axes(self) -> int:
-        """The body in whose frame the axis is fixed: that of the origin, unless another is named."""
+        """The body in whose frame the axis is fixed: `body` if it is given, else the origin's."""
         return self.origin.link if self.body is None else self.body
 
 
@@ -72,7 +72,7 @@ class Distance:
 
 @dataclass(frozen=True, eq=False)
 class Slip:
-    """The speed [m/s] of a point across a direction at `angle` [rad] in the frame of its own link; it has no position level."""
+    """The speed [m/s] of a point across a direction at `angle` [rad] in the frame of its link; there is no such coordinate."""
 
     point: Point
     angle: float
@@ -80,7 +80,7 @@ class Slip:
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """Scalar coordinate: the weighted sum of others, such as the angles of two meshing gears; in the unit of the first."""
+    """Scalar coordinate: a weighted sum of coordinates, such as the angles of two meshing gears, in the unit of the first."""
 
     terms: tuple[tuple["Angle | Along | Distance", float], ...]
 
@@ -94,7 +94,7 @@ Coordinate = Angle | Along | Distance | Weighted
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The coordinate by which motions of a linkage are compared; `name` describes it for the reader of a report."""
+    """The coordinate by which motions of a linkage are compared; reports print its `name`."""
 
     name: str
     coordinate: Coordinate
@@ -140,7 +140,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Weld:
-    """A weld: `beyond` are the links that it fixes to the first one (indices among all links of the file), `at` the point there."""
+    """A weld.
+
+    Attributes:
+        at: point of the welded link about which the weld's moment is reported.
+        beyond: links that the weld carries (indices among all links of the file).
+    """
 
     name: str
     at: Point
@@ -149,7 +154,10 @@ class Weld:
 
 @dataclass(frozen=True, eq=False)
 class Revolute:
-    """A pin: point b of one link coincides with point a of another. `joint` is the name in the file, `name` the pair's own."""
+    """A pin: point b of one link coincides with point a of another.
+
+    A joint of m links has m - 1 pins: `joint` is the joint's name in the file, `name` the pin's.
+    """
 
     name: str
     joint: str
@@ -170,13 +178,14 @@ class Revolute:
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Along, float]]:
         """The coordinates that the pin constrains, with their values: the gap between its points along x and along y, both 0."""
-        x, y = (Along(self.a, self.b, 0.0, across, GROUND) for across in (False, True))
+        x = Along(self.a, self.b, 0.0, body=GROUND)
+        y = Along(self.a, self.b, 0.0, across=True, body=GROUND)
         return (x, 0.0), (y, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Prismatic:
-    """A slide: the block point stays at the distance `offset` left of a line in the guide's link; the block does not turn in it.
+    """A slide: the block's point keeps the distance `offset` to the left of a line of the guide's link and turns with that link.
 
     Attributes:
         angle: direction of the line in the guide link's frame [rad].
@@ -217,7 +226,7 @@ Joint = Revolute | Prismatic
 
 
 def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return a pin for every two links of a multiple joint; in the file its pins join neighbouring links only."""
+    """Return a pin for every two links of a joint of several links; `pairs` join only neighbours in the file's list."""
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
         return pairs
@@ -227,7 +236,7 @@ def every_two(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
 
 @dataclass(frozen=True, eq=False)
 class KnifeEdge:
-    """Nonholonomic: the point moves only along the direction at `angle` [rad] in the link's frame."""
+    """A nonholonomic constraint: the point moves only along the direction at `angle` [rad] in its link's frame."""
 
     name: str
     point: Point
@@ -243,7 +252,7 @@ class KnifeEdge:
 
 
 class Coupling(Protocol):
-    """A constraint that is not a joint: it holds scalar coordinates at given values. Its table in the file names its `type`."""
+    """A constraint that is not a joint: it holds scalar coordinates at constant values, as a pair of gears does."""
 
     @property
     def name(self) -> str: ...
@@ -255,8 +264,8 @@ class Coupling(Protocol):
 class Law:
     """The force F = bias - k (x - rest) - c dx/dt + s / x^2 along a scalar coordinate x; the generalised force is F dx/dq.
 
-    s is `inverse_square`, as of magnets, for coordinates that stay positive. Units follow from the coordinate: k [N/m], c [N s/m],
-    rest [m], bias [N], s [N m^2] of a length, k [N m/rad] and so on of an angle. The numbers may be expressions.
+    s is `inverse_square`, as of magnets, for coordinates that stay positive. Along a length the units are k [N/m], c [N s/m],
+    rest [m], bias [N] and s [N m^2]; along an angle k [N m/rad] and so on. The numbers may be expressions of the compiler.
     """
 
     coordinate: Coordinate
@@ -269,7 +278,7 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class PointForce:
-    """Force `value` (2,) [N] at a point, times its factor; the vector is fixed in the frame of link `frame` (GROUND: world)."""
+    """Force `value` (2,) [N] at a point, times `factor`; the vector is fixed in the frame of the link with the index `frame`."""
 
     name: str
     point: Point
@@ -279,20 +288,23 @@ class PointForce:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
-        point, frame = names.point(table["point"]), table.get("frame", "ground")
-        frame = table["point"].partition(".")[0] if frame == "body" else frame
+        frame = table.get("frame", "ground")
+        if frame == "body":
+            frame = table["point"].partition(".")[0]
         value, turn = names.pair(table["value"]), names.turn(frame)
-        return cls(name, point, turn_vector(value, turn) if turn else value, names.link(frame), read_factor(table))
+        if turn:  # from the frame of a welded link into that of its body
+            value = turn_vector(value, turn)
+        return cls(name, names.point(table["point"]), value, names.link(frame), read_factor(table))
 
-    def lowered(self) -> tuple["Load", ...]:
+    def to_loads(self) -> tuple["Load", ...]:
         return (self,)
 
 
-Load = Law | PointForce  # every force is lowered to these two: terms, kernels and adapters need to know no other kind
+Load = Law | PointForce  # every force is a sum of these two: terms, kernels and adapters support no other kind
 
 
 class Names(Protocol):
-    """Reads one table of the linkage file: it resolves names to links and points, and makes numbers of the precision in use."""
+    """What `read` of a force or constraint may ask: links and points by name, and numbers of a table in the precision in use."""
 
     @property
     def world(self) -> Point:
@@ -302,17 +314,17 @@ class Names(Protocol):
     def link(self, name: str, /) -> int: ...
     def point(self, reference: str, /) -> Point: ...
     def pairs(self, joint: str, /) -> tuple[Joint, ...]: ...
-    def damped(self, joint: str, /) -> tuple[Joint, ...]:
-        """The pairs in which a joint is damped: every two of its links, or only neighbours in files of the first edition."""
+    def pairs_to_damp(self, joint: str, /) -> tuple[Joint, ...]:
+        """The pairs in which damping of a joint acts: every two of its links; in files of the first edition, neighbours only."""
         ...
 
     def pair(self, values: Any, /) -> Array: ...
     def number(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """The number `key`, 0 where it is left out."""
+        """The number `key` of a table, 0 if it is missing."""
         ...
 
     def angle(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """The angle `key` or `key_deg` [rad], 0 where it is left out."""
+        """The angle `key` or `key_deg` of a table [rad], 0 if both are missing."""
         ...
 
     def turn(self, name: str, /) -> Any:
@@ -335,8 +347,13 @@ class Torque:
         reaction = names.link(table.get("reaction", "ground"))
         return cls(name, names.link(table["link"]), reaction, names.number(table, "value"), read_factor(table))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Angle(self.reaction, self.link), bias=self.value),)
+
+
+def _linear_numbers(table: Mapping[str, Any], names: Names) -> tuple[Any, Any, Any]:
+    """Return k, c and rest of the table of a spring and damper."""
+    return names.number(table, "k"), names.number(table, "c"), names.number(table, "rest")
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,9 +370,9 @@ class SpringDamper:
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "SpringDamper":
         a, b = (names.point(x) for x in table["between"])
-        return cls(name, a, b, *(names.number(table, key) for key in ("k", "c", "rest")))
+        return cls(name, a, b, *_linear_numbers(table, names))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Distance(self.a, self.b), self.k, self.c, self.rest),)
 
 
@@ -374,11 +391,10 @@ class AxisSpringDamper:
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
         origin = names.point(table["origin"]) if "origin" in table else names.world
-        numbers = (names.number(table, key) for key in ("k", "c", "rest"))
         angle = names.angle(table, "angle") + names.turn(table.get("origin", "ground"))
-        return cls(name, names.point(table["point"]), origin, angle, *numbers)
+        return cls(name, names.point(table["point"]), origin, angle, *_linear_numbers(table, names))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Along(self.origin, self.point, self.angle), self.k, self.c, self.rest),)
 
 
@@ -399,7 +415,7 @@ class RotationalSpringDamper:
         turn = names.turn(table["links"][1]) - names.turn(table["links"][0])
         return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest") - turn)
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return (Law(Angle(self.a, self.b), self.k, self.c, self.rest),)
 
 
@@ -413,15 +429,17 @@ class JointDamping:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "JointDamping":
-        return cls(name, names.damped(table["joint"]), names.number(table, "c"))
+        return cls(name, names.pairs_to_damp(table["joint"]), names.number(table, "c"))
 
-    def lowered(self) -> tuple[Load, ...]:
+    def to_loads(self) -> tuple[Load, ...]:
         return tuple(Law(pair.motion, c=self.c) for pair in self.pairs)
 
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the pair's load; not a Force, which needs q and v alone.
+    """Dry friction in every pair of a joint, proportional to the pair's load.
+
+    It is no `Force`, because a force depends only on q and v.
 
     Attributes:
         mu: coefficient of friction.
@@ -437,15 +455,15 @@ class CoulombFriction:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "CoulombFriction":
-        mu, radius, speed = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
-        return cls(name, names.pairs(table["joint"]), mu, radius, speed)
+        numbers = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
+        return cls(name, names.pairs(table["joint"]), *numbers)
 
 
 Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpringDamper | JointDamping
 
 
 def factor_of(force: Force) -> Factor | None:
-    """The factor of a force, or None where it is steady."""
+    """Return the factor of a force that varies, or None for a steady force."""
     return force.factor if isinstance(force, (Torque, PointForce)) else None
 
 
@@ -461,18 +479,18 @@ def steady_part(force: Force) -> Torque | PointForce:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """Lower steady forces to loads: laws on coordinates and forces at points.
+    """Return the loads of steady forces: laws on coordinates and forces at points.
 
     Raises:
-        TypeError: a force has no `lowered` method, or varies; the message names it.
+        TypeError: a force has no method `to_loads`, or varies; the message names it.
     """
     forces = tuple(forces)
     for force in forces:
-        if not hasattr(force, "lowered"):
-            raise TypeError(f"force {force.name}: nothing is known of the kind {type(force).__name__}")
+        if not hasattr(force, "to_loads"):
+            raise TypeError(f"force {force.name}: unknown kind {type(force).__name__}")
         if factor_of(force):
-            raise TypeError(f"force {force.name} varies with time or direction, which is not known here")
-    return tuple(load for force in forces for load in force.lowered())
+            raise TypeError(f"force {force.name} varies with time or direction, which is not supported here")
+    return tuple(load for force in forces for load in force.to_loads())
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,7 +521,7 @@ class SlideDriver:
 
 @dataclass(frozen=True, eq=False)
 class LengthDriver:
-    """An active bar without mass, such as a cylinder: the distance of two points is law(t) [m]."""
+    """A prescribed distance of two points, law(t) [m], as of an active cylinder without mass."""
 
     name: str
     law: MotionLaw
@@ -518,9 +536,9 @@ class LengthDriver:
 Driver = AngleDriver | SlideDriver | LengthDriver
 
 
-def _require(kind: Any, name: str, x: object) -> None:
+def _check_kind(kind: Any, name: str, x: object) -> None:
     if not isinstance(x, kind):
-        raise TypeError(f"{name}: nothing is known of the kind {type(x).__name__}")
+        raise TypeError(f"{name}: unknown kind {type(x).__name__}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -528,21 +546,23 @@ class Mechanism:
     """One linkage in one scenario, assembled: all engines start from the same q0, v0.
 
     Attributes:
-        source: the file it was read from, as given.
+        source: the file's path, as the caller gave it.
         sha256: digest of the file's bytes.
         digest: hash of everything that determines the motion; comments, titles and other scenarios do not change it.
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
-        observed_points, observed_links: what the file asks to report: points, and links by their angles (indices).
+        observed_points, observed_links: points, and links by their angles, that the file asks to report.
         measured: the coordinate by which motions are compared: what the file names, else the first driver's, else the crank's
             angle, else the first angle of a link or slide that can move, in the file's order.
         q0, v0: (n,) consistent start, read-only.
-        frictions: dry friction in joints, which depends on the accelerations and therefore is not among the forces.
-        parts: every link of the file with the body that carries it, if some are welded; else empty. welds: the welds themselves.
-        apart: the same linkage with no links merged, if some are welded: results are reported by its links.
-        couplings: constraints beside the joints that have a position level.
-        warnings: sentences on what the file allows and a motion should stay away from.
-        dof: n minus the rank of the joint rows at the start; redundant: joint rows beyond that rank.
+        frictions: dry friction in joints; it depends on accelerations and is therefore not among the forces.
+        dof: n minus the rank of the joint rows at the start.
+        redundant: number of joint rows beyond that rank.
+        parts: every link of the file with the body that carries it; empty if no links are welded.
+        welds: the welds of the file.
+        apart: the same linkage with no links merged, by whose links results are reported; None if no links are welded.
+        warnings: sentences on positions that the linkage can reach and a motion should avoid.
+        couplings: constraints beside joints and drivers that have a position level.
     """
 
     name: str
@@ -579,21 +599,27 @@ class Mechanism:
         """Check the kinds of all parts and make the arrays read-only.
 
         Code that selects forces, joints or drivers by kind would silently skip an unknown one. The arrays are frozen because
-        everybody who loads the same file gets this same object.
+        every `load` of the same file returns the same object.
 
         Raises:
             TypeError: a part is of an unknown kind; the message names it.
         """
         for name in ("gravity", "q0", "v0"):
-            if isinstance(given := getattr(self, name), np.ndarray):  # or numbers of another kind, in a list
-                object.__setattr__(self, name, fixed := given.view())
-                fixed.flags.writeable = False
+            given = getattr(self, name)
+            if isinstance(given, np.ndarray):  # a sweep gives lists of expressions instead
+                view = given.view()
+                view.flags.writeable = False
+                object.__setattr__(self, name, view)
         loads(f for f in self.forces if not factor_of(f))
-        kinds: tuple[Any, ...] = (Joint, Driver, KnifeEdge, CoulombFriction)
-        for known, some in zip(kinds, (self.joints, self.drivers, self.knife_edges, self.frictions), strict=True):
-            for x in some:
-                _require(known, x.name, x)
-        _require(Coordinate, self.measured.name, self.measured.coordinate)
+        for joint in self.joints:
+            _check_kind(Joint, joint.name, joint)
+        for driver in self.drivers:
+            _check_kind(Driver, driver.name, driver)
+        for edge in self.knife_edges:
+            _check_kind(KnifeEdge, edge.name, edge)
+        for friction in self.frictions:
+            _check_kind(CoulombFriction, friction.name, friction)
+        _check_kind(Coordinate, self.measured.name, self.measured.coordinate)
 
     @property
     def pins(self) -> tuple[Revolute, ...]:
@@ -606,8 +632,10 @@ class Mechanism:
     @property
     def driver(self) -> AngleDriver | None:
         """The prescribed rotation, if it is the only driver of the scenario; else None."""
-        only = self.drivers[0] if len(self.drivers) == 1 else None
-        return only if isinstance(only, AngleDriver) else None
+        match self.drivers:
+            case (AngleDriver() as only,):
+                return only
+        return None
 
     @property
     def constraints(self) -> tuple[KnifeEdge | Coupling, ...]:
@@ -616,7 +644,7 @@ class Mechanism:
 
     @property
     def has_friction(self) -> bool:
-        """True if dry friction acts in a joint; an engine without it must not run this mechanism."""
+        """Whether dry friction acts in a joint; an engine without friction must not run this mechanism."""
         return any(f.mu > 0 for f in self.frictions)
 
     @property
@@ -626,14 +654,17 @@ class Mechanism:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Times [s] at which a force jumps or its slope does: an integrator should end a step there and restart."""
-        return tuple(sorted({t for f in self.varying if (factor := factor_of(f)) for t in factor.kinks if 0 < t < self.duration}))
+        """Times [s] at which a force or its slope jumps: an integrator should end a step there and restart."""
+        return tuple(sorted({t for factor in self._factors() for t in factor.kinks if 0 < t < self.duration}))
 
     @property
     def forcing_period(self) -> float | None:
         """The shortest period [s] of the sinusoidal forces, or None if there are none."""
-        waves = [factor.wave for f in self.varying if (factor := factor_of(f)) and factor.wave]
+        waves = [factor.wave for factor in self._factors() if factor.wave]
         return min((2 * np.pi / x.turning for x in waves if x.turning > 0), default=None)
+
+    def _factors(self) -> list[Factor]:
+        return [factor for factor in map(factor_of, self.forces) if factor]
 
     @property
     def n(self) -> int:
@@ -649,10 +680,10 @@ class Mechanism:
 
     @property
     def whole(self) -> "Mechanism":
-        """The linkage with every link of its file separate, before welding."""
+        """The linkage with no links welded to each other."""
         return self.apart or self
 
-    def placed(self, name: str) -> tuple[int, Any]:
+    def find_body(self, name: str) -> tuple[int, Any]:
         """Return the index of the body that carries a link of the file, and the link's angle in that body's frame [rad]."""
         if self.parts:
             part = next(x for x in self.parts if x.name == name)
@@ -662,17 +693,18 @@ class Mechanism:
     @property
     def size(self) -> float:
         """The largest distance [m] between two points of one link or of the ground; 1 if no link has two points."""
-        parts = [[np.asarray(p, dtype=float) for p in link.points.values()] for link in self.links]
-        parts.append([np.asarray(p, dtype=float) for p in self.ground_points.values()])
-        largest = max((float(np.hypot(*(a - b))) for points in parts for a in points for b in points), default=0.0)
-        return largest or 1.0
+        distances = [0.0]
+        for points in (*(link.points for link in self.links), self.ground_points):
+            places = [np.asarray(p, dtype=float) for p in points.values()]
+            distances += [float(np.hypot(*(a - b))) for a, b in combinations(places, 2)]
+        return max(distances) or 1.0
 
-    def named_point(self, reference: str) -> Point:
+    def find_point(self, reference: str) -> Point:
         """Return the point "link.point" of the file, as a point of the body that carries the link."""
         owner, _, name = reference.partition(".")
         if owner == "ground":
             return self.point(GROUND, name)
-        body, _ = self.placed(owner)
+        body, _ = self.find_body(owner)
         return self.point(body, name if self.links[body].name == owner else reference)
 
     def point(self, link: int, name: str) -> Point:

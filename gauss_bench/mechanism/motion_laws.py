@@ -1,29 +1,26 @@
-"""Functions of time: laws theta(t) of a prescribed motion, and factors of forces that vary.
+"""Functions of time: laws of a prescribed motion, and factors of forces that vary.
 
-A law has a value, a rate and a second rate, consistent with each other.
+A law gives a value, its rate and its second rate. The families are those of cam mechanisms (Wang et al., 2010): constant speed,
+sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law that takes a time keeps its first value before and its last
+value afterwards. A law computes in the type of number that it is given.
 
-Formulas as in the textbook family of cam laws named by Wang et al. (2010): constant speed, sine (cycloidal) and cosine
-acceleration, 3-4-5 polynomial, table. A law that runs for a time holds its end position afterwards and its start before.
-Arguments may be of any type of number; what a law computes then is of that type too.
-
-Factors of a steady force: one of the time, and one of the direction in which its point or link moves.
+A force may be multiplied by two factors. The factor of time is one of
 
     table    straight lines between rows (t, factor), the first and last value outside
     ramp     from 0 at `start` to 1 after `time`
     step     0 before `start`, 1 from then on
     sine     sin(2 pi frequency t + phase)
 
-Against its own direction a force may have a share of its value only. With w the speed along the force (its power over its size) and
-a speed of regularisation, the share goes over smoothly, as in dry friction:
+A factor of time lists its kinks and jumps, so that an integrator can restart there. Between them it is a straight line or the sine.
+
+The factor of direction is 1 if the force moves along itself, and `share` if it moves against itself. With w the speed along the
+force (its power over its size), it changes smoothly between the two, as regularised dry friction does:
 
     (1 + share) / 2 + (1 - share) / 2 tanh(w / speed)
-
-Where a factor of time has a kink or jumps stands with it, so that who integrates can start anew there; between kinks it is a
-straight line, or the sine.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -32,8 +29,8 @@ import numpy as np
 from gauss_bench.mechanism.numbers import PI, Number, angle_of
 from gauss_bench.terms import Array
 
-Motion = tuple[Any, Any, Any]
-STEADY = (1.0, 0.0)  # a line of a factor: its value at t = 0 [-] and its slope [1/s]
+Motion = tuple[Any, Any, Any]  # value, rate, second rate
+STEADY = (1.0, 0.0)  # the line of a constant factor 1: value at t = 0 [-] and slope [1/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +56,7 @@ class MotionLaw:
 
 
 def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
-    """Build the law of this name from its parameters, in floats."""
+    """Return the law of this name with these parameters, in floats."""
     match name:
         case "constant":
             return constant(numbers["start"], numbers["speed"])
@@ -70,24 +67,24 @@ def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
 
 
 def constant(start: Any, speed: Any) -> MotionLaw:
-    """Constant speed [rad/s] from `start` [rad]."""
+    """Return the law of constant speed [rad/s] from `start` [rad]."""
     numbers = {"start": start, "speed": speed}
     return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t), numbers)
 
 
 def sine(s: Any, pi: Any = np.pi) -> Motion:
-    """Cycloidal law on 0..1: the acceleration is a sine."""
+    """Return the cycloidal law at s in 0..1: its acceleration is a sine."""
     w = 2 * pi
     return s - np.sin(w * s) / w, 1 - np.cos(w * s), w * np.sin(w * s)
 
 
 def cosine(s: Any, pi: Any = np.pi) -> Motion:
-    """Harmonic law on 0..1: the acceleration is a cosine and jumps at the ends."""
+    """Return the harmonic law at s in 0..1: its acceleration is a cosine, which jumps at both ends."""
     return (1 - np.cos(pi * s)) / 2, pi / 2 * np.sin(pi * s), pi * pi / 2 * np.cos(pi * s)
 
 
 def poly345(s: Any, pi: Any = np.pi) -> Motion:
-    """3-4-5 polynomial on 0..1."""
+    """Return the 3-4-5 polynomial 10 s^3 - 15 s^4 + 6 s^5 at s in 0..1."""
     return (
         s * s * s * (10 - 15 * s + 6 * s * s),
         30 * s * s * (1 - s) * (1 - s),
@@ -99,51 +96,57 @@ RISE_LAWS: dict[str, Callable[..., Motion]] = {"sine": sine, "cosine": cosine, "
 
 
 def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) -> MotionLaw:
-    """One of RISE_LAWS from `start` over `travel` [rad] in `time` [s], at rest outside."""
-    pi, low, high = number(PI), number("0"), number("1")
+    """Return one of RISE_LAWS from `start` over `travel` [rad] in `time` [s]; it rests before and afterwards."""
+    pi, zero, one = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
-        s, moving = within(t / time, low, high)
+        s, moving = clip(t / time, zero, one)
         x, rate, second = RISE_LAWS[name](s, pi)
         return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
 
     return MotionLaw(name, motion, {"start": start, "travel": travel, "time": time})
 
 
-def within(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
-    """Return t clipped to two bounds, and 1 where t was between them, else 0."""
+def clip(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
+    """Return t limited to [low, high], and a factor that is 1 where t was inside and 0 elsewhere, in t's type of number."""
     before, after = t < low, t > high
-    return np.where(before, low, np.where(after, high, t))[()], np.where(before | after, low - low, low - low + 1)[()]
+    zero = low - low
+    return np.where(before, low, np.where(after, high, t))[()], np.where(before | after, zero, zero + 1)[()]
 
 
 def table(start: Any, times: Array, angles: Array) -> MotionLaw:
-    """Cubic spline through a table, at rest at both ends and outside; angles [rad] are added to `start`.
+    """Return a cubic spline through a table, at rest at both ends and outside; angles [rad] are added to `start`.
 
-    With curvatures k at the knots and h, d the widths and slopes of the pieces, the first derivative is continuous where
+    With curvatures k at the knots, and widths h and slopes d of the pieces, the first derivative is continuous if
 
-        h_j-1 k_j-1 + 2 (h_j-1 + h_j) k_j + h_j k_j+1 = 6 (d_j - d_j-1),    slopes beyond the ends being zero.
+        h_j-1 k_j-1 + 2 (h_j-1 + h_j) k_j + h_j k_j+1 = 6 (d_j - d_j-1),    where slopes beyond the ends are zero.
     """
     h = times[1:] - times[:-1]
     d = (angles[1:] - angles[:-1]) / h
-    k = _curvatures(h, d)
+    k = _solve_curvatures(h, d)
 
     def motion(t: Any) -> Motion:
-        inside, moving = within(t, times[0], times[-1])
-        j = np.minimum(np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1, len(h) - 1)
-        x, width, bend = inside - times[j], h[j], (k[j + 1] - k[j]) / h[j]
-        slope = d[j] - width * (2 * k[j] + k[j + 1]) / 6
+        inside, moving = clip(t, times[0], times[-1])
+        piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
+        j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece
+        x = inside - times[j]
+        bend = (k[j + 1] - k[j]) / h[j]  # third derivative
+        slope = d[j] - h[j] * (2 * k[j] + k[j + 1]) / 6  # first derivative at the beginning of the piece
         value = angles[j] + x * (slope + x * (k[j] / 2 + x * bend / 6))
         return start + value, (slope + x * (k[j] + x * bend / 2)) * moving, (k[j] + x * bend) * moving
 
     return MotionLaw("table", motion, {"start": start, "times": times, "angles": angles, "curvatures": k})
 
 
-def _curvatures(h: Array, d: Array) -> Array:
-    """Curvatures at the knots: the tridiagonal system above, by elimination."""
-    none = h[:1] * 0
-    below, above = np.concatenate([none, h]), np.concatenate([h, none])
+def _solve_curvatures(h: Array, d: Array) -> Array:
+    """Solve the tridiagonal system of `table` for the curvatures at the knots.
+
+    Elimination is written here because numpy's and scipy's solvers know no type longer than double.
+    """
+    zero = h[:1] * 0
+    below, above = np.concatenate([zero, h]), np.concatenate([h, zero])
     main = 2 * (below + above)
-    slopes = np.concatenate([none, d, none])
+    slopes = np.concatenate([zero, d, zero])
     k: Array = 6 * (slopes[1:] - slopes[:-1])
     for j in range(1, len(main)):
         factor = below[j] / main[j - 1]
@@ -164,13 +167,13 @@ class Wave:
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor of time t (...) [s] and of the speed (...) along the force.
+    """A factor of time t (...) [s] and of the speed w (...) along the force.
 
     Attributes:
         kinks: times [s], in order, at which the factor of time has no derivative, or jumps.
-        lines: (level, slope [1/s]) of level + slope t, before, between and after the kinks; at a kink the later line holds.
+        lines: (level, slope [1/s]) of level + slope t before, between and after the kinks; at a kink the later line holds.
         wave: a sine that replaces the lines, or None.
-        share, speed: share of the force when its point moves against it, and the transition speed [m/s or rad/s].
+        share, speed: share of the force that acts against its own direction, and the speed [m/s or rad/s] of the transition.
     """
 
     kinks: tuple[float, ...] = ()
@@ -180,11 +183,11 @@ class Factor:
     speed: float = 1.0
 
     def line(self, t: float | Array) -> Array:
-        """(..., 2) level and slope at times (...)."""
+        """Return level and slope (..., 2) at times t (...)."""
         return np.asarray(np.array(self.lines)[np.searchsorted(self.kinks, t, side="right")])
 
     def of_time(self, t: Any) -> Array:
-        """The factor of time at times (...)."""
+        """Return the factor of time at times t (...)."""
         t = np.asarray(t, dtype=float)
         if self.wave:
             return np.asarray(np.sin(self.wave.turning * t + self.wave.phase))
@@ -192,37 +195,44 @@ class Factor:
         return np.asarray(level + slope * t)
 
     def __call__(self, t: Any, w: Array) -> Array:
-        """The factor at times and speeds (...)."""
-        way = 1.0 if self.share == 1.0 else (1 + self.share) / 2 + (1 - self.share) / 2 * np.tanh(w / self.speed)
-        return np.asarray(self.of_time(t) * way + 0.0 * w)
+        """Return the product of both factors at times and speeds (...)."""
+        if self.share == 1.0:
+            of_direction: Any = 1.0
+        else:
+            of_direction = (1 + self.share) / 2 + (1 - self.share) / 2 * np.tanh(w / self.speed)
+        return np.asarray(self.of_time(t) * of_direction + 0.0 * w)
 
 
 def read_factor(table: Mapping[str, Any]) -> Factor | None:
-    """Read the factor of a force's table from `over_time` and `against`; None if it has neither."""
+    """Read the factors of a force from `over_time` and `against` of its table; None if it has neither."""
     if "over_time" not in table and "against" not in table:
         return None
-    against = table.get("against", {})
-    return Factor(*_of_time(table.get("over_time")), float(against.get("share", 1.0)), float(against.get("speed", 1.0)))
+    factor = _read_over_time(table["over_time"]) if "over_time" in table else Factor()
+    if "against" not in table:
+        return factor
+    against = table["against"]
+    return replace(factor, share=float(against["share"]), speed=float(against["speed"]))
 
 
-def _of_time(table: Mapping[str, Any] | None) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...], Wave | None]:
-    """Read kinks, lines and wave from the table `over_time`."""
-    if table is None:
-        return (), (STEADY,), None
+def _read_over_time(table: Mapping[str, Any]) -> Factor:
+    """Read the factor of time from the table `over_time` of a force."""
     match table["law"]:
         case "table":
-            return *_through([(float(t), float(factor)) for t, factor in table["rows"]]), None
+            return _straight_between([(float(t), float(factor)) for t, factor in table["rows"]])
         case "ramp":
             start, time = float(table.get("start", 0.0)), float(table["time"])
-            return *_through([(start, 0.0), (start + time, 1.0)]), None
+            return _straight_between([(start, 0.0), (start + time, 1.0)])
         case "step":
-            return (float(table["start"]),), ((0.0, 0.0), STEADY), None
+            return Factor(kinks=(float(table["start"]),), lines=((0.0, 0.0), STEADY))
         case _:
-            return (), (STEADY,), Wave(2 * np.pi * float(table["frequency"]), float(angle_of(table, "phase")))
+            return Factor(wave=Wave(2 * np.pi * float(table["frequency"]), float(angle_of(table, "phase"))))
 
 
-def _through(rows: list[tuple[float, float]]) -> tuple[tuple[float, ...], tuple[tuple[float, float], ...]]:
-    """Kinks and lines of a factor that is straight from row to row, (t, factor), and rests before and after them."""
-    slopes = [(y - x) / (t - s) for (s, x), (t, y) in pairwise(rows)]
-    between = [(x - slope * t, slope) for (t, x), slope in zip(rows, slopes, strict=False)]
-    return tuple(t for t, _ in rows), ((rows[0][1], 0.0), *between, (rows[-1][1], 0.0))
+def _straight_between(rows: list[tuple[float, float]]) -> Factor:
+    """Return a factor that is straight between rows (t, factor), and constant before the first and after the last."""
+    lines = [(rows[0][1], 0.0)]
+    for (t0, x0), (t1, x1) in pairwise(rows):
+        slope = (x1 - x0) / (t1 - t0)
+        lines.append((x0 - slope * t0, slope))
+    lines.append((rows[-1][1], 0.0))
+    return Factor(kinks=tuple(t for t, _ in rows), lines=tuple(lines))

@@ -1,7 +1,7 @@
 """Numbers of any precision: a linkage is built from the decimals of its file in the type that computes with it.
 
-A `Number` converts decimal text to its type: float, numpy.longdouble, or the 128-bit type of an extended library. All of them add,
-multiply and work with numpy's elementary functions; operations that numpy would round to double are implemented here.
+A `Number` converts decimal text to its type: float, numpy.longdouble, or a 128-bit type. Arrays of each type have + - * and numpy's
+elementary functions; this file has the operations that numpy would round to double.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,31 +21,31 @@ def exact(number: Number, value: float | int | Decimal) -> Any:
 
 
 def pair(number: Number, values: Any) -> Any:
-    """(2,) array of the type."""
+    """Return two numbers of the file as an array (2,) of the type."""
     return np.array([exact(number, x) for x in values])
 
 
 def radians(number: Number, degrees: float | Decimal) -> Any:
-    """Degrees of the file as radians."""
+    """Return an angle in degrees of the file in radians, in the type."""
     return exact(number, degrees) * (number(PI) / number("180"))
 
 
 def angle_of(table: Mapping[str, Any], key: str, number: Number = float) -> Any:
-    """The angle `key` of a table in radians, written as `key` or as `key_deg`; 0 where neither is given."""
+    """Return an angle of a table in radians, from `key` or `key_deg`; 0 if both are missing."""
     return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
 
 
 def direction(theta: Any) -> Any:
-    """Unit vector (2,) at an angle [rad]."""
+    """Return the unit vector (2,) at an angle theta [rad]."""
     return np.array([np.cos(theta), np.sin(theta)])
 
 
 def turn_vector(vector: Any, theta: Any) -> Any:
-    """A vector (2,), turned by an angle [rad]."""
+    """Return a vector (2,), rotated by an angle theta [rad]."""
     c, s = np.cos(theta), np.sin(theta)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 def length(vector: Any) -> Any:
-    """Euclidean length of a vector (2,)."""
+    """Return the Euclidean length of a vector (2,)."""
     return np.sqrt(vector[0] * vector[0] + vector[1] * vector[1])

@@ -1,9 +1,9 @@
-"""The audit: measure every line of the three papers, as printed and as it should read, and derive a verdict.
+"""The audit: measure every line of the three papers, as printed and as intended, and derive a verdict.
 
-A data file holds the statements of a paper, line by line, in the paper's order. A line has two forms, printed and intended, and
-names the function that measures them. A form is a function of the chapter's module in `forms`, or data: a number, a list, a table.
-The measure compares a form with a reference that is computed without either form, so that a verdict cannot be set by hand. The file
-gives only the cause for which a line fails; lines with the same cause are one mistake.
+The data file of a paper has its statements, the lines, in the paper's order. A line has two forms, printed and intended, and names
+the function that measures them. A form is a function of the chapter's module in `forms`, or data: a number, a list, a table.
+The measure compares a form with a reference that is computed without either form, so that the data file cannot set a verdict. It
+only gives the cause of an error; lines with the same cause are one mistake.
 """
 
 import math
@@ -19,10 +19,15 @@ import numpy as np
 
 FOLDER = Path(__file__).parent
 PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
-APART = 1e3  # a printed form counts as wrong only if it is off by this many tolerances, far beyond rounding
-WORDS = ("name", "printed", "intended", "cause")  # cells of a row that are copied from a line under the same name
-READ = {**dict(zip(WORDS, WORDS, strict=True)), "equation": "place", "sentence": "remark"}
-EXAMPLE = ("example_printed", "example_intended", "example_true")
+APART = 1e3  # a printed form counts as wrong only if it differs by this many tolerances, far beyond rounding
+CELLS = {  # cell of a row -> key of the line from which it is copied
+    "name": "name",
+    "printed": "printed",
+    "intended": "intended",
+    "cause": "cause",
+    "equation": "place",
+    "sentence": "remark",
+}
 
 Table = dict[str, Any]
 
@@ -43,13 +48,13 @@ class Line:
     """One statement of a paper.
 
     Attributes:
-        texts: cells of its row that come from the file and are not measured.
+        texts: cells of its row that are copied from the file.
         verdict: the verdict that the file claims: ok without a cause, else the kind of the cause.
         printed, intended: both forms; the same object if the line is right.
-        measure: form -> its discrepancy from the reference, >= 0.
+        measure: returns the discrepancy of a form from the reference, >= 0.
         tolerance: largest discrepancy of a right form.
-        example: form -> a number that a reader can check by hand; None if the line has none.
-        truth: call that computes that number without the forms; None if the line has none.
+        example: computes from a form a number that a reader can check by hand; None if the line has no example.
+        truth: computes that number without the forms; None if the line has no example.
     """
 
     texts: dict[str, str]
@@ -81,13 +86,12 @@ def lines_of(paper: Table) -> Iterator[Line]:
     """Yield the lines of a paper's data file, with their forms and measures resolved to functions."""
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
-        room = f"forms.{chapter['forms']}"
+        module = f"forms.{chapter['forms']}"
         for entry in chapter["line"]:
             cause = paper["cause"][entry["cause"]] if "cause" in entry else {"kind": Verdict.OK}
             tolerance, example = paper["tolerance"][entry["tolerance"]], entry.get("example")
             number = paper["number"][example["number"]] if example else {"text": ""}
-            printed, intended = (form_of(room, entry.get(key, entry.get("form"))) for key in ("printed_form", "intended_form"))
-            texts = {cell: entry.get(key, "") for cell, key in READ.items()} | {
+            texts = {cell: entry.get(key, "") for cell, key in CELLS.items()} | {
                 "paper": paper["paper"],
                 "measured": chapter["measure"][entry["measure"]],
                 "reason": tolerance["reason"],
@@ -98,28 +102,28 @@ def lines_of(paper: Table) -> Iterator[Line]:
                 "example": number["text"],
             }
             yield Line(
-                texts,
-                Verdict(cause["kind"]),
-                printed,
-                intended,
-                measure_of(room, entry),
-                tolerance["value"],
-                form_of(room, example["of"]) if example else None,
-                form_of(room, number["truth"]) if example else None,
+                texts=texts,
+                verdict=Verdict(cause["kind"]),
+                printed=form_of(module, entry.get("printed_form", entry.get("form"))),
+                intended=form_of(module, entry.get("intended_form", entry.get("form"))),
+                measure=measure_of(module, entry),
+                tolerance=tolerance["value"],
+                example=form_of(module, example["of"]) if example else None,
+                truth=form_of(module, number["truth"]) if example else None,
             )
 
 
-def form_of(room: str, form: Any) -> Any:
+def form_of(module: str, form: Any) -> Any:
     """Return a form: data unchanged, or the function that a name denotes, in the chapter's module or at a path in `papers`."""
     if not isinstance(form, str):
         return form
     path, _, name = form.rpartition(".")
-    return getattr(import_module(f"gauss_bench.papers.{path or room}"), name)
+    return getattr(import_module(f"gauss_bench.papers.{path or module}"), name)
 
 
-def measure_of(room: str, entry: Table) -> Callable[[Any], float]:
+def measure_of(module: str, entry: Table) -> Callable[[Any], float]:
     """Return the measure of a line; a line's `on` restricts it to a part of a form or to some of the problems."""
-    measure = form_of(room, entry["measure"])
+    measure = form_of(module, entry["measure"])
     return (lambda form: measure(form, entry["on"])) if "on" in entry else measure
 
 
@@ -144,16 +148,14 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 def measure_line(line: Line) -> dict[str, Any]:
     """Measure a line and return a flat row of texts and numbers.
 
-    `verdict` is ok if the printed form is measured to be right; otherwise it is the file's verdict, or wrong if the file claims ok.
-    `stands` tells whether measurement and file agree.
+    The row's `verdict` is ok if the measure finds the printed form right; otherwise it is the file's verdict, or wrong if the file
+    claims ok. `stands` tells whether measurement and file agree.
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)
     faults = list_faults(line.verdict, printed, intended, line.tolerance)
     off = Verdict.WRONG if line.verdict == Verdict.OK else line.verdict
-    numbers: tuple[float | None, ...] = (None, None, None)
-    if line.example and line.truth:
-        numbers = float(line.example(line.printed)), float(line.example(line.intended)), float(line.truth())
+    example = line.example
     return {
         **line.texts,
         "verdict": str(Verdict.OK if printed <= line.tolerance else off),
@@ -162,5 +164,7 @@ def measure_line(line: Line) -> dict[str, Any]:
         "tolerance": line.tolerance,
         "stands": not faults,
         "faults": "; ".join(faults),
-        **dict(zip(EXAMPLE, numbers, strict=True)),
+        "example_printed": float(example(line.printed)) if example else None,
+        "example_intended": float(example(line.intended)) if example else None,
+        "example_true": float(line.truth()) if line.truth else None,
     }

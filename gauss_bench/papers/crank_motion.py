@@ -3,7 +3,7 @@
     sin th2 = -l1/l2 sin th,   q(th) of crank, rod and slider as in `crank_slider`,   d = dq/dth,   e = d2q/dth2
 
 The true acceleration minimises a distance over all a = d w' + e w^2 (Gauss's principle). The wrong formulas of the paper also
-satisfy J a = g, so they minimise over the same set, but another distance:
+satisfy J a = g, and minimise another distance over the same set:
 
     w' = d . (R - W e w^2) / (d . W d)
     true                      W = M,      R = Q           nearest to M^-1 Q in the metric of M
@@ -82,7 +82,7 @@ class CrankMotion:
     def acceleration(self, theta: Any, w: Any) -> Any:
         """Return the crank's acceleration [rad/s^2] by `formula`, of the shape of theta and w."""
         q, d, e = self.positions(theta)
-        force = inertia = 0.0
+        force = inertia = 0.0  # d . (R - W e w^2) and d . W d
         for m, Q, di, ei in zip(self.mass, self.forces(q[6], d[6] * w), d, e, strict=True):
             R = Q if self.formula == TRUE else Q / m
             W = m if self.formula == TRUE else 1 / m if self.formula == EQS_10_11 else 1.0

@@ -3,8 +3,8 @@
     q = [x1, y1, theta1, x2, y2, theta2, x3]: centres of mass and angles of crank and rod, place of the slider
 
 The paper leaves out the slider's height and angle, which are zero; the linkage file `crank_slider` keeps them. `states` are motions
-of that file, computed in the crank angle alone and therefore independent of the equations here. All functions take one state (7,).
-Most take complex numbers too, for derivatives by the complex-step method, which are exact to rounding.
+of that file, computed in the crank angle alone and therefore independent of the equations here. All functions take one state (7,);
+most also take complex numbers, for derivatives by the complex-step method, which are exact to rounding.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from gauss_bench.terms import Array
 
 Number = NDArray[Any]
 
-KEPT = (0, 1, 2, 3, 4, 5, 6)  # the paper's coordinates among the nine of the linkage file: all but the slider's y and theta
+KEPT = (0, 1, 2, 3, 4, 5, 6)  # indices of the paper's coordinates in the linkage file, which also has the slider's y and theta
 TINY = 1e-30  # imaginary step of the complex-step method: its square underflows and nothing cancels
 M1, M2, M3 = 0.37, 0.77, 0.1  # [kg]
 L1, L2 = 0.15, 0.56  # [m]
@@ -56,7 +56,7 @@ def states(count: int = 24) -> tuple[ExampleState, ...]:
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
-    start = crank.free(mechanism.q0[[crank.crank]], mechanism.v0[[crank.crank]])
+    start = crank.free_state(mechanism.q0[[crank.crank]], mechanism.v0[[crank.crank]])
     rows = [*zip(*start, strict=True), *zip(random.q, random.v, random.a, strict=True)]
     return tuple(ExampleState(q[kept], v[kept], a[kept], applied.generalised(q, v)[kept]) for q, v, a in rows)
 
@@ -72,7 +72,7 @@ def gradient(function: Callable[[Any], Number], x: Array) -> Array:
 
 
 def residual(q: Number) -> Number:
-    """Eq. (21): crank pin and crank's centre, rod's centre from the crank, slider and its guide from the rod."""
+    """Return the constraints (6,) of eq. (21): crank on its pin, rod on the crank, slider on the rod and in its guide."""
     x1, y1, t1, x2, y2, t2, x3 = q
     crank, rod = (L1 * np.cos(t1), L1 * np.sin(t1)), (L2 * np.cos(t2), L2 * np.sin(t2))
     return np.array(
@@ -88,7 +88,7 @@ def residual(q: Number) -> Number:
 
 
 def jacobian(q: Number) -> Number:
-    """Eq. (22) with its entry (6, 6) as it should be."""
+    """Return the Jacobian (6, 7) of eq. (22), with the right entry (6, 6)."""
     s1, c1 = L1 * np.sin(q[2]), L1 * np.cos(q[2])
     s2, c2 = L2 / 2 * np.sin(q[5]), L2 / 2 * np.cos(q[5])
     return np.array(
@@ -104,18 +104,18 @@ def jacobian(q: Number) -> Number:
 
 
 def bias(q: Array, v: Array) -> Array:
-    """Eq. (23), right-hand side of J a = g, with rows 3, 5 and 6 as they should be."""
+    """Return the right-hand side (6,) of J a = g, eq. (23), with rows 3, 5 and 6 corrected."""
     x1, y1 = L1 * np.cos(q[2]) * v[2] ** 2, L1 * np.sin(q[2]) * v[2] ** 2
     x2, y2 = L2 / 2 * np.cos(q[5]) * v[5] ** 2, L2 / 2 * np.sin(q[5]) * v[5] ** 2
     return np.array([-x1 / 2, -y1 / 2, x1 + x2, y1 + y2, x2, y2])
 
 
 def mass() -> Array:
-    """Eq. (17): the diagonal of M (7,)."""
+    """Return the diagonal of M (7,), eq. (17)."""
     return np.array([M1, M1, I1, M2, M2, I2, M3])
 
 
 def forces(q: Array, v: Array) -> Array:
-    """Eq. (19): weights, the torque, spring and damper of the slider (7,)."""
+    """Return the applied forces (7,) of eq. (19): weights, the torque, spring and damper of the slider."""
     push = STIFFNESS * (L1 + L2 - q[6]) - DAMPING * v[6]
     return np.array([0.0, -M1 * GRAVITY, TORQUE, 0.0, -M2 * GRAVITY, 0.0, push])

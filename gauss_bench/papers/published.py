@@ -1,10 +1,10 @@
-"""Compare published reference values with the certified motion: how many of their printed digits are right.
+"""Compare published reference values with the certified motion, to count how many of their printed digits are right.
 
 Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source: Mazzia and Magherini, Test Set for
 Initial Value Problem Solvers (2008), problem II-12; computed there by PSIDE with both tolerances at 1e-14, and copied since.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,19 +12,31 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import Reference
 
 SQUEEZER = ("squeezer", "squeeze", 0.03)
-VALUES = {  # angle of the problem -> (link angles to add and subtract, its printed value [rad], its printed rate [rad/s])
-    "beta": (("+K1",), "15.81077119629904", "1139.920302151208"),
-    "Theta": (("+K2", "-K1"), "-15.75637105984298", "-1424.379294994111"),
-    "gamma": (("+K3",), "0.04082224013073101", "11.03291221937134"),
-    "phi": (("+K4", "-K5"), "-0.5347301163226948", "19.29337464421385"),
-    "delta": (("+K5",), "0.5244099658805304", "0.5735699284790808"),
-    "Omega": (("+K6", "-K7"), "0.5347301163226948", "-19.29337464421385"),
-    "epsilon": (("+K7",), "1.048080741042263", "0.3231791658026955"),
-}
+
+
+class PublishedAngle(NamedTuple):
+    """An angle of the problem: the angle of `link` minus that of `minus`, with its printed value [rad] and rate [rad/s]."""
+
+    name: str
+    link: str
+    minus: str | None
+    value: str
+    rate: str
+
+
+VALUES = (
+    PublishedAngle("beta", "K1", None, "15.81077119629904", "1139.920302151208"),
+    PublishedAngle("Theta", "K2", "K1", "-15.75637105984298", "-1424.379294994111"),
+    PublishedAngle("gamma", "K3", None, "0.04082224013073101", "11.03291221937134"),
+    PublishedAngle("phi", "K4", "K5", "-0.5347301163226948", "19.29337464421385"),
+    PublishedAngle("delta", "K5", None, "0.5244099658805304", "0.5735699284790808"),
+    PublishedAngle("Omega", "K6", "K7", "0.5347301163226948", "-19.29337464421385"),
+    PublishedAngle("epsilon", "K7", None, "1.048080741042263", "0.3231791658026955"),
+)
 
 
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
-    """Return a row per printed value: published and certified value, their difference, error bar and floor of the latter.
+    """Return a row per printed value: published and certified value, their difference, and error bar and floor of the latter.
 
     Raises:
         ValueError: the reference does not end at the time of the published values.
@@ -34,17 +46,17 @@ def list_published_values(mechanism: Mechanism, reference: Reference) -> list[di
         raise ValueError(f"the reference ends at {reference.t[-1]:g} s, the published values stand at {t:g} s")
     column = {link.name: 3 * i + 2 for i, link in enumerate(mechanism.links)}
     rows = []
-    for name, (angles, *texts) in VALUES.items():
-        for level, mark, text in zip("qv", ("", "'"), texts, strict=True):
+    for angle in VALUES:
+        for level, mark, text in (("q", "", angle.value), ("v", "'", angle.rate)):
             state = getattr(reference, level)[-1]
-            certified = float(sum(state[column[x[1:]]] * (1 if x[0] == "+" else -1) for x in angles))
+            certified = float(state[column[angle.link]] - (state[column[angle.minus]] if angle.minus else 0.0))
             off = abs(float(text) - certified)
             rows.append(
                 {
                     "mechanism": linkage,
                     "scenario": scenario,
                     "t": t,
-                    "quantity": name + mark,
+                    "quantity": angle.name + mark,
                     "published": text,
                     "certified": repr(certified),
                     "difference": off,

@@ -1,8 +1,8 @@
-"""The example of Yuan & Ge (2016), section 4, run again: whether the crank-slider "finally stops in an equilibrium".
+"""The example of Yuan & Ge (2016), section 4, run again: does the crank-slider "finally stop in an equilibrium"?
 
-Everything is computed from the linkage file and the closed form of `crank_motion`. `rest` computes where the crank can rest and
-with which data it comes to rest; `running` computes the steady turning; `reproduction.toml` explains each number. The paper's
-figures are computed from a reference. The paper does not give inertias and gravity, which are assumed throughout.
+Everything is computed from the linkage file and the closed form of `crank_motion`. `rest` finds where the crank can rest and with
+which data it comes to rest; `running` computes the steady turning; `reproduction.toml` explains each number. The paper's figures
+are computed from a reference. The paper does not give inertias and gravity, which are assumed throughout.
 """
 
 import tomllib
@@ -18,19 +18,19 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, RTOL, TRUE, CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import KEPT, linkage
 from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_range
-from gauss_bench.papers.running import balance_speed, regime, swept
+from gauss_bench.papers.running import balance_speed, integrate_slope, regime
 from gauss_bench.trajectory import Reference
 
-COARSE = 1e2  # factor on the tolerance of a second run, whose difference bounds the error of the finer one
-ASKED = (-0.2, 0.2, 0.5)  # [N m] torques under which the crank settles; the last is the printed one with the opposite sign
+COARSE = 1e2  # factor on the tolerance of a second run; the difference of both bounds the error of the finer one
+TORQUES = (-0.2, 0.2, 0.5)  # [N m] under which the crank comes to rest; the last is the printed one with the opposite sign
 STATIC_WIDTH = 1e-6  # relative: below it the first swing is smaller than the integrator's absolute tolerance
 CORNER_WIDTH = 1e-6  # relative: the bounds of other inertias are quoted to six digits
 INERTIAS = (0.0, 1.0, 2.0, 3.0)  # times a uniform bar's: 0 is a point mass at the centre, 3 is half the mass at either end
 CORNERS = ((0.0, 0.0), (0.0, 3.0), (3.0, 0.0), (3.0, 3.0))  # extreme factors of crank and rod
-SAME = 1e-6  # relative: far above rounding, far below any difference of formulas
+SAME = 1e-6  # relative: far above rounding, far below the difference of any two formulas
 WATCHED = 2.0  # [s] duration of the linkage file's scenario
 ROWS = 601  # rows of the table of the paper's figures
-SPAN = 4.0  # [s] longest time drawn: on a longer axis the turns would merge
+SPAN = 4.0  # [s] of the figures at most: on a longer axis the turns would merge
 COLUMNS = {"x1": 0, "y1": 1, "theta1": 2, "x3": 6}  # of the paper's seven coordinates
 FORMULAS = {"true": TRUE, "eq16": EQ_16, "eqs10_11": EQS_10_11}
 
@@ -60,7 +60,7 @@ def running(motion: CrankMotion) -> Values:
     """Return the numbers of the running regime to which the printed data lead."""
     fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
-    exact = {"taken": fine["taken"], "swept": swept(motion), "balance": balance_speed(motion)}
+    exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}
     return values | {key: (value, None) for key, value in exact.items()}
 
 
@@ -79,27 +79,27 @@ def settling(motion: CrankMotion) -> Values:
     """Return the bounds of torque and damper within which the crank comes to rest from the printed start."""
     low, high = torque_range(motion)
 
-    def twisted(torque: float) -> CrankMotion:
+    def with_torque(torque: float) -> CrankMotion:
         return replace(motion, torque=torque)
 
-    others = [find_bound(partial(heavier, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
+    others = [find_bound(partial(with_inertias, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
     values: Values = {
-        "settles_above": find_bound(twisted, 0.0, 2 * -high.torque),
-        "settles_below": find_bound(twisted, 0.0, 2 * -low.torque, STATIC_WIDTH),
+        "settles_above": find_bound(with_torque, 0.0, 2 * -high.torque),
+        "settles_below": find_bound(with_torque, 0.0, 2 * -low.torque, STATIC_WIDTH),
         "damping": find_bound(lambda c: replace(motion, c=c), 32.0, motion.c),
         "settles_above_lowest": min(others),
         "settles_above_highest": max(others),
     }
-    return values | {f"rest_at_{torque:g}": (resting(twisted(torque)), None) for torque in ASKED}
+    return values | {f"rest_at_{torque:g}": (find_rest(with_torque(torque)), None) for torque in TORQUES}
 
 
-def heavier(motion: CrankMotion, crank: float, rod: float, torque: float) -> CrankMotion:
+def with_inertias(motion: CrankMotion, crank: float, rod: float, torque: float) -> CrankMotion:
     """Return the motion with these multiples of a uniform bar's inertia for crank and rod, and another torque."""
     factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)
     return replace(motion, mass=tuple(m * k for m, k in zip(motion.mass, factors, strict=True)), torque=torque)
 
 
-def resting(motion: CrankMotion) -> float:
+def find_rest(motion: CrankMotion) -> float:
     """Return the crank angle [rad] at which the crank comes to rest, its only stable equilibrium.
 
     Raises:
@@ -122,7 +122,7 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Tell which claims about the example hold: the paper's, and one of this report."""
+    """Return claim -> whether it holds, for the paper's claims about the example and one of this report."""
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
     return {
@@ -131,7 +131,7 @@ def claims(motion: CrankMotion) -> dict[str, bool]:
         "formula": bool(abs(wrong / true - 1) < SAME),
         "dissipative": settles(replace(motion, torque=0.0)),
         "rests": any(place.stable for place in equilibria(motion)),
-        "any_inertia": not any(settles(heavier(motion, i, k, motion.torque)) for i in INERTIAS for k in INERTIAS),
+        "any_inertia": not any(settles(with_inertias(motion, i, k, motion.torque)) for i in INERTIAS for k in INERTIAS),
     }
 
 

@@ -1,11 +1,11 @@
-"""Positions of rest of the crank-slider, whether it comes to rest from its start, and the bounds between rest and running.
+"""Positions of rest of the crank-slider, whether it comes to rest from its start, and the bounds between rest and turning on.
 
     F(theta) = d . Q(q, 0) without the applied torque;   equilibrium F + tau = 0, stable where dF/dtheta < 0
 
-The equation of motion does not depend on time, so two motions cannot cross in the plane of crank angle and speed. A crank that
-starts at rest and completes a turn is back at the same angle with some speed; in the second and every later turn it is faster than
-in the first at the same angle, and never stops. A crank that turns back earlier stays between its starting angle and the angle
-where it turned, because torque, weight and spring are conservative and the damper only takes energy; it comes to rest.
+The equation of motion does not depend on time, so that two motions cannot cross in the plane of crank angle and speed. A crank
+that starts at rest and completes a turn is back at its starting angle with some speed. In every later turn it is faster than in the
+first at the same angle: it never stops. A crank that turns back earlier stays between its starting angle and the angle at which it
+turned, because torque, weight and spring are conservative and the damper takes energy: it comes to rest.
 """
 
 from collections.abc import Callable
@@ -20,9 +20,9 @@ from gauss_bench.papers.crank_slider import derivative
 from gauss_bench.terms import Array
 
 GRID = 720  # angles in a turn: the slope of the static torque changes sign only a few times in a turn
-LONGEST = 60.0  # [s]; a first turn takes less than 1 s, longer only within rounding of a bound
-WIDTH = 1e-9  # relative width of the bisection's bracket, about the error of the integration
-MARGIN = 100.0  # widths of the first bracket by which the second search starts outside it
+LONGEST = 60.0  # [s] of a first turn; it takes less than 1 s, unless the data are within rounding of a bound
+WIDTH = 1e-9  # relative width of a bracket at which bisection ends, about the error of the integration
+MARGIN = 100.0  # by how many widths of the last bracket the second search begins outside of it
 FINER = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
 
 
@@ -68,21 +68,21 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     """Tell whether the crank, started at rest at theta = 0, comes to rest.
 
     Raises:
-        ArithmeticError: not decided within LONGEST, which happens at an exact bound only.
+        ArithmeticError: the first turn does not end within LONGEST, which happens at an exact bound only.
     """
     push = float(motion.static_torque(0.0))
     if push == 0.0:
         return True
 
-    def decided(t: float, y: Array) -> float:
-        """Negative once the crank has turned back or completed a turn; zero at the start, and positive after it."""
+    def first_turn(t: float, y: Array) -> float:
+        """Return a number that is zero at the start, then positive, and negative once the crank turns back or completes a turn."""
         return float(min(np.sign(push) * y[1], 2 * np.pi - abs(y[0])))
 
-    decided.terminal, decided.direction = True, -1.0  # type: ignore[attr-defined]
-    course = motion.run(LONGEST, rtol=rtol, event=decided)
-    if not course.stopped:
+    first_turn.terminal, first_turn.direction = True, -1.0  # type: ignore[attr-defined]
+    run = motion.run(LONGEST, rtol=rtol, event=first_turn)
+    if not run.stopped:
         raise ArithmeticError(f"whether the crank comes to rest is not decided within {LONGEST:g} s")
-    return bool(abs(course.theta[-1]) < np.pi * 2 * (1 - 1e-6))
+    return bool(abs(run.theta[-1]) < np.pi * 2 * (1 - 1e-6))
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:

@@ -1,12 +1,12 @@
-"""The running regime of the crank-slider: speeds and energy of a turn once every turn is like the one before.
+"""The running regime of the crank-slider: speed, duration and energy of a turn once every turn is like the one before.
 
 Along the angle s = |theta|, with direction D = +-1 of the motion, the speed u = |w| obeys du/ds = D w'/u. Time and the energy E
 lost in the damper are integrated with it:
 
     dt/ds = 1/u,    dE/ds = c (dx3/dtheta)^2 u
 
-The secant method finds the speed at which a turn ends with the speed that it started with. A constant torque does the work
-2 pi |tau| in every turn; at constant speed the damper would take c u integral (dx3/dtheta)^2 dtheta.
+The secant method finds the speed with which a turn both starts and ends. A constant torque does the work 2 pi |tau| in every turn;
+at constant speed the damper would take c u integral (dx3/dtheta)^2 dtheta.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ TURNS = 500  # largest number of turns; the paper's example needs some 50 to bec
 POINTS = 4096  # in a turn, for the mean of a smooth periodic function: exact to rounding
 
 
-def swept(motion: CrankMotion) -> float:
+def integrate_slope(motion: CrankMotion) -> float:
     """Return the integral of (dx3/dtheta)^2 over a turn [m^2]."""
     theta = np.arange(POINTS) * TURN / POINTS
     slope = motion.positions(theta)[1][6]
@@ -32,7 +32,7 @@ def swept(motion: CrankMotion) -> float:
 
 def balance_speed(motion: CrankMotion) -> float:
     """Return the constant crank speed [rad/s] at which the damper would take as much energy as the torque gives."""
-    return TURN * motion.torque / (motion.c * swept(motion))
+    return TURN * motion.torque / (motion.c * integrate_slope(motion))
 
 
 def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
@@ -42,14 +42,14 @@ def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
         ArithmeticError: the crank does not complete the turn.
     """
 
-    def completed(t: float, y: Array) -> float:
+    def angle_left(t: float, y: Array) -> float:
         return TURN - abs(float(y[0]))
 
-    completed.terminal = True  # type: ignore[attr-defined]
-    course = motion.run(10.0, rtol=rtol, event=completed)
-    if not course.stopped:
+    angle_left.terminal = True  # type: ignore[attr-defined]
+    run = motion.run(10.0, rtol=rtol, event=angle_left)
+    if not run.stopped:
         raise ArithmeticError("the crank does not complete a turn from rest")
-    return float(course.t[-1]), float(course.w[-1])
+    return float(run.t[-1]), float(run.w[-1])
 
 
 def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
@@ -115,4 +115,4 @@ def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float
             return t
         end = turn(motion, direction * u, rtol)[:, -1]
         t, u = t + float(end[1]), float(end[0])
-    raise ArithmeticError(f"the turns of the crank are not alike after {TURNS}")
+    raise ArithmeticError(f"the speed of the crank is not steady after {TURNS} turns")

@@ -1,22 +1,21 @@
 """Reference accelerations in absolute coordinates, for linkages that one crank angle cannot describe.
 
-In weighted coordinates b = M^(1/2) a a pseudo-inverse meets the constraint J M^(-1/2) b = gamma, and the null space keeps the free
-acceleration. One singular value decomposition gives both; the rank is that of the linkage, not decided from singular values:
+In weighted coordinates b = M^(1/2) a a pseudo-inverse satisfies the constraint J M^(-1/2) b = gamma, and the projection on the null
+space adds the free acceleration. One singular value decomposition gives both; singular values that are rounding are left out:
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-With friction in joints Q gains W N(lambda), and what is left of K^T lambda = M^(-1/2) Q - b in the same basis gives lambda:
+With friction in joints W N(lambda) is added to Q, and K^T lambda = M^(-1/2) Q - b in the same basis gives lambda:
 
     lambda = U1 S1^-1 (V1^T M^(-1/2) Q - S1^-1 U1^T gamma)
 """
 
 import numpy as np
 
+from gauss_bench.linkage.closure import RANK_TOLERANCE
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-
-RANK_TOLERANCE = 1e-9
 
 
 class AbsoluteCoordinates:
@@ -27,7 +26,7 @@ class AbsoluteCoordinates:
         self.root = np.sqrt(mechanism.mass)
 
     def acceleration(self, t: Array, q: Array, v: Array) -> Array:
-        """a (k, n) at times (k,) and states (k, n)."""
+        """Return a (k, n) at times (k,) and states (k, n)."""
         rows = self.evaluator.constraints(t, q, v)
         Q = self.evaluator.applied.generalised(q, v, t)
         U, s, Vt = np.linalg.svd(rows.J / self.root, full_matrices=False)

@@ -1,4 +1,4 @@
-"""References and reference accelerations of a mechanism in its scenario.
+"""References and reference accelerations of a mechanism in its scenario, in double precision.
 
 Two integrators that share no code run the same equations; their disagreement at each time is the error bar. A driven linkage needs
 no integration: its motion is geometry, and the error bar is the rounding of the loop closure.
@@ -14,11 +14,10 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.collocation import BatchAcceleration, gauss_legendre
-from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.reference.minimal import Levels, MinimalCoordinate
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
-Levels = tuple[Array, Array, Array]  # q, v, a (k, n)
 Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Array]]
 
 INTERVAL = 1e-2  # [s] between samples; both integrators stop there, so that no interpolation enters
@@ -36,8 +35,8 @@ def sample_times(t_end: float) -> Array:
 
 def is_minimal(mechanism: Mechanism) -> bool:
     """Tell whether one angle, of the crank or of the driven link, describes the motion."""
-    angle = mechanism.driver is not None if mechanism.drivers else mechanism.crank is not None
-    return angle and mechanism.dof == 1 and not mechanism.knife_edges and not mechanism.varying
+    has_angle = mechanism.driver is not None if mechanism.drivers else mechanism.crank is not None
+    return has_angle and mechanism.dof == 1 and not mechanism.knife_edges and not mechanism.varying
 
 
 def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
@@ -47,21 +46,17 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
         ArithmeticError: an integrator cannot pass a limit of motion or a singular position, or the loads of friction are not
             unique or do not converge.
     """
-    times = sample_times(t_end)
-    if mechanism.driver is not None and is_minimal(mechanism):
-        return driven_reference(mechanism, times)
+    times, minimal = sample_times(t_end), is_minimal(mechanism)
+    if minimal and mechanism.driver is not None:
+        return build_driven(mechanism, times)
     Evaluator(mechanism).check_loads()
-    if is_minimal(mechanism):
-        return minimal_reference(mechanism, times)
-    return absolute_reference(mechanism, times)
+    return integrate_twice(mechanism, times, minimal)
 
 
-def driven_reference(mechanism: Mechanism, times: Array) -> Reference:
-    """Build the reference of a driven linkage from its geometry at the driver's angle."""
-    assert mechanism.driver is not None
-    law = mechanism.driver.law
+def build_driven(mechanism: Mechanism, times: Array) -> Reference:
+    """Build the reference of a linkage with a driven angle from its geometry at the times."""
     motion = MinimalCoordinate(mechanism)
-    levels = _join(motion.state(*(np.atleast_1d(x).astype(float) for x in law(t))) for t in times)
+    levels = _join(motion.state_at(t) for t in times)
     q, v, a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
     return _with_bars(times, levels, (q, v, a), "closure of the driven loop by Newton's method")
 
@@ -72,29 +67,27 @@ def _join(parts: Iterable[Levels]) -> Levels:
     return q, v, a
 
 
-def minimal_reference(mechanism: Mechanism, times: Array) -> Reference:
-    return _integrate_twice(mechanism, times, minimal_motion, "crank angle")
-
-
-def absolute_reference(mechanism: Mechanism, times: Array) -> Reference:
-    return _integrate_twice(mechanism, times, absolute_motion, "absolute coordinates")
-
-
-def _integrate_twice(mechanism: Mechanism, times: Array, motion: Callable[..., Levels], coordinates: str) -> Reference:
-    """Integrate with DOP853 and with Gauss-Legendre collocation in the same coordinates; their disagreement is the error bar."""
+def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Reference:
+    """Build a reference whose error bar is the disagreement of DOP853 and Gauss-Legendre collocation, in the same coordinates."""
+    motion, coordinates = (minimal_motion, "crank angle") if minimal else (absolute_motion, "absolute coordinates")
     # both integrators restart at every kink of a force; only the samples are kept
     grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])
     kept = np.searchsorted(grid, times)
     first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
-    # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
-    gaps = [np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1)) for x, y in zip(first, second, strict=True)]
-    bars, levels = (np.maximum.accumulate(gap)[kept] for gap in gaps), (x[kept] for x in second)
-    return _with_bars(times, (*levels,), (*bars,), f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")  # type: ignore[arg-type]
+
+    def bar(x: Array, y: Array) -> Array:
+        gap = np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1))
+        # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
+        return np.asarray(np.maximum.accumulate(gap)[kept])
+
+    q, v, a = (x[kept] for x in second)
+    bars = bar(first[0], second[0]), bar(first[1], second[1]), bar(first[2], second[2])
+    return _with_bars(times, (q, v, a), bars, f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")
 
 
 def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
-    none = np.zeros(len(times))
-    return Reference(times, *levels, *bars, none, none, none, method)
+    no_floor = np.zeros(len(times))
+    return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)
 
 
 def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
@@ -102,13 +95,13 @@ def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: A
 
 
 def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
-    """Integrate with scipy's DOP853, stopped at every sample; returns q, v (k, n)."""
-    from scipy.integrate import DOP853  # imported here because it takes longer than everything else a driven linkage needs
+    """Integrate with scipy's DOP853, stopped at every sample; return q, v (k, n)."""
+    from scipy.integrate import DOP853  # imported here because a driven linkage does not need it, and it takes long
 
     n = len(q0)
 
     def rate(t: float, y: Array) -> Array:
-        before = min(t, last)  # a force that jumps at the end of an interval has its old value there
+        before = min(t, last)  # where a force jumps at the end of an interval, its old value counts
         return np.concatenate([y[n:], acceleration(np.array([before]), y[None, :n], y[None, n:])[0]])
 
     last = np.inf
@@ -128,23 +121,23 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
 
 def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
     """Return q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
-    # one object each: the first guess of a closure is the last position closed, which must not jump between integration and reading
-    integrated, read = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
-    k = read.crank
+    # two objects: the first guess of a closure is the last closed position, and integration and sampling are at different positions
+    integrated, sampled = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
+    k = sampled.crank
 
     def rate(t: Array, q: Array, v: Array) -> Array:
         return integrated.acceleration(q[:, 0], v[:, 0])[:, None]
 
     theta, w = integrate(rate, times, mechanism.q0[k : k + 1], mechanism.v0[k : k + 1])
-    return _join(read.free(x, u) for x, u in zip(theta, w, strict=True))
+    return _join(sampled.free_state(x, u) for x, u in zip(theta, w, strict=True))
 
 
 def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
     """Return q, v, a (k, n) at the times, integrated in absolute coordinates and projected at the samples."""
     motion = AbsoluteCoordinates(mechanism)
     q, v = integrate(motion.acceleration, times, mechanism.q0, mechanism.v0)
-    states = [motion.evaluator.project(t, *s) for t, *s in zip(times, q, v, strict=True)]
-    q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
+    states = [motion.evaluator.project(t, *state) for t, *state in zip(times, q, v, strict=True)]
+    q, v = (np.array(x) for x in zip(*states, strict=True))
     return q, v, motion.acceleration(times, q, v)
 
 
@@ -163,25 +156,27 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
 
     Drivers are evaluated at random times within the scenario's duration.
     """
-    if mechanism.driver is None or not is_minimal(mechanism):
-        Evaluator(mechanism).check_loads()
-    rng = np.random.default_rng(seed)
-    if is_minimal(mechanism) and mechanism.driver is None:
+    rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
+
+    def random_times() -> Array:
+        return np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count))
+
+    if minimal and mechanism.driver is not None:
+        driven = build_driven(mechanism, random_times())
+        return TrueStates(driven.t, driven.q, driven.v, driven.a)
+    Evaluator(mechanism).check_loads()
+    if minimal:
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))
         w = rng.uniform(-speed, speed, count)
-        return TrueStates(np.zeros(count), *_join(motion.free(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)))
-    if mechanism.driver is not None and is_minimal(mechanism):
-        t = np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count))
-        driven = driven_reference(mechanism, t)
-        return TrueStates(t, driven.q, driven.v, driven.a)
-    motion_abs = AbsoluteCoordinates(mechanism)
-    times = np.sort(rng.uniform(0.0, max(mechanism.duration, INTERVAL), count)) if mechanism.drivers else np.zeros(count)
+        return TrueStates(np.zeros(count), *_join(motion.free_state(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True)))
+    coordinates = AbsoluteCoordinates(mechanism)
+    times = random_times() if mechanism.drivers else np.zeros(count)
     q, states = mechanism.q0, []
-    for t in times:
-        basis = motion_abs.null_space(q)
-        q, _ = motion_abs.evaluator.project(t, q + basis @ rng.normal(0.0, 0.05, basis.shape[1]), np.zeros_like(q))
-        v = motion_abs.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])
-        states.append(motion_abs.evaluator.project(t, q, v) if mechanism.drivers else (q, v))
-    q, v = np.array([s[0] for s in states]), np.array([s[1] for s in states])
-    return TrueStates(times, q, v, motion_abs.acceleration(times, q, v))
+    for t in times:  # a random walk: each position is a small step away from the last
+        basis = coordinates.null_space(q)
+        q, _ = coordinates.evaluator.project(t, q + basis @ rng.normal(0.0, 0.05, basis.shape[1]), np.zeros_like(q))
+        v = coordinates.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])
+        states.append(coordinates.evaluator.project(t, q, v) if mechanism.drivers else (q, v))
+    q, v = (np.array(x) for x in zip(*states, strict=True))
+    return TrueStates(times, q, v, coordinates.acceleration(times, q, v))

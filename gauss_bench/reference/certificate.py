@@ -1,8 +1,8 @@
 """A certificate: the samples of a motion, the error bar of each, and the linkage and scenario for which they hold.
 
-The stored doubles are the correctly rounded values of the more exact pipeline; beside them stand, for every time, the largest
-disagreement of the two pipelines so far and the floor below which engines in double precision cannot be told apart. Files are
-compressed npz archives; the digest of the linkage inside ensures that no other linkage uses them.
+The stored doubles are the correctly rounded values of the more exact pipeline. For every time it also stores the largest
+disagreement of the two pipelines so far, and the floor below which engines in double precision cannot be distinguished. Files are
+compressed npz archives; they contain the digest of their linkage, so that no other linkage uses them.
 """
 
 import io
@@ -10,22 +10,21 @@ import json
 import os
 import sys
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.load import built_in_folder, generated
+from gauss_bench.linkage.load import built_in_folder, generate
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 from gauss_bench.untrusted import BadInput, harmless, read_bytes
 
 FORMAT = "gauss-bench certificate/1"
-MAX_BYTES = 1 << 28  # a thousand times a usual one
-CERTIFICATES = "certificates"  # the folder beside a linkage file in which they are looked for
-ARRAYS = ("t", "q", "v", "a", "multipliers", "error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a")
+MAX_BYTES = 1 << 28  # of a file: a thousand times the usual size
+CERTIFICATES = "certificates"  # name of the folder of certificates, beside a linkage file
 
 
 class CertificateError(BadInput, ValueError):
@@ -38,13 +37,13 @@ class Certificate:
 
     Attributes:
         name, scenario, digest: of the linkage it holds for.
-        t: (k,) [s]; q, v, a: (k, n); multipliers: (k, m) of M a + J^T lambda = Q, (k, 0) where redundant rows leave them open.
+        t: (k,) [s]; q, v, a: (k, n); multipliers: (k, m) of M a + J^T lambda = Q, (k, 0) if redundant rows leave them undetermined.
         error_q, error_v, error_a, error_multipliers: (k,) largest disagreement of the pipelines up to each time.
-        floor_q, floor_v, floor_a: (k,) largest change up to each time when the parameters change by 1e-16 of themselves.
-        digits: how many decimal digits of positions and velocities are vouched for to the last sample.
-        duration: [s] that was asked for.
-        stopped: why it ends before that, or empty.
-        facts: methods, versions, drifts, steps and what the closed form says, as plain data.
+        floor_q, floor_v, floor_a: (k,) largest change up to each time when the parameters change by a relative 1e-16.
+        digits: number of certified decimal digits of positions and velocities, up to the last sample.
+        duration: [s] of the motion that was to be certified.
+        stopped: the reason why the samples end earlier, or empty.
+        facts: methods, versions, drifts, steps and distances from a closed form, as plain data.
     """
 
     name: str
@@ -73,9 +72,12 @@ class Certificate:
         return float(self.t[-1])
 
 
+ARRAYS = tuple(x.name for x in fields(Certificate) if x.type is Array)  # names in the archive; the other fields are in its header
+
+
 def write_certificate(certificate: Certificate, path: Path) -> None:
     """Write the file atomically; the same certificate gives the same bytes."""
-    header = {k: getattr(certificate, k) for k in ("name", "scenario", "digest", "digits", "duration", "stopped", "facts")}
+    header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
     text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
@@ -107,10 +109,10 @@ def read_certificate(path: Path) -> Certificate:
 
 
 def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> None:
-    """Refuse a certificate of another linkage.
+    """Check that a certificate holds for a mechanism.
 
     Raises:
-        CertificateError: the linkage or its scenario has changed since.
+        CertificateError: it is of another linkage or scenario, or the linkage has changed since.
     """
     asked = f"{mechanism.name} in scenario {mechanism.scenario}"
     if (certificate.name, certificate.scenario) != (mechanism.name, mechanism.scenario):
@@ -123,17 +125,21 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
 
 
 def certificate_path(mechanism: Mechanism) -> Path | None:
-    """Return the path of a linkage's certificate: certificates/NAME.SCENARIO.npz beside its file.
+    """Return the path of a linkage's certificate, certificates/NAME.SCENARIO.npz beside its file.
 
-    For a generated linkage it is in the suite's own folder; None for a linkage without a folder.
+    Certificates of generated linkages are in the suite's own folder; a linkage without a folder has none.
     """
     source = Path(mechanism.source)
-    folder = source.parent if source.is_file() else built_in_folder() if generated(mechanism.source) else None
+    folder = None
+    if source.is_file():
+        folder = source.parent
+    elif generate(mechanism.source):
+        folder = built_in_folder()
     return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
 
 
 def as_reference(certificate: Certificate, t_end: float) -> Reference:
-    """Return the certified motion up to `t_end`; its error bars add the rounding of the stored doubles to the disagreement."""
+    """Return the certified motion up to `t_end`; its error bars are the disagreement plus the rounding of the stored doubles."""
     k = int(np.searchsorted(certificate.t, t_end * (1 + 1e-12), side="right"))
     levels = {x: getattr(certificate, x)[:k] for x in ("q", "v", "a")}
     bars = {f"error_{x}": getattr(certificate, f"error_{x}")[:k] + rounding(values) for x, values in levels.items()}
@@ -158,5 +164,5 @@ def find_certified(mechanism: Mechanism, t_end: float) -> Reference | None:
     except CertificateError as error:
         print(harmless(f"warning: {error}; the reference is built in double precision instead"), file=sys.stderr)
         return None
-    # a run is judged at its end too: where the certificate has no sample there, a reference is built that has
+    # a run is judged at its end too, so that the certificate needs a sample there
     return as_reference(certificate, t_end) if np.isclose(certificate.t, t_end, rtol=1e-12, atol=1e-9).any() else None

@@ -1,8 +1,8 @@
 """Certification of a motion by two pipelines that share neither integrator nor equations; their disagreement is its error bar.
 
-Pipeline A, a Taylor series in 128 bit, gives the values; pipeline B, collocation in long double, the error bars, at a step that is
-halved until its own error no longer shows. Where the motion has a closed form that is the truth, and both pipelines are held
-against it. The certificate ends where fewer digits than asked for are left, or where a pipeline says that it cannot go on.
+Pipeline A, a Taylor series in 128 bit, gives the values. Pipeline B, collocation in long double, gives the error bars; its step is
+halved until its own error no longer shows. If the motion has a closed form, that gives the values, and both pipelines are compared
+with it. The certificate ends where the pipelines agree to fewer digits than are to be certified, or where a pipeline stops.
 """
 
 import platform
@@ -28,15 +28,15 @@ from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
 DIGITS = 12
-SAMPLES = 500  # at most, so that a file stays small
-FINEST = 50  # at least: a motion over milliseconds is sampled more often than every hundredth of a second
+SAMPLES = 500  # at most, so that files stay small
+FINEST = 50  # samples at least: a motion over milliseconds is sampled more often than every hundredth of a second
 SPACING = Decimal("0.01")  # [s]
-STEPS = 100  # of the collocation at least; it halves its steps itself where the motion needs it
+STEPS = 100  # of the collocation, at least; it halves its steps itself where the motion needs it
 HALVINGS = 2
-ENOUGH = 2.0**-54  # relative: what rounding to double leaves anyway
+ENOUGH = 2.0**-54  # relative: the rounding of the stored doubles
 LEVELS = ("q", "v", "a")
 
-Report = Callable[[str, float], None]  # told the stage and the time reached [s]
+Report = Callable[[str, float], None]  # is called with the stage and the time reached [s]
 
 
 class Uncertified(ArithmeticError):
@@ -57,45 +57,40 @@ def certify(
 
     Args:
         linkage: a file, or a name.
-        scenario: of the file; the first with a start where not given.
-        digits: to vouch for, of positions and velocities relative to their largest values.
-        until: [s] instead of the scenario's duration.
-        report: called with progress messages.
+        scenario: of the file; None for the first with a start.
+        digits: to certify, of positions and velocities relative to their largest values.
+        until: end [s] instead of the scenario's duration.
+        report: is called with the progress.
 
     Raises:
         LinkageError: the file has faults.
-        Uncertified: nothing can be vouched for.
+        Uncertified: a force has no independent derivation, or no digits can be certified.
         ImportError: the extra that generates certificates is not installed.
     """
     mechanism = load(linkage, scenario)
-    varying = {id(force) for force in mechanism.varying}
-    for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
-        for part in parts:
-            kind = "varies with time or direction" if id(part) in varying else f"is a {type(part).__name__}"
-            if not isinstance(part, KNOWN) or id(part) in varying:
-                raise Uncertified(f"{mechanism.name}: {word} {part.name} {kind}, which has no independent derivation yet")
+    _refuse_unknown(mechanism)
     document = decimal_document(linkage)
     document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
     duration = mechanism.duration if until is None else until
     times = sample_times(duration)
-    said = report or (lambda stage, t: None)
-    first = taylor_motion(document, mechanism.scenario, times, progress=lambda t: said("Taylor series", t))
+    report = report or (lambda stage, t: None)
+    first = taylor_motion(document, mechanism.scenario, times, progress=partial(report, "Taylor series"))
     exact = closed_form(mechanism, times)
     truth = first if exact is None else exact
-    second, step = _collocation(document, mechanism, first, truth, said)
+    second, step = _collocate(document, mechanism, first, truth, report)
     bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}
     kept, worst, reason = _vouch(truth, bars, (first, second), digits) if exact is None else (len(times), 0.0, "")
     if kept < min(2, len(times)):
         raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: nothing can be vouched for: {reason}")
     stored = {level: split(getattr(truth, level)).high[:kept] for level in LEVELS}
-    forces = first.multipliers if len(first.times) >= kept else None  # a closed form has none; those of the pipeline are as exact
-    stored["multipliers"] = np.zeros((kept, 0)) if forces is None else split(forces).high[:kept]
-    said("sensitivity", 0.0)
+    multipliers = first.multipliers if len(first.times) >= kept else None  # a closed form has none
+    stored["multipliers"] = np.zeros((kept, 0)) if multipliers is None else split(multipliers).high[:kept]
+    report("sensitivity", 0.0)
     floor = floors(document, mechanism, truth.times[:kept])
     arrays: dict[str, Any] = stored | {f"floor_{level}": floor[level] for level in LEVELS}
     for level, bar in bars.items():
-        proven = level in LEVELS and exact is not None
-        arrays[f"error_{level}"] = np.zeros(kept) if proven or not stored[level].size else bar[:kept]
+        has_no_error = (level in LEVELS and exact is not None) or not stored[level].size
+        arrays[f"error_{level}"] = np.zeros(kept) if has_no_error else bar[:kept]
     return Certificate(
         name=mechanism.name,
         scenario=mechanism.scenario,
@@ -107,6 +102,16 @@ def certify(
         facts=_facts(truth, exact, first, second, step),
         **arrays,
     )
+
+
+def _refuse_unknown(mechanism: Mechanism) -> None:
+    """Raise Uncertified if a force or coupling has no independent derivation in `taylor`."""
+    varying = {id(force) for force in mechanism.varying}
+    for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
+        for part in parts:
+            kind = "varies with time or direction" if id(part) in varying else f"is a {type(part).__name__}"
+            if not isinstance(part, KNOWN) or id(part) in varying:
+                raise Uncertified(f"{mechanism.name}: {word} {part.name} {kind}, which has no independent derivation yet")
 
 
 def sample_times(duration: float) -> list[str]:
@@ -149,21 +154,22 @@ def relative(motion: Motion, level: str, bars: Array) -> Array:
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
 
-def off_states(truth: Motion, bars: dict[str, Array]) -> Array:
+def state_errors(truth: Motion, bars: dict[str, Array]) -> Array:
     """Return (k,) the larger of the relative error bars of positions and of velocities."""
     return np.asarray(np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v"))))
 
 
-def _collocation(
-    document: dict[str, Any], mechanism: Mechanism, first: Motion, truth: Motion, said: Report
+def _collocate(
+    document: dict[str, Any], mechanism: Mechanism, first: Motion, truth: Motion, report: Report
 ) -> tuple[Motion, float]:
     """Run pipeline B with halved steps until halving no longer reduces the disagreement; return the motion and its step [s]."""
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step
+    # the motion of a linkage that is driven completely does not depend on the step
     for _ in range(1 if mechanism.dof == len(mechanism.drivers) else 1 + HALVINGS):
-        progress = partial(said, f"collocation at {step:.2g} s")
+        progress = partial(report, f"collocation at {step:.2g} s")
         other = extend_motion(document, mechanism.scenario, truth.times, step, progress)
-        worst = float(off_states(truth, disagreement(truth, other)).max())
+        worst = float(state_errors(truth, disagreement(truth, other)).max())
         longer = best is None or len(other.times) > len(best.times)
         if longer or worst < before:
             best, best_step = other, step
@@ -175,20 +181,19 @@ def _collocation(
 
 
 def _vouch(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
-    """Count the samples with the digits asked for; return also their largest relative error bar and the reason for the end."""
-    worst = off_states(truth, bars)
-    lost = np.flatnonzero(~(worst <= 10.0**-digits))
-    kept = int(lost[0]) if len(lost) else len(worst)
+    """Return the number of samples with the digits, their largest relative error bar, and the reason why they end, or empty."""
+    errors = state_errors(truth, bars)
+    lost = np.flatnonzero(~(errors <= 10.0**-digits))
+    kept = int(lost[0]) if len(lost) else len(errors)
     if kept == len(truth.times) and not truth.stopped:
-        return kept, float(worst.max(initial=0.0)), ""
+        return kept, float(errors.max(initial=0.0)), ""
     last = float(truth.times[kept - 1]) if kept else 0.0
-    earlier = float(truth.times[int(np.argmax(worst > 10.0 ** -(digits + 3)))])
+    earlier = float(truth.times[int(np.argmax(errors > 10.0 ** -(digits + 3)))])
     rate = f"tenfold every {(last - earlier) / 3:.2g} s" if last > earlier else "at once"
-    grown = (
+    reasons = [m.stopped for m in pipelines if m.stopped and len(m.times) <= kept] or [
         f"the pipelines agree to {digits} digits until t = {last:g} s and to fewer after: small errors grow {rate} in this motion"
-    )
-    said = [m.stopped for m in pipelines if m.stopped and len(m.times) <= kept]
-    return kept, float(worst[:kept].max(initial=0.0)), "; ".join(said) or grown
+    ]
+    return kept, float(errors[:kept].max(initial=0.0)), "; ".join(reasons)
 
 
 def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, step: float) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Gauss-Legendre collocation with any number s of stages, order 2 s, in any type of number, for q'' = acceleration(t, q, v).
 
-Everything follows from Legendre polynomials by their recurrence, so that no badly conditioned system stands between the nodes and
-the method. On -1..1 with nodes x_i, the roots of P_s, and weights 2 b_i, discrete orthogonality writes the Lagrange polynomials as
+The coefficients follow from Legendre polynomials by their recurrence; the linear system that defines them is badly conditioned.
+On -1..1 with nodes x_i, the roots of P_s, and weights 2 b_i, the Lagrange polynomials are, by discrete orthogonality,
 
     l_j(x) = b_j sum_k (2 k + 1) P_k(x_j) P_k(x),    k = 0 .. s - 1,    b_j = 1 / sum_k (2 k + 1) P_k(x_j)^2
 
@@ -26,7 +26,7 @@ from gauss_bench.terms import Array
 
 STAGES = 8
 ITERATIONS = 40
-NEWTON_STEPS = 3  # from roots in double precision: one reaches long double, and quadratic convergence leaves no doubt
+NEWTON_STEPS = 3  # from roots in double precision: one step reaches long double, the others make sure
 
 BatchAcceleration = Callable[[Array, Array, Array], Array]
 
@@ -38,7 +38,7 @@ class Tableau:
     Attributes:
         c, b, A: nodes (s,), weights (s,) and matrix (s, s).
         AA, bA: A A and b A, for second-order equations.
-        expansion: (s, s) turns values at the nodes into coefficients of Legendre polynomials, which shows how well they resolve.
+        expansion: (s, s) matrix from values at the nodes to coefficients of Legendre polynomials: the last show what is unresolved.
     """
 
     c: Array
@@ -55,7 +55,7 @@ class Tableau:
 
 @lru_cache
 def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
-    """The method with `stages` stages in a type of numpy's floating numbers."""
+    """Return the method with `stages` stages in a type of numpy's floating numbers."""
     x = legendre_roots(stages, dtype)
     P = legendre_values(x, stages + 1)
     degrees = 2 * np.arange(stages, dtype=dtype) + 1
@@ -66,12 +66,12 @@ def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
 
 
 def legendre_values(x: Array, count: int) -> Array:
-    """P_0 .. P_count-1 at x (s,), as (count, s), in the type of x."""
+    """Return P_0 .. P_count-1 at x (s,), as (count, s), in the type of x."""
     return np.asarray(legendre.legvander(x, count - 1).T)
 
 
 def legendre_roots(count: int, dtype: Any = np.float64) -> Array:
-    """Roots of P_count (count,), ascending and symmetric."""
+    """Return the roots of P_count (count,), ascending and symmetric."""
     x = legendre.leggauss(count)[0].astype(dtype)
     for _ in range(NEWTON_STEPS):
         P = legendre_values(x, count + 1)
@@ -86,7 +86,7 @@ class NoConvergence(ArithmeticError):
 def gauss_legendre(
     acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array, step: float, stages: int = STAGES
 ) -> tuple[Array, Array]:
-    """States (k, n) at the times, in equal steps no longer than `step` between them, in the type of q0.
+    """Return q, v (k, n) at the times, in equal steps no longer than `step` between them, in the type of q0.
 
     Raises:
         NoConvergence: the iteration of a step stalls above rounding.
@@ -115,11 +115,13 @@ def step_count(span: Any, step: float) -> int:
 
 
 def _stages(acceleration: BatchAcceleration, t: Array, drift: Array, v: Array, a: Array, h: float, method: Tableau) -> Array:
+    """Return the accelerations (s, n) at the nodes t (s,) of a step, from a first guess a; `drift` is q + c h v."""
     previous, eps = np.inf, float(np.finfo(a.dtype).eps)
     for _ in range(ITERATIONS):
         corrected = acceleration(t, drift + h**2 * (method.AA @ a), v + h * (method.A @ a))
         change = float(np.abs(corrected - a).max() / (1.0 + np.abs(corrected).max()))
         a = corrected
+        # converged, or close to rounding and no longer shrinking
         if change < 5 * eps or (change < 5000 * eps and change >= previous):
             return a
         previous = change

@@ -1,7 +1,7 @@
 """Motions known in closed form, to forty digits: a third source of certificates, next to the two pipelines.
 
-A pendulum and the N-four-bar are elliptic functions, Chaplygin's sleigh is a hyperbola and a quadrature, a free body is a parabola.
-Each belongs to one linkage of the suite, recognised by its digest and not only by its name.
+The motions of a pendulum and of the N-four-bar are elliptic functions, that of Chaplygin's sleigh is hyperbolic functions and a
+quadrature, that of a free body a parabola. Each belongs to one linkage of the suite, recognised by its digest besides its name.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,8 +19,8 @@ from gauss_bench.reference.motion import Motion
 
 DIGITS = 40
 
-Objects = NDArray[Any]  # of mpmath's numbers
-States = tuple[Objects, Objects, Objects]  # q, v, a (k, n)
+Numbers = NDArray[Any]  # of mpmath
+States = tuple[Numbers, Numbers, Numbers]  # q, v, a (k, n)
 
 
 def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
@@ -29,23 +29,41 @@ def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
 
     name = "n_four_bar" if mechanism.name.startswith("n_four_bar_") else mechanism.name
     form = FORMS.get((name, mechanism.scenario))
-    if form is None or not _is_ours(mechanism):
+    if form is None or not _is_built_in(mechanism):
         return None
-    with mpmath.workdps(DIGITS):
+    with mpmath.workdps(DIGITS + 5):  # derivatives by differences lose up to five digits
         q, v, a = form(mechanism.name, [mpmath.mpf(t) for t in times])
     method = f"closed form in {DIGITS} digits, mpmath {mpmath.__version__}"
     return Motion(tuple(times), q, v, a, None, (0.0, 0.0), "", method)
 
 
-def _is_ours(mechanism: Mechanism) -> bool:
+def _is_built_in(mechanism: Mechanism) -> bool:
+    """Tell whether the mechanism is the suite's own linkage of its name, unchanged."""
     try:
         return load(mechanism.name, mechanism.scenario).digest == mechanism.digest
     except LinkageError:
         return False
 
 
-def rotor(k: Any, t: Sequence[Any], speed: Any) -> States:
-    """Angle from upright, rate and acceleration of phi'' = k sin(phi) that turns over, from phi = 0 at `speed`.
+def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
+    """Return q, v, a (k, n) at the times t (k,) of coordinates (n,) that are a function of time, by numerical derivatives.
+
+    mpmath computes the differences with as many additional digits as they lose. Values of rounding size are replaced by zero.
+    """
+    import mpmath
+
+    chop = np.vectorize(mpmath.chop, otypes=[object])
+    q, v, a = (chop([mpmath.diff(coordinates, x, order) for x in t]) for order in range(3))
+    return q, v, a
+
+
+def stack_bodies(bodies: Sequence[tuple[Any, Any]]) -> Numbers:
+    """Return the coordinates (3 bodies,) of bodies given by their place, a complex number, and their angle."""
+    return np.array([x for place, angle in bodies for x in (place.real, place.imag, angle)])
+
+
+def rotor_angle(k: Any, t: Any, speed: Any) -> Any:
+    """Return the angle from upright, at time t, of phi'' = k sin(phi) that turns over, from phi = 0 at `speed`.
 
     With s^2 = speed^2 + 4 k and m = 4 k / s^2 the half angle, turned by a quarter, is Jacobi's amplitude of s t / 2 - K(m).
     """
@@ -54,31 +72,10 @@ def rotor(k: Any, t: Sequence[Any], speed: Any) -> States:
     s = mpmath.sqrt(speed**2 + 4 * k)
     m = 4 * k / s**2
     K = mpmath.ellipk(m)
-    angles = []
-    for x in t:
-        turns = mpmath.floor(s * x / (4 * K))
-        u = s * x / 2 - 2 * K * turns - K
-        half = mpmath.atan2(mpmath.ellipfun("sn", u, m=m), mpmath.ellipfun("cn", u, m=m))
-        angles.append(2 * half + mpmath.pi * (1 + 2 * turns))
-    phi = np.array(angles)
-    rate = np.array([mpmath.sqrt(speed**2 + 4 * k * mpmath.sin(x / 2) ** 2) for x in phi])
-    return phi, rate, np.array([k * mpmath.sin(x) for x in phi])
-
-
-def turning(arm: Any, theta: Any, w: Any, alpha: Any) -> Objects:
-    """Return position, velocity and acceleration, as complex numbers, of the end of an arm that turns about the origin."""
-    import mpmath
-
-    e = arm * mpmath.expj(theta)
-    return np.array([e, 1j * w * e, (1j * alpha - w**2) * e])
-
-
-def stack_bodies(instants: list[list[tuple[Any, Any]]]) -> States:
-    """q, v, a (k, 3 bodies) of bodies at k instants, each by three levels of its place and of its angle."""
-    rows = [[[z.real, z.imag, angle] for z, angle in zip(*body, strict=True)] for bodies in instants for body in bodies]
-    levels = np.array(rows, dtype=object).reshape(len(instants), -1, 3, 3).transpose(2, 0, 1, 3)
-    q, v, a = levels.reshape(3, len(instants), -1)
-    return q, v, a
+    turns = mpmath.floor(s * t / (4 * K))
+    u = s * t / 2 - 2 * K * turns - K
+    half = mpmath.atan2(mpmath.ellipfun("sn", u, m=m), mpmath.ellipfun("cn", u, m=m))
+    return 2 * half + mpmath.pi * (1 + 2 * turns)
 
 
 def _n_four_bar(name: str, t: list[Any]) -> States:
@@ -87,14 +84,15 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
 
     count, length, gravity = int(name.rpartition("_")[2]), mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
     k = (mpmath.mpf(count + 1) / 2 + count) * gravity / ((mpmath.mpf(count + 1) / 3 + count) * length)
-    instants = []
-    for phi, w, alpha in zip(*rotor(k, t, mpmath.mpf(str(generate.SPEED)) / length), strict=True):
-        bar = mpmath.pi / 2 - phi, -w, -alpha
-        top, still = turning(length, *bar), [mpmath.mpf(0)] * 3
-        along = np.array([length, 0, 0])  # from one pin of the ground to the next, which rest
-        bars = [(top / 2 + i * along, bar) for i in range(count + 1)]
-        instants.append(bars + [(top + (i + mpmath.mpf("0.5")) * along, still) for i in range(count)])
-    return stack_bodies(instants)
+    speed = mpmath.mpf(str(generate.SPEED)) / length
+
+    def coordinates(x: Any) -> Numbers:
+        theta = mpmath.pi / 2 - rotor_angle(k, x, speed)
+        top, still = length * mpmath.expj(theta), mpmath.mpf(0)
+        uprights = [(top / 2 + i * length, theta) for i in range(count + 1)]
+        return stack_bodies(uprights + [(top + (i + 0.5) * length, still) for i in range(count)])
+
+    return sample(coordinates, t)
 
 
 def start_of(name: str) -> dict[str, Any]:
@@ -105,42 +103,37 @@ def start_of(name: str) -> dict[str, Any]:
 
 
 def _pendulum(name: str, t: list[Any]) -> States:
-    """A uniform bar let go at rest at the angle A from hanging: sin(phi / 2) = sin(A / 2) cd(w0 t), w0^2 = 3 g / (2 l)."""
+    """A uniform bar that starts at rest at the angle A from hanging: sin(phi / 2) = sin(A / 2) cd(w0 t), w0^2 = 3 g / (2 l)."""
     import mpmath
 
     length, gravity = mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
     reach = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(start_of(name)["crank_deg"])))
     w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(reach / 2)
-    instants = []
-    for x in t:
-        sn, cn, dn = (mpmath.ellipfun(kind, w0 * x, m=k**2) for kind in ("sn", "cn", "dn"))
-        phi = 2 * mpmath.asin(k * cn / dn)
-        w = -2 * k * w0 * (1 - k**2) * sn / dn**2 / mpmath.cos(phi / 2)
-        bar = phi - mpmath.pi / 2, w, -(w0**2) * mpmath.sin(phi)
-        instants.append([(turning(length / 2, *bar), bar)])
-    return stack_bodies(instants)
+
+    def coordinates(x: Any) -> Numbers:
+        theta = 2 * mpmath.asin(k * mpmath.ellipfun("cd", w0 * x, m=k**2)) - mpmath.pi / 2
+        return stack_bodies([(length / 2 * mpmath.expj(theta), theta)])
+
+    return sample(coordinates, t)
 
 
 def _projectile(name: str, t: list[Any]) -> States:
-    """A free body: its centre of mass on a parabola, its spin constant."""
+    """A free body: its centre of mass moves on a parabola, its spin is constant."""
     import mpmath
 
     gravity, start = mpmath.mpf("9.81"), start_of(name)
     spin, vx, vy = (mpmath.mpf(str(x)) for x in (start["speeds"]["bar"], *start["point_velocities"]["bar.M"]))
-    places = [
-        [mpmath.mpc(vx * x, vy * x - gravity * x**2 / 2), mpmath.mpc(vx, vy - gravity * x), mpmath.mpc(0, -gravity)] for x in t
-    ]
-    return stack_bodies([[(place, (spin * x, spin, 0 * x))] for place, x in zip(places, t, strict=True)])
+    return sample(lambda x: np.array([vx * x, vy * x - gravity * x**2 / 2, spin * x]), t)
 
 
 def _sleigh(name: str, t: list[Any]) -> States:
     """Chaplygin's sleigh, the edge a distance `lead` behind the centre of mass.
 
-    With b^2 = (I + m lead^2) / m and V^2 = v^2 + b^2 w^2,
+    With b^2 = (I + m lead^2) / m and V^2 = v^2 + b^2 w^2 the velocity v of the edge, along the sleigh, and the spin w are
 
         v = V tanh(kappa t + c),   b w = V sech(kappa t + c),   kappa = lead V / b^2
 
-    so that the angle is a Gudermannian and the place a quadrature of it.
+    so that the angle is a Gudermannian and the place of the edge a quadrature.
     Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
     """
     import mpmath
@@ -160,14 +153,20 @@ def _sleigh(name: str, t: list[Any]) -> States:
     def velocity(x: Any) -> Any:
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
-    instants, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
+    def from_edge(x: Any) -> Numbers:
+        """Return the centre of mass, seen from the edge, and the angle."""
+        return stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))])
+
+    def edge_rate(x: Any) -> Numbers:
+        return stack_bodies([(velocity(x), mpmath.mpf(0))])
+
+    q, v, a = sample(from_edge, t)
+    edge, acceleration, _ = sample(edge_rate, t)
+    places, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
     for x in t:
         place, last = place + mpmath.quad(velocity, [last, x]) if x > last else place, x
-        theta, u, w = angle(x), V * mpmath.tanh(kappa * x + c), V / b * mpmath.sech(kappa * x + c)
-        rate, turn, e = kappa * (V - u**2 / V), -kappa * w * u / V, mpmath.expj(theta)
-        edge = np.array([place, e * u, e * (rate + 1j * w * u)])
-        instants.append([(edge + turning(lead, theta, w, turn), (theta, w, turn))])
-    return stack_bodies(instants)
+        places.append(stack_bodies([(place, mpmath.mpf(0))]))
+    return q + np.array(places), v + edge, a + acceleration
 
 
 FORMS: dict[tuple[str, str], Callable[[str, list[Any]], States]] = {

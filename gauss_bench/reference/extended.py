@@ -1,18 +1,18 @@
 """The second pipeline of a certificate: collocation of order 20 in long double, in absolute coordinates.
 
-The unknowns of a step are accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes, of which positions and velocities
-follow, q_i = q + c_i h v + h^2 (A A a)_i and v_i = v + h (A a)_i. They solve at every node
+The unknowns of a step are accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. They determine positions and
+velocities, q_i = q + c_i h v + h^2 (A A a)_i and v_i = v + h (A a)_i, and solve at every node
 
     M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
 
-by corrections x_i += P_i r_i with residuals in long double and P_i the double inverse where the last step's polynomial expects the
-node. One correction serves at once as iterative refinement of the linear system and as fixed-point iteration of the nodes; the
-slower of both, about h times the largest rate of the motion, sets the pace. After every step the state is projected onto positions
-and velocities that fit together, so that no drift enters.
+by corrections x_i += P_i r_i, with residuals r_i in long double and P_i the inverse in double precision at the position that the
+last step's polynomial predicts for the node. Each correction is a step of iterative refinement of the linear system and of the
+fixed-point iteration of the nodes; the slower of both, with a factor of about h times the largest rate of the motion, decides how
+fast they converge. After every step the state is projected onto the constraints, so that nothing drifts.
 
 Steps between two samples are equal, and halved until the nodes resolve the accelerations: their Legendre coefficients fall
-geometrically, and what Gauss quadrature leaves out begins at twice the degree of the last one. Steps end where a motion law has
-less than smooth derivatives.
+geometrically, and the error of Gauss quadrature begins at twice the degree of the last one. A step ends wherever a derivative of a
+motion law jumps.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
 Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and
@@ -26,34 +26,35 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.references import drivers_of
 from gauss_bench.reference.collocation import NoConvergence, Tableau, gauss_tableau, step_count
 from gauss_bench.reference.extended_linkage import LONG, Linkage, check_platform, start
-from gauss_bench.reference.motion import Motion, Progress
+from gauss_bench.reference.motion import Motion, Progress, find_breaks
 from gauss_bench.reference.refinement import EPS, Unsolved, correct
 from gauss_bench.terms import Array
 
 STAGES = 10
 ITERATIONS = 40
-SETTLED = 1e-15  # relative: corrections of the nodes this small that shrink no more are rounding
+SETTLED = 1e-15  # relative: corrections of the nodes that are smaller and do not shrink are rounding
 HALVINGS = 8
-RESOLVED = 1e-9  # last coefficients relative to the accelerations: at twice their degree, 1e-18 and less is left out of a step
-SMOOTH = 1e-13  # steps twice as long would be resolved too: nine powers of two, and some to spare
-MOVED = 1e-2  # a correction so large leaves the inverse behind
-HOPELESS = 0.1  # still as large after PATIENCE corrections
+RESOLVED = 1e-9  # of the last coefficients, relative to the accelerations: the error of a step is then below their square
+SMOOTH = 1e-13  # of the last coefficients: steps twice as long, whose coefficients are 2^9 times as large, are resolved too
+MOVED = 1e-2  # size of a correction after which the inverse is computed again
+HOPELESS = 0.1  # size of a correction that is too large after PATIENCE corrections
 PATIENCE = 6
-NEAR = 1e-3  # relative singular value worth a word where the nodes are not found
+NEAR = 1e-3  # relative singular value: below, messages say that a singular position is near
 
 
 def extend_motion(
     document: dict[str, Any], scenario: str, times: Sequence[str], step: float, progress: Progress | None = None
 ) -> Motion:
-    """Integrate the motion at the sample times, until the end or until it has to stop.
+    """Integrate the motion at the sample times, to the end or to where it has to stop.
 
     Args:
         document: with decimals as written (`decimal_document`) and the scenario's override merged.
         times: decimal texts [s], ascending from "0".
-        step: largest step [s]; equal ones between two samples, halved where the motion needs it.
-        progress: called with each sample time reached.
+        step: largest step [s]; steps between two samples are equal, and halved where the motion needs it.
+        progress: is called with each sample time reached.
 
     Raises:
         ArithmeticError: long double has no more digits than double here, dry friction acts, or the start is singular.
@@ -61,7 +62,8 @@ def extend_motion(
     check_platform()
     linkage, q0, v0 = start(document, scenario)
     samples = {LONG(x) for x in times}
-    grid = sorted(samples | {x for x in _breaks(document["scenarios"][scenario]) if 0 < x < max(samples)})
+    breaks = {x for driver in drivers_of(document["scenarios"][scenario]) for x in find_breaks(driver, LONG)}
+    grid = sorted(samples | {x for x in breaks if 0 < x < max(samples)})
     states: list[tuple[Array, ...]] = []
     stopped = ""
     try:
@@ -77,21 +79,13 @@ def extend_motion(
     return _sample(linkage, times, states, stopped, step)
 
 
-def _breaks(scenario: dict[str, Any]) -> list[Any]:
-    """Return the times [s] at which the motion laws of a scenario are not smooth: the end of a rise, the knots of a table."""
-    tables = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
-    ends = [table["time"] for table in tables if "time" in table]
-    knots = [row[0] for table in tables for row in table.get("rows", [])]
-    return [LONG(str(x)) for x in (*ends, *knots)]
-
-
 @dataclass(frozen=True, eq=False)
-class Stepped:
-    """State after a step of length h, with the accelerations (s, n) at its nodes.
+class Step:
+    """The end of a step of length h: the state, and the accelerations a (s, n) at the nodes of the step.
 
     Attributes:
-        halvings: how often the steps had to be halved to get here.
-        tail: last Legendre coefficients of the accelerations, relative to these: what the nodes leave unresolved.
+        halvings: how often the steps of this interval were halved.
+        tail: largest of the last Legendre coefficients of the accelerations, relative to these: what the nodes do not resolve.
     """
 
     q: Array
@@ -106,15 +100,15 @@ def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, ste
     """Integrate positions and velocities at the times, for a linkage that drivers do not determine completely."""
     method = gauss_tableau(STAGES, LONG)
     a, _ = linkage.loads(times[0], q, v)
-    state = Stepped(q, v, np.tile(a, (STAGES, 1)), LONG(step))
+    state = Step(q, v, np.tile(a, (STAGES, 1)), LONG(step))
     yield q, v
     for begin, end in pairwise(times):
         state = _interval(linkage, method, begin, end, state, step_count(end - begin, step))
         yield state.q, state.v
 
 
-def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Stepped, count: int) -> Stepped:
-    """Integrate from one sample to the next in `count` equal steps, doubled until they resolve the motion."""
+def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Step, count: int) -> Step:
+    """Integrate from one sample to the next in `count` equal steps, which are halved until they resolve the motion."""
     for halvings in range(max(0, state.halvings - (state.tail < SMOOTH)), HALVINGS + 1):
         try:
             h, moved, tail = (end - begin) / (count << halvings), state, 0.0
@@ -127,11 +121,11 @@ def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: St
     raise last
 
 
-def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> Stepped:
+def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Step:
     """Take one step.
 
     Raises:
-        NoConvergence: its nodes are not found, or do not resolve the motion.
+        NoConvergence: the accelerations at its nodes are not found, or do not resolve the motion.
         Unsolved: it ends in a singular position, or cannot be projected.
     """
     a = _nodes(linkage, method, t, h, state)
@@ -140,13 +134,13 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> 
         raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s resolve the accelerations only to {tail:.1e}")
     q = state.q + h * (state.v + h * (method.bA @ a))
     q, v = linkage.project(t + h, q, state.v + h * (method.b @ a))
-    return Stepped(q, v, a, h, tail=tail)
+    return Step(q, v, a, h, tail=tail)
 
 
-def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) -> Array:
+def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Array:
     """Solve for the accelerations (s, n) at the nodes of the step that begins at t.
 
-    Multipliers start from zero, and so stay the shortest where rows are redundant; one more correction is all it costs.
+    Multipliers start from zero, so that they stay the shortest if rows are redundant; this costs one correction more.
 
     Raises:
         NoConvergence: the corrections do not shrink to rounding.
@@ -162,21 +156,22 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Stepped) ->
         q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]
         if solved is None or size > MOVED:
             solved = linkage.inverse(times, linkage.rows(times, q, v).J)
-        step = correct(solved.inverse, linkage.imbalance(times, q, v, x))
+        step = correct(solved.inverse, linkage.residual(times, q, v, x))
         x, before = x + step, size
         size = float(np.abs(step[:, :n]).max() / (1.0 + np.abs(x[:, :n]).max()))
-        pace = size / before if k else 1.0
-        if size * pace <= EPS or (k > 1 and size < SETTLED and pace > 0.5):  # the next correction would be rounding
+        ratio = size / before if k else 1.0
+        if size * ratio <= EPS or (k > 1 and size < SETTLED and ratio > 0.5):  # the next correction would be rounding
             return x[:, :n]
-        if k >= PATIENCE and not size < HOPELESS:
+        if k >= PATIENCE and not size < HOPELESS:  # also if the size is NaN
             break
-    near = (
-        f", near a singular position (relative singular value {solved.smallest:.1e})" if solved and solved.smallest < NEAR else ""
-    )
+    near = ""
+    if solved and solved.smallest < NEAR:
+        near = f", near a singular position (relative singular value {solved.smallest:.1e})"
     raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s stall at a relative change of {size:.1e}{near}")
 
 
 def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ...]], stopped: str, step: float) -> Motion:
+    """Return the motion made of states, (q, v, a, multipliers) each."""
     q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
     rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
     rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t

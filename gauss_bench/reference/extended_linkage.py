@@ -1,7 +1,7 @@
-"""A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state that fits.
+"""A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state on the constraints.
 
-Every number comes from the decimals of the file; the double-precision assembly only tells where to look. All solves are those of
-`refinement.py`, with a double inverse at the same or a nearby position.
+Every number comes from the decimals of the file; the assembly in double precision is only the first guess. All systems are solved
+by `refinement.py`, with an inverse in double precision at the same or a nearby position.
 """
 
 from dataclasses import dataclass, replace
@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import RANK_TOLERANCE, joint_residual, list_held
+from gauss_bench.linkage.closure import joint_residual, list_held
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.motion import assemble_doubles
-from gauss_bench.reference.refinement import Saddle, Unsolved, chord, imbalance, saddle
+from gauss_bench.reference.refinement import SaddleInverse, Unsolved, invert_saddle, pseudo_inverse, saddle_residual, solve_by_chord
 from gauss_bench.terms import Array
 
 MANTISSA = 60  # bits; long double is no longer than double on some platforms
-SINGULAR = 1e-9  # relative singular value: its inverse square, the condition of the multipliers, leaves a double nothing
+SINGULAR = 1e-9  # relative singular value: its inverse square, the condition of the multipliers, exceeds the digits of a double
 LONG = np.longdouble
 
 
@@ -38,8 +38,8 @@ class Linkage:
     """A mechanism in long double, with the data that its linear solves need.
 
     Attributes:
-        rank: of the constraint rows, as the linkage has it; singular values beyond are rounding.
-        nearest: smallest relative singular value met so far, and when [s].
+        rank: of the constraint rows; singular values beyond are rounding.
+        nearest: smallest relative singular value so far, and its time [s].
     """
 
     mechanism: Mechanism
@@ -50,22 +50,22 @@ class Linkage:
     def rows(self, t: Any, q: Array, v: Array) -> Rows:
         return self.evaluator.constraints(t, q, v)
 
-    def inverse(self, t: Any, J: Array) -> Saddle:
-        """Return the inverse in double precision at rows J (..., m, n).
+    def inverse(self, t: Any, J: Array) -> SaddleInverse:
+        """Return the inverse of the equations of motion in double precision, for rows J (..., m, n).
 
         Raises:
             Unsolved: the position is singular.
         """
-        solved, when = saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
+        solved, when = invert_saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
         if not solved.smallest > SINGULAR:
             raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {solved.smallest:.1e})")
         self.nearest = min(self.nearest, (solved.smallest, when))
         return solved
 
-    def imbalance(self, t: Any, q: Array, v: Array, x: Array) -> Array:
-        """Residual (..., n + m) of accelerations and multipliers x at state(s) q, v."""
+    def residual(self, t: Any, q: Array, v: Array, x: Array) -> Array:
+        """Return the residual (..., n + m) of the equations of motion for x = [a, lambda] at one state or several."""
         rows = self.rows(t, q, v)
-        return imbalance(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
+        return saddle_residual(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
 
     def loads(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
         """Return accelerations (n,) and multipliers (m,) at one state.
@@ -76,7 +76,7 @@ class Linkage:
         rows = self.rows(t, q, v)
         mass, Q = self.evaluator.mass, self.evaluator.applied.generalised(q, v)
         x = np.zeros(len(q) + len(rows.phi), dtype=LONG)
-        x = chord(lambda x: -imbalance(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
+        x = solve_by_chord(lambda x: -saddle_residual(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
@@ -89,11 +89,11 @@ class Linkage:
         rows = self.rows(t, q, v)
         lift = hold = self.inverse(t, rows.J).lift
         if edges := len(self.mechanism.knife_edges):
-            hold = saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
+            hold = invert_saddle(self.evaluator.mass, rows.J[:h], self.rank - edges).lift
         try:
-            q = chord(lambda x: self.rows(t, x, v).phi[:h], hold, q)
+            q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:h], hold, q)
             rows = self.rows(t, q, v)
-            return q, chord(lambda x: rows.J @ x + rows.phi_t, lift, v)
+            return q, solve_by_chord(lambda x: rows.J @ x + rows.phi_t, lift, v)
         except Unsolved as error:
             raise Unsolved(f"t = {float(t):.6g} s: the constraints cannot be met ({error})") from error
 
@@ -116,13 +116,9 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
         return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
 
     q = guess.q0.astype(LONG)
-    q = chord(gap, _pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+    q = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
     A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
-    v = chord(lambda v: A @ v - b, _pseudo_inverse(A), guess.v0.astype(LONG))
+    v = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
     rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
     return Linkage(mechanism, Evaluator(mechanism), rank), q, v
-
-
-def _pseudo_inverse(A: Array) -> Array:
-    return np.linalg.pinv(A.astype(float), rcond=RANK_TOLERANCE)

@@ -11,7 +11,7 @@ d, so the square matrix of the closure, transposed, gives lambda alone, u being 
 
     [J^T u] (lambda, tau) = R,    tau = 0
 
-R is affine in the friction W N(lambda), and so is lambda. All functions take a batch of angles (k,).
+R is affine in the friction W N(lambda), and so is lambda. All functions take a batch of k angles.
 Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
 """
 
@@ -27,25 +27,29 @@ from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-LARGEST_TURN = 0.15  # [rad] between two closures: Newton with a velocity predictor keeps its branch well beyond that
+LARGEST_TURN = 0.15  # [rad] between two closures: Newton's method with a predictor keeps its branch well beyond that
 NEWTON_STEPS = 12
 Closed = tuple[Array, Array, Array]  # q, dq/dtheta and d2q/dtheta2 (k, n) at k crank angles
+Levels = tuple[Array, Array, Array]  # q, v, a (k, n)
 
 
 class LostClosure(ArithmeticError):
     """The linkage cannot be closed at an angle: it lies beyond a limit of motion, or at a singular position."""
 
 
-def _state(closed: Closed, w: Array, w_dot: Array) -> tuple[Array, Array, Array]:
-    """q, v, a (k, n) at crank speeds and accelerations (k,)."""
+def _state(closed: Closed, w: Array, w_dot: Array) -> Levels:
+    """Return q, v, a (k, n) at crank speeds and accelerations (k,)."""
     q, d, e = closed
     return q, d * w[:, None], d * w_dot[:, None] + e * w[:, None] ** 2
 
 
 class MinimalCoordinate:
-    """Equation of motion in the angle of the crank, or of the link that is driven.
+    """The equation of motion in the angle of the crank, or of the link that is driven.
 
-    Remembers the last closed position as the next first guess.
+    Attributes:
+        crank: index of the angle in q.
+        constraints: those of the linkage, and as the last row a driver of the angle, whose time is the angle.
+        last: the last closed position with its derivatives, which is the next first guess.
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -54,15 +58,15 @@ class MinimalCoordinate:
             raise ValueError(f"{mechanism.name} has neither crank nor driven link")
         self.mechanism = mechanism
         self.crank = 3 * link + 2
-        turned = AngleDriver("crank", constant(0.0, 1.0), link)  # at the angle that counts as time
-        self.constraints = Constraints(replace(mechanism, drivers=(turned,), knife_edges=()))
+        driver = AngleDriver("crank", constant(0.0, 1.0), link)
+        self.constraints = Constraints(replace(mechanism, drivers=(driver,), knife_edges=()))
         self.applied = AppliedForces(mechanism)
         self.friction = JointFriction(mechanism)
         self.mass = mechanism.mass
         self.redundant = mechanism.redundant > 0
-        self.rest()
+        self.reset()
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Forget the last closed position: the next closure starts from the assembled one."""
         still = np.zeros(self.mechanism.n)
         self.last = (self.mechanism.q0, still, still)
@@ -94,6 +98,7 @@ class MinimalCoordinate:
         return q, d, e
 
     def _close(self, q: Array, theta: Array) -> Closed:
+        """Close the linkage at crank angles (k,) by Newton's method from q (k, n)."""
         still = np.zeros_like(q)
         rows = self.constraints(theta, q, still)
         for _ in range(NEWTON_STEPS):
@@ -107,11 +112,16 @@ class MinimalCoordinate:
         d = self._solve(rows.J, -rows.phi_t)
         return q, d, self._solve(rows.J, self.constraints(theta, q, d).gamma)
 
-    def state(self, theta: Array, w: Array, w_dot: Array) -> tuple[Array, Array, Array]:
+    def state(self, theta: Array, w: Array, w_dot: Array) -> Levels:
         """Return q, v, a (k, n) for crank angles, speeds and accelerations (k,)."""
         return _state(self.geometry(theta), w, w_dot)
 
-    def free(self, theta: Array, w: Array) -> tuple[Array, Array, Array]:
+    def state_at(self, t: float) -> Levels:
+        """Return q, v, a (1, n) at a time of the driver's law."""
+        assert self.mechanism.driver is not None
+        return self.state(*(np.atleast_1d(x).astype(float) for x in self.mechanism.driver.law(t)))
+
+    def free_state(self, theta: Array, w: Array) -> Levels:
         """Return q, v, a (k, n) for crank angles and speeds (k,), with a from the forces."""
         closed = self.geometry(theta)
         return _state(closed, w, self._acceleration(closed, w))
@@ -121,6 +131,7 @@ class MinimalCoordinate:
         return self._acceleration(self.geometry(theta), w)
 
     def _acceleration(self, closed: Closed, w: Array) -> Array:
+        """Return the crank acceleration (k,) at closed positions and crank speeds, by the equation above."""
         q, d, e = closed
         Q = self.applied.generalised(q, d * w[:, None])
         force = Q - self.mass * e * w[:, None] ** 2
@@ -144,7 +155,7 @@ class MinimalCoordinate:
         start = float(self.mechanism.q0[self.crank])
         ends = []
         for sign in (-1.0, 1.0):
-            self.rest()
+            self.reset()
             end = 0
             for stride in (8, 1):  # degrees: far until it fails, then a degree at a time from the last that was closed
                 with suppress(LostClosure):
@@ -152,5 +163,5 @@ class MinimalCoordinate:
                         self.geometry(np.array([start + sign * np.radians(degree)]))
                         end = degree
             ends.append(start + sign * np.radians(end))
-        self.rest()
+        self.reset()
         return ends[0], ends[1]

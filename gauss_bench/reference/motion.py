@@ -1,4 +1,4 @@
-"""Input and output of both pipelines of a certificate: a first guess in double precision, and a motion in extended precision."""
+"""What both pipelines of a certificate start from, and what they return: a first guess in double precision, and a `Motion`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import assemble
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.numbers import Number, exact
 
-Progress = Callable[[float], None]  # told the time reached [s]
+Progress = Callable[[float], None]  # is called with the time reached [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +22,9 @@ class Motion:
     Attributes:
         times: decimal texts of the sample times [s] that were reached.
         q, v, a: (k, n) in the pipeline's own type of number.
-        multipliers: (k, m) of M a + J^T lambda = Q, rows as in the mechanism; None where redundant rows leave them undetermined.
-        drift: largest |phi| and |phi'| over the samples, as a double (m, rad and per second).
-        stopped: why the samples end before the last time asked for, or empty.
+        multipliers: (k, m) of M a + J^T lambda = Q, rows as in the mechanism; None if redundant rows leave them undetermined.
+        drift: largest |phi| and |phi'| over the samples, in double precision [m, rad and per second].
+        stopped: the reason why the samples end before the last time, or empty.
         method: one line on how it was made, with versions.
     """
 
@@ -38,19 +39,25 @@ class Motion:
 
 
 def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
-    """Assemble the linkage in double precision: the first guess of a pipeline. The scenario's override must be merged already.
+    """Assemble the linkage in double precision, as the first guess of a pipeline. The scenario's override must be merged already.
 
     Raises:
         AssemblyError: it cannot be assembled.
     """
-    rough = _doubles(document)
+    rough = to_doubles(document)
     return assemble(build_mechanism(rough, scenario, "", ""), rough)
 
 
-def _doubles(value: Any) -> Any:
+def to_doubles(value: Any) -> Any:
     """Return a copy of the document with every Decimal as the nearest double."""
     if isinstance(value, dict):
-        return {key: _doubles(x) for key, x in value.items()}
+        return {key: to_doubles(x) for key, x in value.items()}
     if isinstance(value, list):
-        return [_doubles(x) for x in value]
+        return [to_doubles(x) for x in value]
     return float(value) if isinstance(value, Decimal) else value
+
+
+def find_breaks(driver: dict[str, Any], number: Number) -> list[Any]:
+    """Return the times [s] at which the law in a driver's table is not smooth: the end of a rise, the knots of a table."""
+    times = [driver["time"]] if "time" in driver else [row[0] for row in driver.get("rows", [])]
+    return [exact(number, x) for x in times]

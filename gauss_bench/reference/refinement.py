@@ -1,12 +1,12 @@
 """Linear and nonlinear systems solved to the last digit of a type of number for which LAPACK has no factorisation.
 
-A double-precision inverse is good enough to find the next dozen digits: with residuals in that type, each correction x += P r takes
-off the factor |1 - P A|, about double rounding times the condition number, until what is left is rounding of the residual.
+An inverse P in double precision is good enough to find the next dozen digits: with residuals r in that type, each correction
+x += P r multiplies the error by |1 - P A|, about double rounding times the condition number, until the residual is rounding alone.
 The same chord iteration solves f(x) = 0 with P the inverse of a Jacobian nearby. Source: Higham, Accuracy and Stability of
 Numerical Algorithms (2002), chapter 12.
 
 The inverse of the equations of motion, [M J^T; J 0][a; lambda] = [Q; gamma], is written in the singular values of the constraints
-in weighted coordinates, J M^(-1/2) = U S V^T, cut off at the rank the linkage has, so that redundant rows do no harm:
+in weighted coordinates, J M^(-1/2) = U S V^T, cut off at the rank of the linkage, so that rows may be redundant:
 
     G = M^(-1/2) V S^-1 U^T,    P = [M^-1 - G (J M^-1), G; G^T, -U S^-2 U^T]
 """
@@ -16,24 +16,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gauss_bench.linkage.closure import RANK_TOLERANCE
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)
-CORRECTIONS = 30  # at worst; with a condition of 1e6 each takes off ten digits
+CORRECTIONS = 30  # at most; with a condition of 1e6 each finds ten digits
 
 
 class Unsolved(ArithmeticError):
-    """The corrections do not become small: the inverse in double precision is too inaccurate, as at a singular position."""
+    """The corrections do not become small: the inverse in double precision is too inaccurate, as it is at singular positions."""
 
 
 @dataclass(frozen=True, eq=False)
-class Saddle:
+class SaddleInverse:
     """A double-precision inverse of the equations of motion at one state or a batch.
 
     Attributes:
         inverse: (..., n + m, n + m) the matrix P of the equations above.
         lift: (..., n, m) the matrix G above, which turns a constraint error into the shortest correction, weighted with masses.
-        smallest: least singular value that the rank counts, relative to the largest: the distance from a singular position.
+        smallest: smallest singular value within the rank, relative to the largest: the distance from a singular position.
     """
 
     inverse: Array
@@ -41,7 +42,7 @@ class Saddle:
     smallest: float
 
 
-def saddle(mass: Array, J: Array, rank: int) -> Saddle:
+def invert_saddle(mass: Array, J: Array, rank: int) -> SaddleInverse:
     """Return the inverse for masses (n,) and rows J (..., m, n) of the given rank."""
     n, m = J.shape[-1], J.shape[-2]
     root = np.sqrt(mass.astype(float))
@@ -53,10 +54,10 @@ def saddle(mass: Array, J: Array, rank: int) -> Saddle:
     P[..., :n, :n] = np.diag(1.0 / root**2) - np.swapaxes(Vt, -1, -2) @ Vt
     P[..., :n, n:], P[..., n:, :n] = lift, np.swapaxes(lift, -1, -2)
     P[..., n:, n:] = -scaled @ np.swapaxes(scaled, -1, -2)
-    return Saddle(P, lift, float((s[..., -1] / s[..., 0]).min()) if rank else 1.0)
+    return SaddleInverse(P, lift, float((s[..., -1] / s[..., 0]).min()) if rank else 1.0)
 
 
-def imbalance(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
+def saddle_residual(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:
     """Return the residual [Q - M a - J^T lambda, gamma - J a] (..., n + m) of x = [a, lambda], in the type of its arguments."""
     n = len(mass)
     a, multipliers = x[..., :n], x[..., n:]
@@ -69,7 +70,7 @@ def correct(inverse: Array, residual: Array) -> Array:
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 
-def chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
+def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
     """Solve residual(x) = 0 near x by chord iteration with one inverse; `eps` is the precision of the type of x.
 
     Raises:
@@ -84,3 +85,9 @@ def chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: flo
             return x
         before = size
     raise Unsolved(f"corrections stay at {before:.1e}")
+
+
+def pseudo_inverse(A: Array) -> Array:
+    """Return the pseudo-inverses (..., n, m) of matrices (..., m, n) in double precision, cut off at the rank of a linkage."""
+    A = A.astype(float)
+    return np.asarray(np.linalg.pinv(A, rcond=RANK_TOLERANCE)) if A.size else np.swapaxes(A, -1, -2).copy()

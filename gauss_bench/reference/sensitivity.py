@@ -1,9 +1,9 @@
-"""The floor of double precision: how far a motion moves when every parameter of its linkage moves by 1e-16 of itself.
+"""The floor of double precision: how far a motion moves when every parameter of its linkage changes by a relative 1e-16.
 
-0.37 is not a double. An engine that rounds it solves a neighbouring linkage, and two engines that round differently cannot be told
-apart below the distance of such neighbours. All numbers of the document are scaled by 1 + delta xi with random xi in
--1..1; the change of the motion, divided by delta / 1e-16, is the floor. delta stands far above the rounding of the runs compared
-and far below where the change stops being proportional to it.
+0.37 is not a double. An engine that rounds it solves a neighbouring linkage, and two engines that round differently cannot be
+distinguished below the distance of such neighbours. All numbers of the document are scaled by 1 + delta xi with random xi in
+-1..1; the change of the motion, divided by delta / 1e-16, is the floor. delta is far above the rounding of both runs, and small
+enough for the change to be proportional to it.
 """
 
 import copy
@@ -29,7 +29,7 @@ STARTS = ("start", "driver", "drivers")
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
     """Return level -> (k,) the largest change up to each time for a relative change of 1e-16; NaN after the last common time.
 
-    Where rows are redundant the geometry stays: a parallelogram of unequal bars would not be one.
+    If rows are redundant the geometry is not changed: a parallelogram with unequal bars could not be assembled.
     """
     rng = np.random.default_rng(SEED)
     base = taylor_motion(document, mechanism.scenario, times, double=True)
@@ -38,7 +38,7 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
         try:
             moved = taylor_motion(perturb(document, mechanism, rng), mechanism.scenario, base.times, double=True)
         except (AssemblyError, ArithmeticError):
-            continue  # the neighbour cannot be assembled or started: the motion is at its limit, and the floor stays open
+            continue  # this neighbour cannot be assembled or started, because the motion is at its limit
         k = min(len(base.times), len(moved.times))
         for level, floor in levels.items():
             change = np.abs(getattr(moved, level)[:k] - getattr(base, level)[:k]).max(axis=-1, initial=0.0)

@@ -1,4 +1,4 @@
-"""Cache of references: a certificate if one holds, else a built reference stored under a hash of its inputs."""
+"""Cache of references: a certificate if there is one that holds, else a built reference stored under a hash of its inputs."""
 
 import hashlib
 import os
@@ -33,8 +33,8 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
         return certified
     path = folder / f"{reference_key(mechanism, t_end)}.npz"
     if path.exists():
-        if kept := read_reference(path):
-            return kept
+        if stored := read_reference(path):
+            return stored
         print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
     folder.mkdir(parents=True, exist_ok=True)
@@ -59,6 +59,7 @@ def read_reference(path: Path) -> Reference | None:
 
 
 def _digest(reference: Reference) -> str:
+    """Return a hash of the method and of all arrays."""
     hashed = hashlib.sha256(reference.method.encode())
     for name in FIELDS:
         x = np.ascontiguousarray(getattr(reference, name))

@@ -1,1 +1,1 @@
-"""Rows -> pages: tables, pictures and sentences of one run. Knows what a linkage looks like, and nothing of how one is computed."""
+"""Tables, pictures and sentences of one run, computed from its rows. This package draws linkages, and computes no motion."""

@@ -1,7 +1,7 @@
 """Build the report of a run: README.md, a summary beside the rows in git, and the site for the browser.
 
-Both take their content from `sections`, in the order of their PLACE. A section's file names the tables that it reads and has a
-function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
+Both take their content from `sections`, in the order of their PLACE. A section is a file with a function `section(run)`, a function
+`findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,21 +9,23 @@ from pathlib import Path
 
 from gauss_bench.report import sections
 from gauss_bench.report.content import Finding
-from gauss_bench.report.errors import NoRun
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.parts import parts_of
-from gauss_bench.report.rows import Run, order
+from gauss_bench.report.rows import Run, sort_key
 from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
-from gauss_bench.tables import TABLES, files_of, format_of, read_environment, read_table, refuse_foreign, write_text
+from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign, write_text
+from gauss_bench.untrusted import BadInput
 
-HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"  # identify pages of this suite
+HEADING, TITLE = (
+    "# Closed-loop planar linkages, engines side by side",
+    "gauss_bench</title>",
+)  # texts by which pages of this suite are recognised
 
 
-def tables_read() -> tuple[str, ...]:
-    """Return the names of the tables that the sections read, each once."""
-    return tuple(dict.fromkeys(name for module in parts_of(sections) for name in getattr(module, "TABLES", ())))
+class NoRun(BadInput, ValueError):
+    """A folder that holds no run."""
 
 
 def read_run(folder: Path) -> Run:
@@ -33,11 +35,10 @@ def read_run(folder: Path) -> Run:
         NoRun: the folder has no run.
         TableError: a file is damaged, or has a later format than this version reads.
     """
-    written = [name for name in TABLES if name != "baseline" and files_of(name, folder)]
-    if not written:
+    names = [name for name in TABLES if name != "baseline"]
+    if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
-    format_of(folder)
-    tables = {name: tuple(sorted(read_table(name, folder), key=order)) for name in TABLES if name != "baseline"}
+    tables = {name: tuple(sorted(read_table(name, folder), key=sort_key)) for name in names}
     return Run(read_environment(folder), tables)
 
 
@@ -58,13 +59,13 @@ def refuse_pages_of_others(folder: Path) -> None:
 
 
 def build_report(
-    folder: Path, programs: Programs | None = None, told: Callable[[str], object] = lambda sentence: None
+    folder: Path, programs: Programs | None = None, say: Callable[[str], object] = lambda sentence: None
 ) -> list[Path]:
     """Write README.md and the site into the folder of a run, and return the written files.
 
     Args:
         programs: choices -> programs that run them, for the first screen; by default it shows calls of this package.
-        told: called with a sentence when writing begins, after all tables were read.
+        say: called with a sentence when writing begins, after all tables were read.
 
     Raises:
         NoRun, TableError: as `read_run`; nothing is written then.
@@ -72,7 +73,7 @@ def build_report(
     """
     refuse_pages_of_others(folder)
     run = read_run(folder)
-    told(f"{folder}: writing the pages")
+    say(f"{folder}: writing the pages")
     findings = list(all_findings(run))
     page = folder / "README.md"
     write_text(page, markdown_page(run, summary(run, findings)))

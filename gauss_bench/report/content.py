@@ -6,27 +6,27 @@ fixed, so that two reports differ in a line only if a number differs.
 
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.report.rows import KEYS, Row, group_rows, is_known, label, number, ok, own_steps
+from gauss_bench.report.rows import Row, chose_steps, group_by, has_ended, is_known, number
 
 NOTHING = "-"
 AUTHORS = (
-    "This report compares ways to compute the motion of closed-loop planar linkages: formulations of the suite's own, and other "
-    "engines through adapters, all from the same file and the same start. **The authors of the suite also wrote the `gauss` "
-    "formulation it compares**; it passes through the same gate, the same clock and the same tables as every other row, and the "
-    "rows where it loses are printed like those where it wins."
+    "This report compares ways to compute the motion of closed-loop planar linkages: the suite's own formulations, and other "
+    "engines through adapters. All read the same file and start from the same state. **The authors of the suite also wrote the "
+    "`gauss` formulation.** It passes through the same gate, clock and tables as every other engine, and rows in which it loses "
+    "are printed like those in which it wins."
 )
 TONES = {
     **dict.fromkeys(("holds", "pass", "ok"), "good"),
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
     **dict.fromkeys(("reversed", "refuted", "failed", "wrong", "not valid"), "bad"),
 }
-ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells without numbers
+ASIDE = ("text", "engine", "formula", "verdict", "remark", "status")  # kinds of cells whose columns are aligned as text
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Table:
     """
 
     title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    numeric: frozenset[int] = frozenset()
+    head: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    numeric: Collection[int] = ()
     folded: bool = False
     note: str = ""
     kind = "table"
@@ -75,7 +75,7 @@ class Text:
 class Bullets:
     """A list of sentences."""
 
-    items: tuple[str, ...]
+    items: Sequence[str]
     kind = "bullets"
 
 
@@ -93,7 +93,7 @@ class Chart:
     """A figure with its data.
 
     Attributes:
-        description: one sentence on what it shows.
+        description: one sentence about its content.
         spec: Vega-Lite specification, without data.
         head: column of `rows` -> heading in the table of its numbers.
         toggles: engines that a reader may hide and show.
@@ -104,19 +104,18 @@ class Chart:
     title: str
     description: str
     spec: Mapping[str, Any]
-    rows: tuple[Mapping[str, Any], ...]
+    rows: Sequence[Mapping[str, Any]]
     head: Mapping[str, str]
-    toggles: tuple[str, ...] = ()
-    shown: tuple[str, ...] = ()
+    toggles: Sequence[str] = ()
+    shown: Sequence[str] = ()
     small: bool = False
     kind = "chart"
 
     def table(self) -> Table:
         """Return the drawn numbers as a table."""
-        numeric = {i for i, c in enumerate(self.head) if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
-        kinds = [".4g" if i in numeric else "text" for i in range(len(self.head))]
-        rows = tuple(tuple(make_cell(row, *x) for x in zip(kinds, self.head, strict=True)) for row in self.rows)
-        return Table(f"{self.title}: numbers", tuple(self.head.values()), rows, frozenset(numeric))
+        numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
+        columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
+        return make_table(f"{self.title}: numbers", columns, self.rows)
 
     def data(self) -> dict[str, Any]:
         """Return the data from which the page draws the figure."""
@@ -132,15 +131,15 @@ class Section:
 
     title: str
     anchor: str
-    blocks: tuple[Block, ...] = ()
-    parts: tuple["Section", ...] = ()
+    blocks: Sequence[Block] = ()
+    parts: Sequence["Section"] = ()
 
 
 def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Compress rows for a page: consecutive rows that differ in numbers alone share one entry with columns of numbers."""
     lines: list[dict[str, Any]] = []
     for row in rows:
-        numbers = {k: seen(x) for k, x in row.items() if isinstance(x, (int, float)) and not isinstance(x, bool)}
+        numbers = {k: to_json(x) for k, x in row.items() if isinstance(x, (int, float)) and not isinstance(x, bool)}
         same = {k: x for k, x in row.items() if k not in numbers}
         last = lines[-1] if lines else {}
         if numbers and last.get("same") == same and last["columns"].keys() == numbers.keys():
@@ -151,68 +150,68 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return lines
 
 
-def seen(x: Any) -> Any:
+def to_json(x: Any) -> Any:
     """Return a value for JSON: NaN becomes None, and numbers have five digits, as many as a figure shows."""
-    if isinstance(x, bool) or not isinstance(x, float):
+    if not isinstance(x, float):
         return x
-    return short(x, 5) if math.isfinite(x) else None
+    return round_digits(x, 5) if math.isfinite(x) else None
 
 
-def short(x: float, digits: int) -> float:
+def round_digits(x: float, digits: int) -> float:
     """Round a number to significant digits; an integral result becomes an int, which prints without a point."""
     value = float(f"{x:.{digits}g}")
     return int(value) if value.is_integer() and abs(value) < 10**digits else value
 
 
-def error(x: float) -> str:
+def error_text(x: float) -> str:
     """Format an error with two digits."""
     return f"{x:.1e}" if is_known(x) else NOTHING
 
 
-def times(x: float) -> str:
+def ratio_text(x: float) -> str:
     """Format a ratio with three digits."""
-    if not is_known(x):
-        return NOTHING
-    decimals = next((n for limit, n in ((0.01, 5), (0.1, 4), (1, 3), (10, 2), (100, 1)) if x < limit), 0)
-    return f"{x:.{decimals}f}"
+    decimals = sum(x < limit for limit in (0.01, 0.1, 1, 10, 100))
+    return f"{x:.{decimals}f}" if is_known(x) else NOTHING
 
 
-def duration(seconds: float) -> str:
+def time_text(seconds: float) -> str:
     """Format a duration with three digits and a unit."""
     unit, factor = next(((u, f) for u, f in (("s", 1.0), ("ms", 1e3), ("µs", 1e6)) if seconds * f >= 1), ("ns", 1e9))
-    return f"{times(seconds * factor)} {unit}" if is_known(seconds) else NOTHING
+    return f"{ratio_text(seconds * factor)} {unit}" if is_known(seconds) else NOTHING
 
 
-def small(x: float) -> str:
+def limit_text(x: float) -> str:
+    """Format a required accuracy with one digit."""
     return f"{x:.0e}"
 
 
 def itemise(words: Iterable[str]) -> str:
     """Join words as "a, b and c"."""
-    parts = list(words)
-    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
+    *first, last = list(words) or [""]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def count(n: int, word: str) -> str:
+    """Return a number with its noun, in the plural unless the number is 1."""
     return f"{n} {word}" if n == 1 else f"{n} {word}s"
 
 
-def run_of_numbers(values: Sequence[float], written: Callable[[float], str] = times) -> str:
+def range_text(values: Sequence[float], form: Callable[[float], str] = ratio_text) -> str:
     """Format the range of some numbers as "low to high"."""
-    low, high = written(min(values)), written(max(values))
-    return low if low == high else f"{low} to {high}"
+    return " to ".join(dict.fromkeys((form(min(values)), form(max(values)))))
 
 
 def list_unmeasured(rows: Sequence[Row], column: str) -> str:
     """Return a sentence on the linkages without a number in a column, with their reasons; empty if there are none."""
-    told = {str(r.get("mechanism")) for r in rows if is_known(r.get(column))}
-    missing = [r for r in rows if r.get("mechanism") and str(r["mechanism"]) not in told]
-    reasons = group_rows(missing, lambda r: str(r.get("message") or "no reason was told"))
-    parts = [f"{itemise(dict.fromkeys(str(r['mechanism']) for r in some))} ({why})" for why, some in reasons.items()]
+    measured = {r.get("mechanism") for r in rows if is_known(r.get(column))}
+    missing = [r for r in rows if r.get("mechanism") and r["mechanism"] not in measured]
+    reasons = group_by(missing, lambda r: r.get("message") or "no reason was told")
+    parts = [f"{itemise(dict.fromkeys(r['mechanism'] for r in some))} ({why})" for why, some in reasons.items()]
     return f" Left out: {'; '.join(parts)}." if parts else ""
 
 
 def text_cell(value: Any, tone: str = "") -> Cell:
+    """Return a cell of text that sorts by its text."""
     text = str(value) if value not in ("", None) else NOTHING
     return Cell(text, text, tone)
 
@@ -223,13 +222,13 @@ def print_as(form: str) -> Callable[[float], str]:
 
 
 FORMS: Mapping[str, Callable[[float], str]] = {
-    "error": error,
-    "exact": lambda x: error(x) if x else "0",
-    "times": times,
-    "time": duration,
+    "error": error_text,
+    "exact": lambda x: error_text(x) if x else "0",
+    "times": ratio_text,
+    "time": time_text,
     "percent": lambda x: f"{100 * x:.0f} %",
     "mm": lambda x: f"{1e3 * x:g}",
-    "error mm": lambda x: error(1e3 * x),
+    "error mm": lambda x: error_text(1e3 * x),
 }
 
 
@@ -242,21 +241,25 @@ def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
         key: column of the value in the row.
         bar: column of the error bar; a smaller value is printed as below it.
     """
+    value = row.get(key)
     match kind.split(maxsplit=1):
-        case ["text" | "figure" | "verdict" | "engine" | "formula"]:
-            own = kind if kind in ("engine", "formula") else TONES.get(str(row.get(key)), "") if kind == "verdict" else ""
-            return text_cell(row.get(key, ""), row.get(f"{key}_tone", own))
+        case ["text" | "figure"]:
+            return text_cell(value, row.get(f"{key}_tone", ""))
+        case ["verdict"]:
+            return text_cell(value, row.get(f"{key}_tone", TONES.get(str(value), "")))
+        case ["engine" | "formula"]:
+            return text_cell(value, kind)
         case ["remark"]:
-            return remark(row)
+            return remark_cell(row)
         case ["status"]:
             return status_cell(row)
         case ["met"]:
-            known, met = is_known(row.get("target")), row.get(key)
-            return Cell(NOTHING) if not known else text_cell("yes", "good") if met else text_cell("no", "bad")
-        case ["step"] if key in row and (not number(row, key) > 0 or (ok(row) and own_steps(row))):
-            return Cell("own", 0.0)
+            if not is_known(row.get("target")):
+                return Cell(NOTHING)
+            return text_cell("yes", "good") if value else text_cell("no", "bad")
         case ["step"]:
-            return make_cell(row, "g", key)
+            own = key in row and (not number(row, key) > 0 or (has_ended(row) and chose_steps(row)))
+            return Cell("own", 0.0) if own else make_cell(row, "g", key)
         case ["range", form]:
             low, high = number(row, f"{key}_low"), number(row, f"{key}_high")
             known = is_known(low) and is_known(high)
@@ -269,13 +272,15 @@ def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 
 def status_cell(row: Row) -> Cell:
     """Return the cell with the status of a case; an ended case shows whether it is valid."""
-    fine = "control" if row["control"] else "ok" if row["valid"] else "not valid"
-    status = fine if row["status"] in ("ok", "invalid") else str(row["status"])
+    status = row["status"]
+    if has_ended(row):
+        status = "control" if row["control"] else "ok" if row["valid"] else "not valid"
     return text_cell(status, TONES.get(status, "bad"))
 
 
-def remark(row: Row) -> Cell:
-    status, message = str(row.get("status", "ok") or "ok"), str(row.get("message", ""))
+def remark_cell(row: Row) -> Cell:
+    """Return the cell with a row's message; a row that failed or was skipped names its status first."""
+    status, message = row.get("status") or "ok", row.get("message", "")
     return text_cell(message) if status == "ok" else text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
 
 
@@ -285,38 +290,26 @@ def layouts() -> dict[str, Any]:
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 
 
+def make_table(title: str, columns: Sequence[Sequence[str]], rows: Iterable[Row], folded: bool = False, note: str = "") -> Table:
+    """Return a table from columns as `layouts.toml` has them: (head, kind of its cells, key, optional key of the error bar)."""
+    lines = [[make_cell(row, *column[1:]) for column in columns] for row in rows]
+    numeric = [i for i, (_, kind, *_) in enumerate(columns) if kind not in ASIDE]
+    return Table(title, [column[0] for column in columns], lines, numeric, folded, note)
+
+
 def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", **more: Any) -> Table:
     """Return the table of rows with a layout; `more` fills {names} in its title and head, or overrides `folded`."""
     layout = layouts()[name]
-    columns = layout["columns"]
     folded = more.pop("folded", layout.get("folded", False))
-    head = tuple(x[0].format(**more) for x in columns)
-    lines = tuple(tuple(make_cell(row, *x[1:]) for x in columns) for row in rows)
-    numeric = frozenset(i for i, x in enumerate(columns) if x[1] not in ASIDE)
-    note = note or layouts()["notes"].get(layout.get("note", ""), layout.get("note", ""))
-    return Table(title or layout["title"].format(**more), head, lines, numeric, folded, note)
+    columns = [(head.format(**more), *cell) for head, *cell in layout["columns"]]
+    note = note or layouts()["notes"].get(layout.get("note"), layout.get("note", ""))
+    return make_table(title or layout["title"].format(**more), columns, rows, folded, note)
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction of a table and the table; nothing without rows."""
-    words = [Text(layouts()[name]["words"])] if "words" in layouts()[name] else []
-    return [*words, lay_out(name, rows, **more)] if rows else []
-
-
-def part(name: str, rows: Sequence[Row], shown: Sequence[Row] | None = None) -> Section | None:
-    """Return a section with one table; if only some rows are `shown`, a folded second table has all of them."""
-    blocks = blocks_of(name, rows if shown is None else shown)
+    """Return the introduction of a table and the table; without rows the layout's sentence for that, or nothing."""
+    layout = layouts()[name]
     if not rows:
-        return None
-    title = layouts()[name]["title"]
-    if shown is not None and len(shown) < len(rows):
-        blocks.append(lay_out(name, rows, f"{title}: all of it", folded=True))
-    return Section(title, f"kernel-{title.lower().replace(' ', '-')}", tuple(blocks))
-
-
-def tie(rows: list[Row], best: Row, value: Callable[[Row], float]) -> str:
-    """Describe a case, together with the engines that come within 5 percent of it with the same settings."""
-    same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
-    engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= 0.05 * abs(value(best))})
-    choices = label(best, "settings", "integrator", "stabilization", "step").partition("` ")[2]
-    return f"{itemise(f'`{name}`' for name in engines)} {choices}".strip()
+        return [Text(layout["empty"])] if "empty" in layout else []
+    words = [Text(layout["words"])] if "words" in layout else []
+    return [*words, lay_out(name, rows, **more)]

@@ -8,7 +8,7 @@ import jinja2
 from gauss_bench.report.content import Cell, Section
 from gauss_bench.report.rows import Run
 
-SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")  # between two of a finding
+SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")  # the space between two sentences of a finding
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 
 
@@ -19,6 +19,7 @@ def plain(text: str) -> str:
 
 
 def _quote(text: str) -> str:
+    """Escape what Markdown would read as markup."""
     text = re.sub(r"([\\`*#])", r"\\\1", text).replace("](", "]\\(")
     text = re.sub(r"(?<!\w)_|_(?!\w)", r"\\_", text)
     return re.sub(r"<(?=[A-Za-z/!?])", r"&lt;", text)
@@ -30,27 +31,29 @@ def markdown_cell(cell: Cell) -> str:
     return f"**{text}**" if cell.tone == "bad" else text
 
 
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("gauss_bench.report", "templates"),
+def make_environment(package: str, autoescape: bool = True) -> jinja2.Environment:
+    """Return the environment that fills in the templates of a package; an unknown name in a template is an error."""
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader(package, "templates"),
         undefined=jinja2.StrictUndefined,
-        autoescape=False,  # what Markdown needs is escaped by `plain`
+        autoescape=autoescape,
         trim_blocks=True,
         lstrip_blocks=True,
-        keep_trailing_newline=True,
     )
-    environment.filters |= {"plain": plain, "md_cell": markdown_cell}
-    return environment
 
 
 def facts(run: Run) -> list[str]:
-    """Return suite, date, commit and processor of a run, for headers."""
+    """Return suite, date, commit and processor of a run, for headers; what the run did not record is left out."""
     known = run.environment
     suite = f"suite {known['suite']}" if "suite" in known else ""
-    commit = f"commit {known['commit'][:10]}{' with changes' if known.get('dirty') else ''}" if known.get("commit") else ""
-    return [x for x in (suite, str(known.get("date", "")), commit, str(known.get("cpu", ""))) if x]
+    changes = " with changes" if known.get("dirty") else ""
+    commit = f"commit {known['commit'][:10]}{changes}" if known.get("commit") else ""
+    return [str(x) for x in (suite, known.get("date"), commit, known.get("cpu")) if x]
 
 
 def markdown_page(run: Run, content: Sequence[Section]) -> str:
-    text = _environment().get_template("page.md").render(sections=content, facts=facts(run))
+    """Return a page of Markdown with the facts of a run and sections."""
+    environment = make_environment("gauss_bench.report", autoescape=False)  # the filter `plain` escapes texts for Markdown
+    environment.filters |= {"plain": plain, "md_cell": markdown_cell}
+    text = environment.get_template("page.md").render(sections=content, facts=facts(run))
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"

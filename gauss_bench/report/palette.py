@@ -11,14 +11,19 @@ from pathlib import Path
 
 _DATA = tomllib.loads(Path(__file__).with_name("palette.toml").read_text(encoding="utf-8"))
 COLOURS: dict[str, str] = _DATA["light"]  # name of a variable -> colour of files
-DARK: dict[str, str] = _DATA["dark"]  # of pictures that stand alone; as the site's
+DARK: dict[str, str] = _DATA["dark"]  # colours of pictures that are files of their own, as on the site
 ENGINES: dict[str, str] = _DATA["engines"]
 OTHERS: list[str] = _DATA["others"]
 HUES: dict[str, list[str]] = _DATA["hues"]  # engine -> light, dark
 SHAPES: list[str] = _DATA["shapes"]
 INK, MUTED, GRID, PAPER, CONTROL = (COLOURS[x] for x in ("ink", "muted", "grid", "paper", "control"))
 BODY, BODY_EDGE, CRANK, CRANK_EDGE, TRACE = (COLOURS[x] for x in ("body", "body-edge", "crank", "crank-edge", "trace"))
-CURVES = (BODY_EDGE, CRANK_EDGE, TRACE, *(ENGINES[x] for x in _DATA["curves"]))  # lines of one panel, in turn; dark pages have them
+CURVES = (
+    BODY_EDGE,
+    CRANK_EDGE,
+    TRACE,
+    *(ENGINES[x] for x in _DATA["curves"]),
+)  # colours of the lines of a panel, in turn, which also exist on dark pages
 PAPERS = (PAPER, DARK["paper"])
 VARIABLES = {colour: name for name, colour in COLOURS.items()}
 VARIABLES |= {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENGINES.items()}

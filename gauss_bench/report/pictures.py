@@ -19,57 +19,57 @@ from scipy.interpolate import PchipInterpolator
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.report.content import itemise
-from gauss_bench.report.drawings.animation import STYLE, Film, film_runs
+from gauss_bench.report.drawings.animation import STYLE, Film, make_film
 from gauss_bench.report.drawings.canvas import Canvas, make_part
 from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linkage_parts
 from gauss_bench.report.drawings.pose import crank_angles
-from gauss_bench.report.first_table import FIRST, mark, renew, way_of
+from gauss_bench.report.first_table import FIRST, group_by_loop, mark_own, renew
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE, points
-from gauss_bench.report.site.linkage import front
-from gauss_bench.report.site.motion import turn_frames
-from gauss_bench.report.site.playback import Played, Turn, play_runs, truth_of
+from gauss_bench.report.site.linkage import pareto_front
+from gauss_bench.report.site.motion import Turn, find_turn
+from gauss_bench.report.site.playback import StoredRun, read_reference, read_runs
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
-FOLDER = "reports/pictures"  # beside README
+FOLDER = "reports/pictures"  # relative to README
 LINKAGE, SCENARIO = "four_bar", "torque"
-PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # the runs shown, left and right: both at a step of 1 ms
+PLAYED = ("gauss-native rk4", "mujoco rk4 (not valid)")  # labels of the runs on the left and on the right, both at a step of 1 ms
 NAMES = ("gauss-native", "MuJoCo, loops as shipped")
 UNTIL = 1.0  # [s] of the stored runs
 WIDER = 100.0  # magnification of loop openings, the same in both runs
 SPACING = math.radians(8)  # of the crank between two drawn poses
-OPEN = 1.0  # [px] from which a joint is drawn open
+OPEN = 1.0  # [px] a joint whose ends are farther apart is drawn open
 RED = "#c62828"
-GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # between the halves, above them, a line of words, and all words [px]
+GAP, TOP, LINE, WORDS = 20.0, 20.0, 26.0, 78.0  # [px] between the halves, above them, of a line of text, and of all text
 COARSEST = 1e-2  # [m] larger errors are not drawn: the linkage is half a metre long
-# [px] on the right more: readers whose Arial is wider than that of the measured text see the legend whole
+# [px] more on the right, so that the legend fits where Arial is wider than the font in which it was measured
 PADDING = {"left": 16, "top": 16, "right": 52, "bottom": 16}
 LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "var(--ink)", "labelFontSize": 13, "labelLimit": 260}}
 
 
 def motion_picture(run: Run) -> str:
     """Return two stored runs of one linkage side by side, with loop openings magnified WIDER times."""
-    motion = turn_frames(run, LINKAGE)
-    assert motion is not None, f"{LINKAGE}'s crank comes round"
-    mechanism, turn = motion
-    names = [link.name for link in mechanism.links]
-    found = truth_of(run, LINKAGE, SCENARIO, names)
-    assert found is not None, "no true motion is stored"
-    times, truth = found
-    by_label = {x.label: x for x in play_runs(run, LINKAGE, SCENARIO, names, times)}
+    turn = find_turn(run, LINKAGE)
+    assert turn is not None, f"the crank of {LINKAGE} turns fully"
+    mechanism = turn.mechanism
+    links = [link.name for link in mechanism.links]
+    stored = read_reference(run, LINKAGE, SCENARIO, links)
+    assert stored is not None, "no reference motion is stored"
+    times, reference = stored
+    by_label = {x.label: x for x in read_runs(run, LINKAGE, SCENARIO, links)}
     chosen = [by_label[x] for x in PLAYED]
-    t = spread_times(times, crank_angles(mechanism, truth))
-    states = [open_wider(x, Turn(mechanism, turn), times, truth, t) for x in chosen]
-    canvas = canvas_of(mechanism, np.vstack([turn, *states]))
+    t = spread_times(times, crank_angles(mechanism, reference))
+    states = [open_wider(x, turn, times, reference, t) for x in chosen]
+    canvas = canvas_of(mechanism, np.vstack([turn.states, *states]))
     still = [*linkage_parts(mechanism, pose_in(run, LINKAGE)[1][None], None, canvas, forces=False)]
     parts = []
     for i, (one, name, own) in enumerate(zip(chosen, NAMES, states, strict=True)):
-        opens = f"a joint opens by {length(widest(mechanism, one, truth, times))} at most"
-        film, slower = film_runs(t, own, canvas)
+        opens = f"a joint opens by {length_text(largest_gap(mechanism, one, reference, times))} at most"
+        film, slower = make_film(t, own, canvas)
         parts += [
             f'<g transform="translate({i * (canvas.width + GAP):.0f} {TOP:.0f})">',
             *(part.draw() for part in still if part.link == GROUND and part.local is None),
@@ -78,13 +78,13 @@ def motion_picture(run: Run) -> str:
             '</g><g class="motion-still" display="none">',
             *(part.draw() for part in still if part.title),
             "</g>",
-            words_at(canvas.width / 2, canvas.height, name, "middle", INK, 21),
-            words_at(canvas.width / 2, canvas.height + LINE, opens, "middle", size=18),
+            draw_text(canvas.width / 2, canvas.height, name, INK, 21),
+            draw_text(canvas.width / 2, canvas.height + LINE, opens, MUTED, 18),
             "</g>",
         ]
     caption = f"openings drawn {WIDER:g} times as wide, time {slower:g} times as slow"
     width, height = 2 * canvas.width + GAP, canvas.height + TOP + WORDS
-    parts.append(words_at(width / 2, height - 14, caption, "middle", size=16))
+    parts.append(draw_text(width / 2, height - 14, caption, MUTED, 16))
     rows = itemise(f"{x.label} at a step of 1 ms" for x in chosen)
     title = f"The four-bar of this suite, the same start and torque, in two engines: {rows}; the rows of table poses"
     return svg(title, width, height, parts, STYLE)
@@ -94,28 +94,34 @@ def spread_times(times: Array, crank: Array) -> Array:
     """Return times up to UNTIL between which the crank turns by about SPACING, whatever its speed."""
     path: Any = PchipInterpolator(times, crank)
     fine = np.linspace(0.0, UNTIL, 2001)
-    # invert the angle travelled, which grows monotonically, at equal parts of it
+    # the travelled angle grows monotonically: interpolate time at equal parts of it
     turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path(fine))))])
     return np.interp(np.linspace(0.0, turned[-1], 1 + math.ceil(turned[-1] / SPACING)), turned, fine)
 
 
-def open_wider(run: Played, turn: Turn, times: Array, truth: Array, t: Array) -> Array:
+def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Array) -> Array:
     """Return states (k, n) of a run at times t (k,) between its stored poses; open joints gape WIDER times as far."""
     closed, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))
-    crank = PchipInterpolator(times, crank_angles(turn.mechanism, truth + closed))(t)
+    crank = PchipInterpolator(times, crank_angles(turn.mechanism, reference + closed))(t)
     states = turn.at(crank)
-    angle = crank_angles(turn.mechanism, states)  # a view: the other links only swing, and keep their angles
+    angle = crank_angles(
+        turn.mechanism, states
+    )  # a view, so that the states change; the other links only swing and keep their angles
     angle += 2 * np.pi * np.round((crank - angle) / (2 * np.pi))
     return np.asarray(states + WIDER * PchipInterpolator(times, gap, axis=0)(t))
 
 
-def widest(mechanism: Mechanism, run: Played, truth: Array, times: Array) -> float:
+def largest_gap(mechanism: Mechanism, run: StoredRun, reference: Array, times: Array) -> float:
     """Return the largest distance [m] between both ends of a joint in the stored poses up to UNTIL."""
     shown = times <= UNTIL
-    closed, opened = truth[shown], (truth + run.gap.reshape(len(truth), -1))[shown]
-    # the reference is stored with few digits: subtract the openings that this rounding makes
-    apart = [[np.subtract(*(position(q, end) for end in j.ends)) for q in (opened, closed)] for j in mechanism.joints]
-    return max(float(np.hypot(*(one - other).T).max()) for one, other in apart)
+    closed, opened = reference[shown], (reference + run.gap.reshape(len(reference), -1))[shown]
+    gaps = []
+    for joint in mechanism.joints:
+        a, b = joint.ends
+        # the reference is stored with few digits: subtract the openings that this rounding makes
+        apart = (position(opened, a) - position(opened, b)) - (position(closed, a) - position(closed, b))
+        gaps.append(float(np.hypot(*apart.T).max()))
+    return max(gaps)
 
 
 def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str]:
@@ -127,21 +133,22 @@ def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str
         if np.abs(a - b).max() > OPEN:
             ends.append(b)
             tracks = zip(("x1", "y1", "x2", "y2"), (*a.T, *b.T), strict=True)
-            moved = "".join(animated(k, values, film) for k, values in tracks)
+            moved = "".join(animate_attribute(k, values, film) for k, values in tracks)
             yield f'<line stroke="{RED}" stroke-width="5" stroke-linecap="round">{moved}</line>'
         yield from (film.draw(make_part([PIN], end)) for end in ends)
 
 
-def animated(attribute: str, values: Array, film: Film) -> str:
-    return f'<animate attributeName="{attribute}" values="{";".join(f"{x:.1f}" for x in values)}" {film.timing}/>'
+def animate_attribute(name: str, values: Array, film: Film) -> str:
+    """Return an SVG element that moves an attribute through values (k,) at the times of a film."""
+    return f'<animate attributeName="{name}" values="{";".join(f"{x:.1f}" for x in values)}" {film.timing}/>'
 
 
 def cost_picture(run: Run) -> str:
     """Return the figure of error against time of every engine on LINKAGE."""
     lines = fronts(run)
-    rows: list[dict[str, Any]] = [
-        {"engine": mark(run, way), "line": way, "x": one.seconds, "y": one.position} for way, some in lines.items() for one in some
-    ]
+    rows: list[dict[str, Any]] = []
+    for loop, some in lines.items():
+        rows += [{"engine": mark_own(run, loop), "line": loop, "x": one.seconds, "y": one.position} for one in some]
     until = max(one.until for some in lines.values() for one in some)
     words = f"processor time of {until:g} s of motion [s]", "largest error of any link [m]"
     spec = points(rows, *words, 430, list(dict.fromkeys(row["engine"] for row in rows)))
@@ -151,31 +158,30 @@ def cost_picture(run: Run) -> str:
     inside = drawn[drawn.index(">") + 1 : drawn.rindex("</svg>")]
     title = (
         "Error against time on the four-bar, of each engine the settings that none of its others beats in both; "
-        f"{sum(map(len, lines.values()))} settings of {len(lines)} engines"
+        f"{len(rows)} settings of {len(lines)} engines"
     )
     return svg(title, width, height, [inside], "")
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
     """Return engine (with its kind of loop) -> its Pareto front of time and error; the fastest within FIRST comes first."""
-    own = [x for x in all_settings(run) if x.mechanism == LINKAGE and 0 < x.position <= COARSEST]
-    ways: dict[str, list[Setting]] = {}
-    for one in own:
-        ways.setdefault(way_of(one.engine, one.settings), []).append(one)
-    lines = {way: [Setting(**x) for x in front([vars(y) for y in some], "seconds", "position")] for way, some in ways.items()}
+    settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
+    lines = {loop: pareto_front(some, lambda x: x.seconds, lambda x: x.position) for loop, some in settings.items()}
 
-    def time(way: str) -> tuple[float, str]:
-        held = cheapest(lines[way], FIRST)
-        return min((x.seconds for x in held.values()), default=math.inf), way
+    def time(loop: str) -> tuple[float, str]:
+        within = cheapest(lines[loop], FIRST).values()
+        return min((x.seconds for x in within), default=math.inf), loop
 
-    return {way: lines[way] for way in sorted(lines, key=time) if lines[way]}
+    return {loop: lines[loop] for loop in sorted(lines, key=time) if lines[loop]}
 
 
-def words_at(x: float, y: float, text: str, anchor: str, colour: str = MUTED, size: int = 15) -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}" fill="{colour}">{escape(text)}</text>'
+def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
+    """Return a line of text around a point [px]."""
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" font-size="{size}" fill="{colour}">{escape(text)}</text>'
 
 
-def length(x: float) -> str:
+def length_text(x: float) -> str:
+    """Format a length with two digits and a unit."""
     unit, factor = next(((u, f) for u, f in (("m", 1.0), ("mm", 1e3), ("µm", 1e6)) if x * f >= 0.1), ("nm", 1e9))
     return f"{x * factor:.2g} {unit}"
 
@@ -195,10 +201,10 @@ def svg(title: str, width: float, height: float, parts: Sequence[str], style: st
 
 def write_pictures(run: Run, folder: Path) -> list[Path]:
     """Write both pictures into a folder."""
-    made = {"two_engines.svg": motion_picture(run), "error_against_time.svg": cost_picture(run)}
-    for name, text in made.items():
-        write_text(folder / name, text)
-    return [folder / name for name in made]
+    paths = [folder / "two_engines.svg", folder / "error_against_time.svg"]
+    for path, text in zip(paths, (motion_picture(run), cost_picture(run)), strict=True):
+        write_text(path, text)
+    return paths
 
 
 if __name__ == "__main__":

@@ -56,4 +56,5 @@ def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def give_title(axes: Axes, text: str) -> None:
+    """Write a bold title above the left end of a panel."""
     axes.set_title(text, fontsize=10, fontweight="bold", loc="left", color=INK)

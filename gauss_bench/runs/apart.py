@@ -1,8 +1,8 @@
-"""A run in a process of its own: the request to the engine's process, and the checks on its answer.
+"""Run an engine in a process of its own: the request to that process, and the checks of its answer.
 
-Everything but the suite's own formulations runs apart. The answer holds samples and sentences; they are checked on this side of the
-pipe, by code that the engine's process cannot reach. That process imports this file before anything else, so this file avoids
-modules that read linkages or keep journals, which import slowly; a mechanism is sent as data.
+All engines but the suite's own formulations run in such a process. Its answer, samples and sentences, is checked in the parent,
+whose code the engine cannot change. The process imports this file first. Therefore this file imports no modules that read linkages
+or keep journals, which are slow to import, and a mechanism is sent as data.
 """
 
 import math
@@ -27,18 +27,19 @@ Alteration = Callable[[Mechanism], Mechanism]
 
 
 def is_unaltered(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism itself: no fault is planted."""
     return mechanism
 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A run of an engine by name, as `one_run` takes it.
+    """A request for a run: the arguments of `one_run`, with the engine given by name.
 
     Attributes:
-        linkage, scenario: of the mechanism, by which the engine's process knows one that it has had before.
-        engine, choice, wanted, ask, shortest: as in `one_run`; `ask` is a function that can be found by its name.
-        answers: numbers that the answer to `ask` has at most.
-        alter: a fault that is planted in what the engine is given.
+        linkage, scenario: names of the mechanism; the engine's process may keep a model under them.
+        engine, choice, wanted, ask, shortest: as in `one_run`; `ask` must be picklable.
+        answers: the largest count of numbers in the result of `ask`.
+        alter: plants a fault in the mechanism that the engine is given.
     """
 
     linkage: str
@@ -52,7 +53,7 @@ class Request:
     alter: Alteration = is_unaltered
 
     def largest(self, n: int) -> int:
-        """Return the size of an answer [bytes]: t, and q, v, a of n coordinates at every sample."""
+        """Return the largest size of an answer [bytes]: t, and q, v, a of n coordinates at every sample."""
         return 8 * (len(self.wanted.times) * (1 + len(LEVELS) * n) + self.answers) + TEXT
 
 
@@ -60,9 +61,9 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
     """Carry out a requested run: own formulations in this process, everything else in a worker.
 
     Args:
-        mechanism: that the request names, as read in this process.
+        mechanism: the mechanism that the request names.
         limit: [s] after which a worker is stopped.
-        worker: to use; the one that is kept for the engine where not given.
+        worker: the worker to use; if not given, the one that is kept for the engine.
         again: whether the process may keep the model for the next request.
     """
     if is_isolated(request.engine):
@@ -74,11 +75,12 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
 def run_apart(
     request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False, longest: float = math.inf
 ) -> Run:
-    """Carry out a requested run in a worker, and stop it after `limit` [s] without the waits for a processor.
+    """Carry out a requested run in a worker.
 
-    It is also stopped after `longest` seconds of elapsed time.
-
-    `again` says that the worker may keep the model for the next request: then the run has no build time.
+    Args:
+        limit: [s] after which the run is stopped; waits for a processor do not count.
+        again: whether the worker may keep the model for the next request, whose build time is then near 0.
+        longest: [s] of elapsed time after which the run is stopped too.
     """
     try:
         answer = worker.call(
@@ -90,16 +92,17 @@ def run_apart(
 
 
 def perform_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """Run in the engine's process and return plain data; anything that is no sample is left out."""
+    """Carry out a request in the engine's process, and return the run as plain data."""
     return plain_run(_run(request, get(request.engine), request.alter(mechanism)))
 
 
 def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
-    """As `perform_there`, with the model of the last request if the two differ only in step, tolerance and samples."""
+    """Carry out a request as `perform_there`, with the last model if only step, tolerance and samples differ."""
     return plain_run(_run_again(request, request.alter(mechanism)))
 
 
 def _run_again(request: Request, mechanism: Mechanism) -> Run:
+    """Run with the kept model if it fits the request; else build one, and keep it if the run succeeds."""
     engine = get(request.engine)
     if not getattr(engine, "resizable", False):
         return _run(request, engine, mechanism)
@@ -147,27 +150,29 @@ class _Keeping:
 def plain_run(run: Run) -> dict[str, Any]:
     """Return a run as plain data, as `outcome_of` takes it."""
     trajectory = run.trajectory or run.reached
-    told = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
+    fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
-    return told | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
+    return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
 
 
 def outcome_of(answer: object) -> Outcome:
-    """Read numbers and sentences from a worker's answer; anything else makes the run an error."""
+    """Return the outcome that a worker's answer holds; an answer of another form is an error."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
-            told = rest.get("answer")
-            said = told if isinstance(told, np.ndarray) else None
+            numbers = rest.get("answer")
+            answered = numbers if isinstance(numbers, np.ndarray) else None
             built, seconds = (_seconds(rest.get(key)) for key in ("build_time", "seconds"))
-            return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), said, built, seconds)
+            return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), answered, built, seconds)
     return Outcome(Status.ERROR, "what the engine's process answered is no run")
 
 
 def _seconds(x: object) -> float:
+    """Return a time [s] of an answer, NaN if it is none."""
     return float(x) if isinstance(x, (int, float)) and x >= 0 else float("nan")
 
 
 def _trajectory(x: object) -> Trajectory | None:
+    """Return the trajectory of an answer, or None if it holds none."""
     match x:
         case {"steps": int(steps), "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
             samples = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
@@ -177,9 +182,9 @@ def _trajectory(x: object) -> Trajectory | None:
 
 
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
-    """Build what an engine needs for any of its settings and is not there yet, once for a user, before it is run or searched.
+    """Build the libraries that the settings of an engine need and that are not built yet; `told` is called with sentences.
 
-    It is built in a worker, which ends its compilers when its parent dies. A failure here is ignored: the engine reports it again.
+    They are built in a worker, which ends its compilers when its parent dies. A failure is only reported: the run reports it again.
     """
     if engine not in FOREIGN or not hasattr(get(engine), "build_once"):
         return
@@ -195,4 +200,5 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
 
 
 def build_there(engine: str) -> None:
+    """Build the libraries of an engine in this process."""
     get(engine).build_once()  # type: ignore[attr-defined]

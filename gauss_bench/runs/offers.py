@@ -1,8 +1,7 @@
-"""Offers of engines, and the durations, steps and budgets that a run may have.
+"""Offers of engines, and checks of the durations, steps and budgets of runs.
 
-Engines are asked where asking is safe: own ones in this process, everything else in a worker.
-
-An engine that aborts, hangs, does not import or lacks a member is an offer with a reason, never an exception.
+Adapters of this package describe themselves in this process, plug-ins in a worker. An engine that aborts, hangs, cannot be imported
+or lacks a member has an offer with the reason, and raises no exception.
 """
 
 import math
@@ -15,13 +14,13 @@ import numpy as np
 
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class, not_installed
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
-from gauss_bench.engines.own_options import Known, OptionError, is_own
+from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
 from gauss_bench.untrusted import BadInput
 
-LIMIT = 30.0  # [s] to import an engine and name what it offers: the slowest library known takes 3 s
+LIMIT = 30.0  # [s] to import an engine and describe it; the slowest known library takes 3 s
 SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
 ALIASES = {"euler": "semi_implicit_euler"}
 CALLED = ("version", "skip", "build")
@@ -40,18 +39,18 @@ class Offer:
 
     Attributes:
         name: of the engine.
-        version: of the library that computes, or that it is not installed.
+        version: the version of its library, or "not installed".
         settings: label -> options; the first is the default.
-        variants: name -> what searches try, in order; its name stands for its options wherever settings do.
+        variants: name -> variant, in the order of searches; a name may be given in place of settings.
         integrators: the first is the default; empty where it cannot be asked.
         stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
-        options: those of its settings that can be given one by one, with further words that they may be.
-        first: the variants that are tried first where time is short.
-        soft: settings and variants that declare to keep J a = gamma only roughly -> cause.
-        unfinished: variants that declare to stop their solver before its end -> cause.
+        options: options that can be given one by one -> words that are allowed as values.
+        first: variants that are tried first if time is short.
+        soft: settings and variants that keep J a = gamma only approximately -> cause.
+        unfinished: variants whose solver stops before it has converged -> cause.
         native_loop, python_loop: as in engines.base.
-        status, reason: OK, or why it cannot be used.
+        status, reason: OK, or the reason why it cannot be used.
     """
 
     name: str
@@ -72,14 +71,14 @@ class Offer:
 
     @property
     def usable(self) -> bool:
-        """True if it can be asked to run anything."""
+        """Whether the engine can be run."""
         return self.status is Status.OK
 
     def choose(self, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:
         """Return the choice for a run, with the engine's defaults for everything that is not given.
 
         Raises:
-            ChoiceError: naming what the engine offers.
+            ChoiceError: the engine does not offer it; the message names what it offers.
         """
         if not (np.isfinite(step) and step > 0):
             raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
@@ -113,24 +112,24 @@ class Offer:
         """Return all options that settings, a variant, or options one by one stand for.
 
         Raises:
-            ChoiceError: what the engine does not know, naming what it does.
+            ChoiceError: the engine does not know them; the message names those that it knows.
         """
         labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
-        if text not in labels and not is_own(text):
+        if text not in labels and not is_assignment(text):
             raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
         try:
-            return Known(labels, [*self.options], self.options).resolve(text)
+            return OptionTable(labels, self.options).resolve(text)
         except (OptionError, KeyError) as error:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 
     def _and_options(self) -> str:
-        return f"; or its own options: {Known(self.settings, [*self.options]).told()}" if self.options else ""
+        return f"; or its own options: {OptionTable(self.settings, self.options).describe()}" if self.options else ""
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return what of the suite's own runs in Python inside an engine's time, in words; NOT_TOLD of engines from elsewhere."""
-    engine: Any = get(name) if name in SAFE else None
-    return str(engine.in_python(mechanism, choice)) if engine is not None else NOT_TOLD
+    """Return in words which code of the suite runs in Python within an engine's time; NOT_TOLD for plug-ins."""
+    describe_python = getattr(get(name), "in_python", None) if name in SAFE else None  # an adapter need not have it
+    return str(describe_python(mechanism, choice)) if describe_python else NOT_TOLD
 
 
 def is_isolated(name: str) -> bool:
@@ -158,7 +157,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         KeyError: there is no such engine.
     """
     if wanted is None or any(name not in _known for name in wanted):
-        there = all_names()  # which looks through everything that is installed
+        there = all_names()  # slow: it looks through all installed packages
         wanted = there if wanted is None else wanted
         for name in wanted:
             if name not in there and not is_class(name):
@@ -166,7 +165,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})
-        if len(others) == 1:  # it is asked because it is to run next
+        if len(others) == 1:  # it will run next, in the same worker
             _known.update({name: _ask(keep(name), name) for name in others})
         elif others:
             with Worker() as worker:
@@ -176,29 +175,29 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 def _ask(worker: Worker, name: str) -> Offer:
     try:
-        return _tell(name, worker.call(_describe, (name,), LIMIT))
+        return _read_offer(name, worker.call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
         return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
 
 
 def _describe(name: str) -> dict[str, Any]:
-    """Return the result of `describe` as plain data, to be sent by a worker."""
+    """Return the result of `describe` as plain data, which a worker can send."""
     return asdict(describe(name))
 
 
-def _tell(name: str, answer: object) -> Offer:
-    """Read an offer from a worker's answer, of which only names and sentences are used."""
-    from pydantic import TypeAdapter, ValidationError  # which an engine's process, where offers are made, does not need
+def _read_offer(name: str, answer: object) -> Offer:
+    """Return the offer in the answer of a worker; an answer that is not an offer becomes one that cannot be used."""
+    from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
         offer = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:
-        return _broken(name, TypeError("it does not describe itself"))
+        return _reject(name, TypeError("it does not describe itself"))
     words = (offer.version, offer.reason, *offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive)
     if odd := next((word for word in words if not word.isprintable()), ""):
-        return _broken(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
+        return _reject(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
-        return _broken(name, TypeError("it does not describe itself"))
+        return _reject(name, TypeError("it does not describe itself"))
     return replace(offer, name=name)
 
 
@@ -209,14 +208,14 @@ def describe(name: str) -> Offer:
     except ImportError as error:
         return Offer(name, "not installed", status=Status.SKIP, reason=not_installed(error))
     except Exception as error:
-        return _broken(name, error)
+        return _reject(name, error)
     try:
         lacking = [x for x in CALLED if not callable(getattr(engine, x, None))]
         if lacking:
             raise TypeError(f"it has no method {', '.join(lacking)}")
-        told = [x for x in ("integrators", "stabilizations") if isinstance(getattr(engine, x), str)]
-        if told:
-            raise TypeError(f"{told[0]} is a text, not names")
+        texts = [x for x in ("integrators", "stabilizations") if isinstance(getattr(engine, x), str)]
+        if texts:
+            raise TypeError(f"{texts[0]} is a text, not names")
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
             raise TypeError("settings is no table of options by name")
         settings = {str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()}
@@ -232,7 +231,7 @@ def describe(name: str) -> Offer:
         )
         loops = bool(engine.native_loop), bool(engine.python_loop)
     except Exception as error:
-        return _broken(name, error)
+        return _reject(name, error)
     offer = Offer(name, "", settings, variants, integrators, stabilizations, adaptive, options, first, soft, unfinished, *loops)
     try:
         return replace(offer, version=_version(engine.version))
@@ -240,7 +239,8 @@ def describe(name: str) -> Offer:
         return replace(offer, version="not installed", status=Status.SKIP, reason=not_installed(error))
 
 
-def _broken(name: str, error: Exception) -> Offer:
+def _reject(name: str, error: Exception) -> Offer:
+    """Return the offer of an engine that cannot be used because of an error."""
     return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {in_a_sentence(error)}")
 
 
@@ -251,8 +251,8 @@ def _version(asked: Callable[[], object]) -> str:
         ImportError: the library is not there.
     """
     try:
-        told = asked()
-        return in_a_sentence(told) if isinstance(told, str) else f"unknown ({type(told).__name__}, not a text)"
+        version = asked()
+        return in_a_sentence(version) if isinstance(version, str) else f"unknown ({type(version).__name__}, not a text)"
     except ImportError:
         raise
     except Exception as error:
@@ -281,7 +281,7 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     """Return the duration of a run [s]: the one asked for, else that of a suite that lists the linkage, else the scenario's.
 
     Raises:
-        ChoiceError: no positive time.
+        ChoiceError: the duration is not a positive time, or too long.
     """
     if until is not None and until > (most := MOST_SAMPLES * 1e-3):
         raise ChoiceError(f"the end of a run must be at most {most:g} s, not {until:g}: more samples are not kept")
@@ -291,7 +291,7 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     return end
 
 
-def countable(step: float, t_end: float, spacing: float = 1e-3) -> None:
+def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
     """Check that a run of these steps, sampled about every `spacing` [s], is not too large.
 
     Raises:
@@ -305,16 +305,16 @@ def countable(step: float, t_end: float, spacing: float = 1e-3) -> None:
         raise ChoiceError(f"{samples:.2g} samples up to {t_end:g} s; {MOST_SAMPLES:.0e} are the most that are kept")
 
 
-def affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
-    """Check that a run may end within its budget [s].
+def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
+    """Check that a run can end within its budget [s].
 
     Args:
         seconds_a_step: the least time of a step [s], on the quickest linkage.
 
     Raises:
-        ChoiceError: it cannot; the message holds the least time.
+        ChoiceError: the steps take longer; the message holds the least time.
     """
-    countable(step, t_end)
+    check_size(step, t_end)
     least = t_end / step * seconds_a_step
     if least > budget:
         raise ChoiceError(
@@ -324,15 +324,15 @@ def affordable(step: float, t_end: float, seconds_a_step: float, budget: float) 
 
 
 def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
-    """Return the steps [s], from large to small, each once.
+    """Return the distinct steps [s], from large to small.
 
     Raises:
-        ChoiceError: a step is not positive, or longer than the run, which would then take a shorter one.
+        ChoiceError: a step is not positive, or longer than the run.
     """
     for step in steps:
         if not (math.isfinite(step) and step > 0):
             raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
-        countable(step, t_end)
+        check_size(step, t_end)
         if step > t_end * (1 + 1e-12):
             raise ChoiceError(f"the step {step:g} s is longer than the run of {t_end:g} s")
     return tuple(sorted(set(steps), reverse=True))

@@ -1,9 +1,9 @@
-"""The one recipe of a run: sample times -> build -> prepare -> run -> read -> complete or not. Every verb runs engines through it.
+"""Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every verb runs engines through this file.
 
-The engine's part (`perform`) is separate from the checks on its result (`receive`), because the two may run in different processes.
+The engine's part (`perform`) is separate from the checks of its result (`receive`), because the two may run in different processes.
 
-A step is the step that is really taken. Samples lie where unbroken steps arrive; a time that they miss, such as the end of a run
-that is no multiple of its step, is met by one shorter step and the run says so.
+Samples lie at multiples of the step. A time between them, such as the end of a run that is no multiple of the step, is reached by
+one shorter step, which the note of the run reports.
 """
 
 import hashlib
@@ -25,8 +25,8 @@ from gauss_bench.metrics import relative_acceleration_error
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence
 
-SAMPLING = 1e-3  # [s] samples that energy and drift are taken from, where the step is not longer
-JUDGED = 20  # samples whose accelerations are held against Gauss's principle: a wrong model is wrong nearly everywhere
+SAMPLING = 1e-3  # [s] spacing of the samples for energy and drift, unless the step is longer
+JUDGED = 20  # samples whose accelerations are compared with Gauss's principle: a wrong model is wrong at nearly all states
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Sampling:
         times: (k,) [s], from 0, increasing.
         step: the step asked for [s].
         count: steps between the first sample and the last.
-        shortened: how many of them are shorter, to meet a time that whole steps miss.
+        shortened: how many of the steps are shorter, to reach a time that is no multiple of the step.
     """
 
     times: Array
@@ -61,14 +61,14 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
     whole = int(np.floor(t_end / step * (1 + 1e-12)))
     each = max(1, round(spacing / step))
     grid = np.arange(whole // each + 1) * (each * step)
-    reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _on(x, step)]
+    reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
     return _sample(step, grid, [*reached, whole * step, t_end])
 
 
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
     """Return samples about `spacing` [s] apart and at every time of `at`; a shorter step meets a time that whole steps miss."""
     last = max(at)
-    rests = [k * step for x in at if not _on(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
+    rests = [k * step for x in at if not _is_multiple(x, step) for k in (np.floor(x / step), np.ceil(x / step)) if k * step <= last]
     each = max(1, round(spacing / step))
     grid = np.arange(int(np.floor(last / step * (1 + 1e-12))) // each + 1) * (each * step)
     return _sample(step, grid, [*rests, *at])
@@ -79,12 +79,13 @@ def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
     return _sample(step, np.asarray(times, dtype=float), [])
 
 
-def _on(t: float, step: float) -> bool:
+def _is_multiple(t: float, step: float) -> bool:
+    """Tell whether a time is a multiple of the step, up to rounding."""
     return abs(t - round(t / step) * step) <= max(1e-9 * step, 1e-15 * t)
 
 
 def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
-    """The grid and the further times that it does not have yet."""
+    """Return the sampling at the times of `grid` and at those of `more` that are not in it."""
     near = 1e-9 * min(step, 1.0)
     times = [*grid]
     for x in sorted(more):
@@ -101,7 +102,7 @@ Asked = Callable[[Model], object]
 
 
 def nothing(model: Model) -> None:
-    """Ask a model nothing."""
+    """Return nothing: the default of `ask`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,23 +158,19 @@ def one_run(
 
     Args:
         ask: is called with the model before the run; its result is the run's `answer`.
-        shortest: [s] a run that takes less is repeated and timed anew: the first one finds the processor's caches full of others.
+        shortest: [s] a shorter run is repeated and timed again, as the first run has cold caches.
     """
     return receive(perform(engine, mechanism, choice, wanted, ask, shortest), wanted, mechanism.n)
 
 
+@np.errstate(all="ignore")
 def perform(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
 ) -> Outcome:
-    """Do the part of `one_run` that needs the engine; its result is checked later, by `receive`.
+    """Do the part of `one_run` that needs the engine; `receive` checks its result.
 
-    Overflow warnings of numpy are silenced: the judge reports a motion that diverges.
+    Overflow warnings of numpy are silenced, because the judge reports a motion that diverges.
     """
-    with np.errstate(all="ignore"):
-        return _perform(engine, mechanism, choice, wanted, ask, shortest)
-
-
-def _perform(engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float) -> Outcome:
     built = seconds = float("nan")
     answer: object = None
     running: Model | None = None
@@ -228,8 +225,8 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
     verdict = judge.completeness(outcome.returned, wanted.times, n)
     if not verdict.valid:
         status = Status.NAN if verdict.objections[0].subject is judge.Subject.NUMBERS else Status.INCOMPLETE
-        told = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
-        return Run(status, told, None, reached, wanted, *costs)
+        message = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
+        return Run(status, message, None, reached, wanted, *costs)
     if reached is None:
         return Run(Status.INCOMPLETE, "the engine does not count its steps", None, None, wanted, *costs)
     notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
@@ -239,23 +236,23 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
 
 def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
     """Return the indices of JUDGED samples, drawn with a seed made from the samples, so that no engine can foresee them."""
-    told = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
-    lot = np.random.default_rng(int.from_bytes(told.digest()[:8], "big"))
+    digest = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
+    lot = np.random.default_rng(int.from_bytes(digest.digest()[:8], "big"))
     return np.sort(lot.permutation(len(trajectory.t))[:JUDGED])
 
 
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Median relative error of a trajectory's own accelerations at some of its states, against Gauss's principle there.
+    """Return the median relative error of a trajectory's accelerations at some of its states, against Gauss's principle.
 
-    None where it is not determined, such as with friction on redundant rows.
+    None if the accelerations are not determined, such as with friction on redundant rows.
     """
     chosen = draw_samples(trajectory)
-    t, q, v, told = (x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
+    t, q, v, given = (x[chosen] for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
     try:
         with np.errstate(all="ignore"):
             model = get("gauss").build(mechanism, Choice("default", "rk4"))
             true = np.array([model.acceleration(float(at), *state) for at, *state in zip(t, q, v, strict=True)])
-            return float(np.median(relative_acceleration_error(told, true)))
+            return float(np.median(relative_acceleration_error(given, true)))
     except (RunFailure, ArithmeticError, np.linalg.LinAlgError):
         return None
 

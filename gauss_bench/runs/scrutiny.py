@@ -1,8 +1,8 @@
-"""Checks of a run without a reference: by a repetition, by the fastest mode, by a second formulation.
+"""Checks of a run without a reference: a repetition, the fastest mode, and a second formulation.
 
-A run that agrees with nothing but itself is not trusted. Half the step shows the error of the step, in any engine; a tighter
-tolerance shows that of an integrator with its own steps. The suite's linearisation shows whether a step of that length could follow
-the motion, and two formulations of the same accelerations show how many digits the linkage leaves them.
+A repetition at half the step shows the error due to the step, in any engine; a tighter tolerance shows the error of an integrator
+that chooses its steps. The eigenvalues of the linearised motion show whether the step resolves the fastest mode. Two formulations
+of the same accelerations show how many digits are lost to the condition of the linkage.
 """
 
 import re
@@ -24,24 +24,24 @@ from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, 
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory
 
-LONGEST = 60.0  # [s] of processor time for a run at half the step: of a longer run a first part is repeated
-LARGEST = 40  # freedoms beyond which no mode is looked for: half the step decides alone
-LOOKED_AT = 5  # states, of whose fastest modes the median counts: next to a singular position one is anything
-VAGUE = 0.1  # of what the judge allows: a reference with larger error bars tells too little of a run
-RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # options by which integrators are told their relative tolerance
-USUAL_TOLERANCE = 1e-6  # relative, where an engine names none
-FINER, SMALLEST_TOLERANCE = 100.0, 1e-14  # of a relative tolerance
-A_PERIOD = 8  # samples: the integral of a sine through them is right to 1e-3
-MOST = 200_000  # samples that are taken closer than SAMPLING: half a GiB of a large linkage
-MOVED = 1e-6  # of 1 rad and 1 m: large for rounding, small for the curvature of any motion
+LONGEST = 60.0  # [s] of processor time for a repetition; only the first part of a longer run is repeated
+LARGEST = 40  # degrees of freedom beyond which modes are not computed
+LOOKED_AT = 5  # states whose modes are computed; the median counts, as one state may be near a singular position
+VAGUE = 0.1  # of the error that the judge allows: a reference with larger error bars cannot decide
+RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # names of options for the relative tolerance of an integrator
+USUAL_TOLERANCE = 1e-6  # relative tolerance of an engine that states none
+FINER, SMALLEST_TOLERANCE = 100.0, 1e-14  # factor to, and least value of, a repetition's relative tolerance
+A_PERIOD = 8  # samples: the integral of a sine through them has an error of 1e-3
+MOST = 200_000  # samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
+MOVED = 1e-6  # [rad, m] of difference quotients: large compared with rounding, small compared with curvature
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
-    """Return how far the samples of a run may lie apart [s] for its work and rates to be integrated through them.
+    """Return the largest spacing of samples [s] with which work and rates of a run can be integrated.
 
-    A period of the fastest force, of a table that rises and falls, and of the fastest mode at the start, has A_PERIOD samples; a
-    run has no more than MOST of them.
+    There are A_PERIOD samples in a period of the fastest force, of a table that rises and falls, and of the fastest mode at the
+    start, but no more than MOST samples in a run.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
@@ -65,19 +65,21 @@ def turns(mechanism: Mechanism) -> list[Array]:
 
 
 def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, longest: float = LONGEST) -> Request:
-    """Return the run that tells whether to trust the one asked for: at half the step, or at a tighter tolerance and closer samples.
+    """Return the request for a repetition of a run: at half the step, or at a tighter tolerance and with closer samples.
 
     Args:
-        seconds: that the run took.
-        times: (k,) [s] of its samples.
-        longest: [s] of a repetition; of a longer run only the first part is repeated.
+        seconds: the time that the run took [s].
+        times: its sample times (k,) [s].
+        longest: [s] of a repetition; only the first part of a longer run is repeated.
     """
     part, choice = first_part(times, seconds, longest), request.choice
     if choice.integrator not in offer.adaptive:
         choice = replace(choice, step=choice.step / 2)
     else:
         choice = replace(choice, tolerance=finer_tolerance(offer, choice))
-        part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))  # where samples end steps, no tolerance decides
+        part = np.sort(
+            np.concatenate([part, (part[1:] + part[:-1]) / 2])
+        )  # samples end steps: with the same samples, a tolerance might have no effect
     return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
 
 
@@ -91,7 +93,7 @@ def at_samples(finer: Run, times: Array) -> Run:
 
 
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
-    """Return a hundredth of the relative tolerance that a run has; a hundred times it where no smaller one can be kept."""
+    """Return a hundredth of the relative tolerance of a run, or a hundred times it if that would be below the least."""
     tolerance = choice.tolerance
     if tolerance is None:
         options = offer.resolve_settings(choice.settings)
@@ -102,27 +104,27 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the judge accepts the rates of a motion as they are: with a reference, nothing else asks for a repetition."""
+    """Tell whether the judge accepts the rates of a motion without a repetition."""
     evidence = examine(Evaluator(mechanism), trajectory)
     return all(x.subject is not Subject.RATES for x in judge(evidence).objections)
 
 
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether a repetition returned the very bits of a motion, as an engine does that takes no tolerance."""
+    """Tell whether a repetition returned the same bits as a run, as an engine does that ignores the tolerance."""
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
     return moves and np.array_equal(one.q[:k], other.q[:k]) and np.array_equal(one.v[:k], other.v[:k])
 
 
 def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether a motion's last bits must depend on its steps: it has free motion, and that is more than a parabola."""
+    """Tell whether the last bits of a motion must depend on its steps: it has degrees of freedom and varying accelerations."""
     J = Evaluator(mechanism).constraints(trajectory.t[:1], trajectory.q[:1], trajectory.v[:1]).J[0]
     return bool(np.ptp(trajectory.a, axis=0).any()) and null_space(J, mechanism.n).shape[1] > 0
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
     """Return the first times (k,) [s], as many as a run at half the step reaches within `longest` seconds."""
-    if not seconds > longest / 2:  # nor where a failed run was not timed
+    if not seconds > longest / 2:  # also true for NaN, the time of a failed run
         return times
     return times[: max(2, int(len(times) * longest / 2 / seconds))]
 
@@ -157,19 +159,19 @@ def evidence_of(
     adaptive: bool = False,
     untried: str = "",
 ) -> tuple[Evidence, str]:
-    """Return the evidence to judge a run by, and a sentence where the repetition does not cover the whole run.
+    """Return the evidence by which a run is judged, and a sentence if the repetition covers only a part of the run.
 
     Args:
-        finer: the repetition of the run, where no reference decides.
-        acceleration_off: median relative error of its accelerations at given states; found at the run's own where not given.
+        finer: the repetition of the run, if no reference decides.
+        acceleration_off: median relative error of its accelerations at given states; if None, computed at its own states.
         adaptive: whether the integrator chooses its own steps.
-        untried: why there is no repetition where one is wanted.
+        untried: the reason why there is no repetition.
     """
     off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off
     evidence = examine(Evaluator(mechanism), trajectory, truth, off)
-    if truth is not None or (finer is not None and finer.trajectory is not None):  # else nothing would decide
-        evidence = replace(evidence, seen=seen(mechanism, trajectory, evidence))
-    if truth is None or not truth.certified:  # one that is not is as good as the equations that it shares with the run
+    if truth is not None or (finer is not None and finer.trajectory is not None):  # without either, the run stays undecided
+        evidence = replace(evidence, seen=measurable_gain(mechanism, trajectory, evidence))
+    if truth is None or not truth.certified:  # an uncertified reference shares equations with the run
         evidence = replace(evidence, disagreement=disagreement(mechanism, trajectory))
     evidence = replace(evidence, steps_a_forcing=steps_a_forcing(mechanism, choice, adaptive))
     if finer is None:
@@ -197,10 +199,10 @@ def as_truth(trajectory: Trajectory) -> Reference:
     return Reference(trajectory.t, trajectory.q, trajectory.v, trajectory.a, none, none, none, none, none, none, "half the step")
 
 
-def seen(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
-    """Energy gained beyond the work (k,) [J] as far as samples can tell it, where that changes what is said of it; else None.
+def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
+    """Return the energy gained beyond the work (k,) [J] that the samples resolve, if the judge objects to the energy; else None.
 
-    Samples further apart than the quickest damping takes to act do not see what it takes.
+    Samples further apart than the time constant of the fastest damping do not resolve the energy that it dissipates.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None
@@ -210,13 +212,13 @@ def seen(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Ar
 
 
 def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Angular frequency [rad/s] of the fastest oscillation that a linkage can make about its motion, or None if not to be told."""
+    """Return the angular frequency [rad/s] of the fastest oscillation about a motion, or None if it cannot be computed."""
     rates = [float(np.abs(x.imag).max(initial=0.0)) for x in modes_along(mechanism, trajectory)]
     return float(np.median(rates)) if rates else None
 
 
 def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np.complex128]]:
-    """Eigenvalues [1/s] of small motions about some states of a motion; none where they cannot be told.
+    """Return the eigenvalues [1/s] of small motions about some states of a motion; others are left out if they fail.
 
     At a state q, v with null space N of the constraint rows, a small motion N x obeys  x'' = N^T a_q N x + N^T a_v N x'.
     """
@@ -240,9 +242,9 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
 
 
 def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Median relative difference of the accelerations that two own formulations find at the run's own states; None if one cannot.
+    """Return the median relative difference between the accelerations of two formulations at states of a run; None if one fails.
 
-    One solves for the free directions, the other for the multipliers: they lose their digits in different places.
+    One formulation solves for the free directions, the other for the multipliers: their rounding errors have different causes.
     """
     chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, JUDGED).round().astype(int))
     states = [(float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]) for k in chosen]

@@ -1,17 +1,16 @@
-"""A worker process for code that may crash or hang: it takes functions and returns results, and a crash is a result too.
+"""A worker process for code that may crash or hang: it calls functions and returns their results, or the reason of a failure.
 
-Tasks are pickled on their way to the worker. What comes back is plain data and never unpickled, because a task may run the code
-of others: JSON, in which an array is its kind and its shape, and the bytes of the arrays in their order. Reading it makes data no
-larger than what came, or fails. The worker's standard output is given to its error stream first, so that a library that prints
-cannot spoil the answers; what it prints stands in a file and is quoted when it dies. The pipe for answers lies where no library
-finds it by counting, and every answer carries the token of its task: what else arrives there is refused, and so is what is larger
-than the caller expects. A task that outlives its limit is stopped by the parent and, should the parent be gone, by an alarm that
-no library can block. Time that it waits for a processor does not count against its limit: a busy machine is not an engine's
-failure.
+Tasks are pickled for the worker. Its answers are never unpickled, because a task may run code of others: an answer is JSON, in
+which an array is given by its type and shape, followed by the bytes of the arrays. The data that are read are never larger than
+the answer. The worker's standard output is redirected to its error stream, so that a library that prints cannot write into the
+answers; the error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high descriptor,
+which libraries do not find by counting. Each answer begins with the random token of its task; anything else is refused, as is an
+answer larger than the caller expects. A task that exceeds its limit is stopped by the parent or, if the parent is gone, by an
+alarm that no library can block. Waits for a processor do not count, so that engines do not fail because the machine is busy.
 
-What a task has started ends with its worker, in whatever session it hides: processes that were given its environment are known by
-a mark there, and on Linux those without it by their parent, since the worker adopts what its children leave behind. One that has no
-mark stays where its worker crashed, or was killed by somebody else, before it. None may take more memory than MEMORY.
+The processes that a task starts end with its worker. They are found by a mark in their environment and, on Linux, as descendants of
+the worker, which becomes the parent of orphans. A process without the mark survives if its worker crashed or was killed before.
+No process may use more memory than MEMORY.
 """
 
 import atexit
@@ -39,36 +38,36 @@ import numpy as np
 from gauss_bench.trajectory import Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
-ANSWERS = 200  # the descriptor that answers leave by, if it is free: far above those that libraries open
-LARGEST = 1 << 26  # bytes of an answer, where the caller says nothing else: tables of rows
-POLL = 0.5  # [s] between looks at whether the process still lives: a child of it may hold the pipe open
+ANSWERS = 200  # least descriptor of the pipe of answers, far above those that libraries open
+LARGEST = 1 << 26  # bytes of an answer unless the caller gives another limit
+POLL = 0.5  # [s] between checks that the process lives: a child of it may keep the pipe open
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-BACKSTOP = 20.0  # times the limit: where a task is stopped however busy the machine is
+BACKSTOP = 20.0  # times the limit: a task is stopped then even if it only waits for a processor
 MEMORY = 6 << 30  # bytes of a process: engines need one or two
-ROUNDS = 100  # of looking for what a worker has left
-MARK = "GAUSS_BENCH_WORKER"  # in the environment of a worker, and so of all that it starts
+ROUNDS = 100  # attempts to find and end the processes of a worker
+MARK = "GAUSS_BENCH_WORKER"  # environment variable of a worker, which the processes that it starts inherit
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of Linux's prctl
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
-LENGTH = struct.Struct("<Q")  # of the JSON
-LONGEST = 1 << 26  # bytes of JSON: what is read of it may be some 20 times as large
+LENGTH = struct.Struct("<Q")  # length of the JSON
+LONGEST = 1 << 26  # bytes of JSON; as objects it needs some 20 times as much memory
 ARRAY, MOST = "array of numbers", 3  # dimensions
 KINDS = {"f": np.dtype("<f8"), "i": np.dtype("<i8"), "b": np.dtype("|b1")}
 
 
 class NoAnswer(ValueError):
-    """Bytes that do not hold an answer, or an object that cannot be sent as one."""
+    """Raised for bytes that hold no answer, and for an object that cannot be sent as one."""
 
 
 class WorkerFailure(RuntimeError):
-    """A task without an answer, with a status and a sentence."""
+    """Raised for a task without an answer; holds a status and the reason in a sentence."""
 
     def __init__(self, status: Status, message: str):
         self.status = status
         super().__init__(message)
 
     @property
-    def told(self) -> dict[str, str]:
-        """Return the failure as the columns of a row."""
+    def columns(self) -> dict[str, str]:
+        """The failure as columns of a row."""
         return {"status": str(self.status), "message": str(self)}
 
 
@@ -77,7 +76,7 @@ class Worker:
 
     def __init__(self) -> None:
         self.process: subprocess.Popen[bytes] | None = None
-        # of a worker within a worker the mark goes on that of the outer one, with which it ends
+        # the mark of a worker within a worker begins with that of the outer one, so that both end together
         self.mark = "/".join(filter(None, (os.environ.get(MARK), os.urandom(16).hex())))
         self.log = tempfile.TemporaryFile()
 
@@ -89,6 +88,7 @@ class Worker:
         self.log.close()
 
     def start(self) -> subprocess.Popen[bytes]:
+        """Start the process, or return the one that runs."""
         process = self.process  # which another thread may take away meanwhile
         if process is None or process.poll() is not None:
             environment = os.environ | dict.fromkeys(THREADS, "1") | {MARK: self.mark}
@@ -104,10 +104,10 @@ class Worker:
 
     def stop(self) -> None:
         """End the process and all that it has started."""
-        process, self.process = self.process, None  # at once: what is broken off here may come here again
+        process, self.process = self.process, None  # at once: an interrupt may call stop again
         if process is not None:
             if process.poll() is None:
-                _end_descendants(process.pid)  # before their worker: they would be adopted by others
+                _end_descendants(process.pid)  # before their worker, or they would get another parent
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.kill()
@@ -139,27 +139,27 @@ class Worker:
         assert process.stdout is not None
         token = os.urandom(16)
         self.log.seek(0)
-        self.log.truncate()  # what is quoted below is of this task
+        self.log.truncate()  # so that the line quoted below is of this task
         try:
             _send(process.stdin, token, (function, arguments, limit))
             answer = _receive_within(process, token, _Clock(process.pid, limit, longest), largest)
         except TimeoutError as error:
-            said = self._last_words()
+            printed = self._last_words()
             self.stop()
-            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:g} s{said}") from error
+            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:g} s{printed}") from error
         except SpoiltAnswer as error:
             self.stop()
             raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {error}") from error
         except (EOFError, OSError, ValueError) as error:
-            if self.process is not process:  # by another thread, which closes the pipes under this one
+            if self.process is not process:  # another thread stopped it and closed its pipes
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
             if not isinstance(error, (EOFError, BrokenPipeError)):
                 raise
-            code = self._ended(process)
-            said = self._last_words()
+            code = self._exit_code(process)
+            printed = self._last_words()
             self.stop()
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-            raise WorkerFailure(Status.CRASHED, f"the process died with {how}{said}") from error
+            raise WorkerFailure(Status.CRASHED, f"the process died with {how}{printed}") from error
         match answer:
             case ["ok", returned]:
                 return returned
@@ -168,7 +168,7 @@ class Worker:
         raise WorkerFailure(Status.ERROR, "the worker gave no answer")
 
     @staticmethod
-    def _ended(process: "subprocess.Popen[bytes]") -> int:
+    def _exit_code(process: "subprocess.Popen[bytes]") -> int:
         """Return the exit code of the process, which is ended first if it has only closed its pipe."""
         try:
             return process.wait(GRACE)
@@ -177,6 +177,7 @@ class Worker:
             return process.wait()
 
     def _last_words(self) -> str:
+        """Return the last line that the worker printed, after a colon, or an empty text."""
         self.log.seek(0)
         lines = self.log.read()[-4000:].decode(errors="replace").strip().splitlines()
         said = in_a_sentence(lines[-1]) if lines else ""
@@ -187,7 +188,7 @@ _kept: dict[str, Worker] = {}
 
 
 def keep(engine: str) -> Worker:
-    """Return the worker reserved for an engine, kept until this process ends because libraries take up to 3 s to import."""
+    """Return the worker of an engine, which lives as long as this process because libraries take up to 3 s to import."""
     if engine not in _kept:
         _kept[engine] = Worker()
         atexit.register(_kept[engine].stop)
@@ -195,23 +196,29 @@ def keep(engine: str) -> Worker:
 
 
 class SpoiltAnswer(RuntimeError):
-    """An answer came through the pipe that is not the answer to the task."""
+    """Raised for data in the pipe that are not the answer to the task."""
 
 
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
-    """Send a task to the worker, which may unpickle it because it trusts its parent."""
+    """Send a task to the worker, which may unpickle it because it comes from its parent."""
     content = pickle.dumps(item)
     pipe.write(HEADER.pack(token, len(content)) + content)
     pipe.flush()
 
 
 def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_Clock", largest: int) -> Any:
+    """Return the answer to a task.
+
+    Raises:
+        TimeoutError, EOFError: the limit is exceeded, or the process died.
+        SpoiltAnswer: the pipe holds something else.
+    """
     assert process.stdout is not None
     descriptor = process.stdout.fileno()
     buffer = bytearray()
     needed, headed = HEADER.size, False
     while len(buffer) < needed:
-        left = clock.left()
+        left = clock.remaining()
         if not select.select([descriptor], [], [], min(POLL, max(0.0, left)))[0]:
             if process.poll() is not None and not select.select([descriptor], [], [], 0.0)[0]:
                 raise EOFError
@@ -238,13 +245,13 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
 
 
 class _Clock:
-    """The rest of a task's limit [s]; time that its process waits for a processor does not count, where the system reports it."""
+    """The rest of a task's limit [s]; waits for a processor do not count, where the system reports them."""
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
         self.path, self.limit, self.longest = f"/proc/{pid}/schedstat", limit, min(longest, BACKSTOP * limit)
-        self.start, self.waited = time.monotonic(), self._waited()
+        self.start, self.waited = time.monotonic(), self._waiting_time()
 
-    def _waited(self) -> float:
+    def _waiting_time(self) -> float:
         """Return the seconds that the process has waited for a processor."""
         try:
             with open(self.path, encoding="ascii") as file:
@@ -252,14 +259,15 @@ class _Clock:
         except (OSError, ValueError, IndexError):
             return 0.0
 
-    def left(self) -> float:
+    def remaining(self) -> float:
+        """Return the seconds that are left."""
         gone = time.monotonic() - self.start
-        given = max(0.0, self._waited() - self.waited)
+        given = max(0.0, self._waiting_time() - self.waited)
         return min(self.limit - (gone - min(given, gone)), self.longest - gone)
 
 
 def _end_all(mark: str) -> None:
-    """End every process that a worker or one within it has started, by its mark: one in a session of its own outlives its group."""
+    """End every process with the mark of a worker or of one within it; a process in its own session outlives the group."""
     sign = f"{MARK}={mark}".encode()
     _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
 
@@ -270,7 +278,7 @@ def _end_descendants(root: int) -> None:
 
 
 def _end_each(find: Callable[[], list[int]]) -> None:
-    """End the processes found, again and again until there are none: one may have started another meanwhile."""
+    """End the processes that `find` returns until it returns none: one may have started another meanwhile."""
     for _ in range(ROUNDS):
         if not (found := find()):
             return
@@ -298,12 +306,13 @@ def _descendants(root: int) -> list[int]:
             if state in (b"Z", b"X"):
                 ended.add(pid)
     found = [root]
-    for pid in found:  # which grows
+    for pid in found:  # the list grows in the loop
         found += children.get(pid, [])
     return [pid for pid in found[1:] if pid not in ended]
 
 
 def _has(pid: int, sign: bytes) -> bool:
+    """Tell whether the environment of a process holds a mark, or one that begins with it."""
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
             return any(x == sign or x.startswith(sign + b"/") for x in file.read().split(b"\0"))
@@ -312,16 +321,17 @@ def _has(pid: int, sign: bytes) -> bool:
 
 
 def _leave_with_parent() -> None:
+    """Wait until the parent has ended; then end this process and all that it has started."""
     parent = os.getppid()
     while os.getppid() == parent:
         time.sleep(1.0)
     _end_descendants(os.getpid())
     _end_all(os.environ.get(MARK, ""))
-    os.killpg(0, signal.SIGKILL)  # a session of its own: this process and what it has started
+    os.killpg(0, signal.SIGKILL)  # this process and those of its session
 
 
 def _adopt() -> None:
-    """Become the parent of processes that this one's children leave behind, where the system allows it (Linux)."""
+    """Become the parent of orphaned descendants (Linux)."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
 
@@ -338,7 +348,7 @@ def _limit() -> None:
 
 
 def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
-    """Return a task's result in bytes; a result that is no plain data is a failure of the task."""
+    """Call a task and return its result as bytes, or its error as a sentence."""
     try:
         return pack_answer(("ok", function(*arguments)))
     except BaseException as error:
@@ -355,7 +365,7 @@ def pack_answer(item: object) -> bytes:
     """
     parts: list[bytes] = []
 
-    def described(x: object) -> object:
+    def describe(x: object) -> object:
         if isinstance(x, np.generic):
             return x.item()
         if isinstance(x, np.ndarray) and x.dtype.kind in KINDS:
@@ -363,7 +373,7 @@ def pack_answer(item: object) -> bytes:
             return {ARRAY: [x.dtype.kind, x.shape]}
         raise NoAnswer(f"a worker cannot answer with {type(x).__name__}")
 
-    text = json.dumps(item, default=described).encode()
+    text = json.dumps(item, default=describe).encode()
     return b"".join((LENGTH.pack(len(text)), text, *parts))
 
 
@@ -384,7 +394,7 @@ def unpack_answer(content: bytes) -> Any:
         nonlocal left
         if table.keys() != {ARRAY}:
             return table
-        dtype, shape = _form(table[ARRAY])
+        dtype, shape = _read_type(table[ARRAY])
         size = math.prod(shape) * dtype.itemsize
         if size > len(left):
             raise NoAnswer("it holds less than its arrays need")
@@ -398,9 +408,9 @@ def unpack_answer(content: bytes) -> Any:
         raise NoAnswer(str(error)) from error
 
 
-def _form(told: object) -> tuple[np.dtype[Any], list[int]]:
+def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
     """Read type and shape of an array from an answer."""
-    match told:
+    match form:
         case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
             lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]
             if lengths == shape:
@@ -427,15 +437,15 @@ def main() -> None:
             function, arguments, limit = pickle.loads(content)
         except Exception as error:
             function, arguments, limit = _refuse, (f"the task cannot be read: {type(error).__name__}: {error}",), 60.0
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # it ends the process even inside a library
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # the default action ends the process even inside a library
         signal.setitimer(signal.ITIMER_REAL, BACKSTOP * limit + GRACE)
-        os.chdir(home)  # a library may have gone elsewhere, and paths in tasks are relative
+        os.chdir(home)  # a library may have changed the folder, and paths in tasks are relative
         answer = _answer(function, arguments)
         signal.setitimer(signal.ITIMER_REAL, 0)
         answers.write(HEADER.pack(token, len(answer)) + answer)
         answers.flush()
     _end_descendants(os.getpid())
-    _end_all(os.environ.get(MARK, ""))  # a parent that was killed ends nothing itself
+    _end_all(os.environ.get(MARK, ""))  # the parent may have been killed
 
 
 def _refuse(sentence: str) -> None:

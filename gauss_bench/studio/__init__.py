@@ -1,1 +1,1 @@
-"""The studio: a linkage drawn, dragged and watched on a page of this machine; its file is the one truth. See README.md."""
+"""The studio: draw, drag and watch a linkage on a page that this machine serves; README.md has a map and the protocol."""

@@ -1,4 +1,4 @@
-"""Drag a drawn linkage and find its other branches, by the functions of `kinematics`."""
+"""Drag a drawn linkage, and find its other assemblies, by the functions of `kinematics`."""
 
 import time
 from dataclasses import replace
@@ -9,57 +9,57 @@ import numpy as np
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.dragging import Drag, Locks
 from gauss_bench.linkage.references import drivers_of
-from gauss_bench.mechanism.model import AngleDriver, Mechanism, Revolute
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
-from gauss_bench.studio.edits.drawing import Drawing, owner
+from gauss_bench.studio.edits.drawing import Drawing, Pin, owner
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, place
 from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 
-STEPS = 40  # largest number of steps towards one position of the pointer; the next position continues from there
+STEPS = 40  # largest number of steps towards one position of the pointer; a drag to the next position continues from there
 
 
-def take_hold(reading: Reading, locks: frozenset[str], message: Message) -> Drag:
+def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Drag:
     """Begin to drag a pin or a point of a link.
 
     Raises:
         Refused: the pin is fixed to the ground or holds nothing, or the linkage does not assemble.
     """
-    mechanism = assemble(reading, "dragged")
+    mechanism = closed_mechanism(reading, "dragged")
     d = Drawing(reading.document, reading)
     wanted = str(message.get("point") or message.get("pin"))
-    members = d.pins[wanted].members if wanted in d.pins else (wanted,)
+    pin = d.pins.get(wanted) or Pin(wanted, 0j, (wanted,))
     where = (f"pins.{wanted}",)
-    if any(owner(x) == "ground" for x in members):
+    if pin.is_grounded:
         raise Refused(f"pin {wanted} is fixed to the ground: moving it changes the linkage, it does not drag it", where)
-    if not members:
+    if not pin.members:
         raise Refused(f"pin {wanted} holds nothing that could be dragged: move it", where)
-    # locked names by group, without lengths, which a drag never changes
-    held: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}
-    for group, _, name in (x.partition(".") for x in sorted(locks) if ":" not in x):
-        held.setdefault(group, []).append(name)
-    points = [y for x in held["pins"] for y in (d.pins[x].members if x in d.pins else ())[:1] if owner(y) != "ground"]
-    joints = [x for x in held["joints"] if any(isinstance(y, Revolute) and y.joint == x for y in mechanism.joints)]
+    locked: dict[str, list[str]] = {"pins": [], "links": [], "slides": [], "joints": []}  # names by group
+    for group, _, name in (x.partition(".") for x in sorted(locks) if ":" not in x):  # a drag never changes lengths
+        locked.setdefault(group, []).append(name)
+    points = [d.pins[x].members[0] for x in locked["pins"] if x in d.pins and d.pins[x].members]
+    points = [x for x in points if owner(x) != "ground"]
+    joints = {x.joint for x in mechanism.pins}.intersection(locked["joints"])
     try:
-        return Drag(mechanism, reading.q, members[0], Locks(*map(tuple, (held["links"], points, held["slides"], joints))))
+        parts = Locks(tuple(locked["links"]), tuple(points), tuple(locked["slides"]), tuple(sorted(joints)))
+        return Drag(mechanism, reading.q, pin.members[0], parts)
     except (ValueError, KeyError) as error:
         raise Refused(str(error), where) from error
 
 
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
-    """Drag the linkage towards the pointer; `ms` in the reply is the processor time taken."""
+    """Drag the linkage towards the pointer, and return its poses; `ms` is the processor time taken."""
     target, began = place(message.get("at")), time.thread_time()
-    with np.errstate(all="ignore"):
-        moved = drag.to(np.array([target.real, target.imag]), STEPS)
+    moved = drag.to(np.array([target.real, target.imag]), STEPS)
     ms = 1e3 * (time.thread_time() - began)
     note = moved.note or None
     return {"poses": reading.poses(moved.q), "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": note}
 
 
-def assemble(reading: Reading, word: str) -> Mechanism:
-    """Return the mechanism of a drawing whose joints close; `word` says in the refusal what it is needed for.
+def closed_mechanism(reading: Reading, word: str) -> Mechanism:
+    """Return the mechanism of a drawing whose joints close; `word` completes the refusal "cannot be ...".
 
     Raises:
         Refused: nothing is drawn, or the joints do not close.
@@ -67,15 +67,16 @@ def assemble(reading: Reading, word: str) -> Mechanism:
     if reading.mechanism is None:
         raise Refused(f"nothing is drawn yet that could be {word}")
     if not reading.closed:
-        raise Refused(f"this does not assemble yet, and cannot be {word}: see what is open")
+        raise Refused(f"the drawing does not assemble yet, and cannot be {word}: the problems say which joint is open")
     return reading.mechanism
 
 
 def inputs(reading: Reading) -> list[str]:
-    """Return the input links: those of the first driven scenario, else the crank, else the first that is pinned to the ground."""
+    """Return the input links: those of the first driven scenario, else the crank, else the first link with a pin on the ground."""
     document = reading.document
     for scenario in document.get("scenarios", {}).values():
-        if names := [x["link"] for x in drivers_of(scenario) if "link" in x]:
+        names = [x["link"] for x in drivers_of(scenario) if "link" in x]
+        if names:
             return names
     if isinstance(document.get("crank"), str):
         return [document["crank"]]
@@ -83,18 +84,17 @@ def inputs(reading: Reading) -> list[str]:
 
 
 def find_branches(reading: Reading) -> list[Array]:
-    """Return all assemblies (n,) with the present angles of the input links, the drawn one first.
+    """Return the positions (n,) of all assemblies with the present angles of the input links, the drawn one first.
 
     Raises:
-        Refused: the inputs leave a coordinate free.
+        Refused: the drawing does not assemble, or the inputs leave a motion free.
     """
-    mechanism = assemble(reading, "assembled in another way")
+    mechanism = closed_mechanism(reading, "assembled in another way")
     drivers = []
     for name in inputs(reading):
-        body, _ = mechanism.placed(name)
+        body, _ = mechanism.find_body(name)
         drivers.append(AngleDriver(name, constant(float(reading.q[3 * body + 2]), 0.0), body))
     try:
-        with np.errstate(all="ignore"):
-            return [*branches(replace(mechanism, drivers=tuple(drivers)), reading.q)]
+        return [*branches(replace(mechanism, drivers=tuple(drivers)), reading.q)]
     except ValueError as error:
         raise Refused(str(error)) from error

@@ -1,4 +1,4 @@
-"""Simulations of a drawing: release it from rest in one or several engines, and recommend a setting."""
+"""Simulations of a drawing: release it from rest in one or several engines, and recommend the cheapest setting of engines."""
 
 from importlib.util import find_spec
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from gauss_bench.engines import all_names
 from gauss_bench.runs.offers import SAFE, offer, offers
 from gauss_bench.studio.document import write_document
-from gauss_bench.studio.dragging import assemble
+from gauss_bench.studio.dragging import closed_mechanism
 from gauss_bench.studio.edits.scenarios import FREE, RELEASED, free_start
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number
@@ -18,17 +18,17 @@ BUDGET, MOST_BUDGET = 30.0, 600.0  # [s] usual and longest search for a recommen
 
 def engines_here() -> list[dict[str, Any]]:
     """List every engine of the suite, whether it can be used here, and the reason if it cannot."""
-    told = offers([x for x in all_names() if x in SAFE])
-    return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in told]
+    offered = offers([x for x in all_names() if x in SAFE])
+    return [{"name": x.name, "here": x.usable, "reason": x.reason} for x in offered]
 
 
-def let_go(session: Session, message: Message) -> tuple[str, float]:
+def write_released(session: Session, message: Message) -> tuple[str, float]:
     """Return the text with a scenario that releases the drawing where it is, and the end time of the run [s].
 
     Raises:
         Refused: the drawing does not assemble, or the end time is not valid.
     """
-    assemble(session.reading, "let go")
+    closed_mechanism(session.reading, "let go")
     document = session.document
     scenarios = document.setdefault("scenarios", {})
     kept = scenarios.get(RELEASED, {"forces": [*document.get("forces", {})]})
@@ -46,31 +46,32 @@ def release(session: Session, message: Message) -> dict[str, Any]:
     Raises:
         Refused: an engine cannot be used here; the message says how to install it.
     """
-    text, until = let_go(session, message)
+    text, until = write_released(session, message)
     overlay = message.get("overlay") or []
     first = message.get("engine") or ("gauss-native" if find_spec("llvmlite") else "gauss")
     engines = [first, *(overlay if isinstance(overlay, list) else [overlay])]
-    _usable(engines)
+    _check_usable(engines)
     request = {"work": "release", "engines": engines, "scenario": RELEASED, "until": until, "step": STEP, "limit": LIMIT}
     return {"job": session.jobs.start(text, request, "release_done"), "until": until, "engines": engines}
 
 
-def _usable(engines: list[Any]) -> None:
+def _check_usable(engines: list[Any]) -> None:
     """Check that engines can be used here.
 
     Raises:
-        Refused: one cannot; the message says how to install it.
+        Refused: one cannot be used; the message says how to install it.
     """
     names = all_names()
     for engine in engines:
         if engine not in names:
             raise Refused(f"there is no engine {str(engine)[:60]!r}", field="engine")
-        if not (told := offer(engine)).usable:
-            raise Refused(f"{engine}: {told.reason}", field="engine")
+        offered = offer(engine)
+        if not offered.usable:
+            raise Refused(f"{engine}: {offered.reason}", field="engine")
 
 
 def recommend(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that looks for the cheapest setting that holds the required accuracy.
+    """Start a job that searches the cheapest setting that holds the required accuracy.
 
     Raises:
         Refused: no accuracy is required, or a number is not valid.
@@ -82,7 +83,7 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
     if not 1 <= budget <= MOST_BUDGET:
         raise Refused(f"a budget is 1 to {MOST_BUDGET:g} seconds", field="budget")
     engines = message.get("engines") or []
-    _usable(engines if isinstance(engines, list) else [engines])
-    text, until = let_go(session, message)
+    _check_usable(engines if isinstance(engines, list) else [engines])
+    text, until = write_released(session, message)
     request = {"work": "recommend", "scenario": RELEASED, "until": until, "budget": budget, "engines": engines} | wanted
     return {"job": session.jobs.start(text, request, "recommend_done")}

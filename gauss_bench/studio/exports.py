@@ -1,4 +1,4 @@
-"""Export a drawing: its text, a picture, the table or film of its motion, or a model for an engine's library."""
+"""Exports of a drawing: its text, a picture, a table or an animation of its motion, or a model for another program."""
 
 import base64
 from typing import Any
@@ -13,7 +13,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
 from gauss_bench.studio.autosave import workplace
-from gauss_bench.studio.dragging import assemble
+from gauss_bench.studio.document import is_driven
+from gauss_bench.studio.dragging import closed_mechanism
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
 from gauss_bench.studio.motion import move
@@ -34,17 +35,17 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
         case "toml":
             return {"name": f"{name}.toml", "text": text}
         case "svg":
-            mechanism = assemble(reading, "drawn as a picture")
+            mechanism = closed_mechanism(reading, "drawn as a picture")
             return {"name": f"{name}.svg", "text": draw(mechanism.whole, of_links(mechanism, reading.q))}
         case "csv" | "gif":
             mechanism, x, _ = move(text, reading, message)
             if kind == "csv":
                 return {"name": f"{name}.csv", "text": table(curves(mechanism, x))}
-            told = Told(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
-            gif = film(".gif", told, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
+            caption = Told(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
+            gif = film(".gif", caption, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
             return {"name": f"{name}.gif", "base64": base64.b64encode(gif).decode("ascii")}
         case str() if kind in KINDS:
-            return _model(text, reading, kind, name)
+            return _export_model(text, reading, kind, name)
     raise Refused(f"there is no export {str(kind)[:40]!r}; there are {', '.join(FORMS)}", field="kind")
 
 
@@ -54,10 +55,14 @@ def curves(mechanism: Mechanism, x: Trajectory) -> History:
     return History(x.t, (*turn(whole, links, range(len(whole.links))), *observe(whole, links)))
 
 
-def _model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """Return the model for an engine's library, built in a worker process."""
+def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
+    """Return the drawing as a model of a kind, built in a worker process, in its first scenario without drivers if there is one.
+
+    Raises:
+        Refused: there is no scenario, or the drawing is no such model.
+    """
     scenarios = reading.document.get("scenarios", {})
-    free = next((k for k, x in scenarios.items() if not {"driver", "drivers"} & x.keys()), None)
+    free = next((k for k, x in scenarios.items() if not is_driven(x)), None)
     chosen = free or next(iter(scenarios), None)
     if chosen is None:
         raise Refused("there is no scenario that could be exported: let it go or drive it first")

@@ -20,14 +20,12 @@ from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.errors import Refused
 from gauss_bench.tables import write_text
 
-SHOWN = 200  # files of the folder that are listed
-
-
+SHOWN = 200  # largest number of files that are listed
 FOLDER = Path(__file__).parent / "templates"
 
 
 def texts() -> dict[str, Path]:
-    """Return template name -> file, the built-in linkages first."""
+    """Return the files of all templates by name, the built-in linkages first."""
     return built_in() | {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
@@ -43,13 +41,17 @@ def path_of(name: str) -> Path:
 
 
 def text_of(name: str) -> str:
-    """Return the text of a template; Refused as by `path_of`."""
+    """Return the text of a template.
+
+    Raises:
+        Refused: there is no template of that name.
+    """
     return path_of(name).read_text(encoding="utf-8")
 
 
 @cache
 def list_templates() -> tuple[dict[str, Any], ...]:
-    """List every template with its title and kind; the page asks for their drawings one by one."""
+    """List every template with its title and kind; the page requests their drawings one by one."""
     titles = {name: tomllib.loads(text_of(name)).get("title", name) for name in texts()}
     kinds = {name: "classic" if path.parent == FOLDER else "built-in" for name, path in texts().items()}
     return tuple({"name": name, "title": title, "kind": kinds[name]} for name, title in titles.items())
@@ -60,7 +62,7 @@ def drawing(name: str) -> str:
     """Return a template as SVG; empty if it cannot be drawn.
 
     Raises:
-        Refused: as `path_of`.
+        Refused: there is no template of that name.
     """
     path = path_of(name)
     try:
@@ -73,15 +75,15 @@ def inside(folder: Path, name: str) -> Path:
     """Return the path of a file of the working folder, after following symbolic links.
 
     Raises:
-        Refused: the path leaves the folder, or is no name of a linkage file.
+        Refused: the path is outside the folder, or is no name of a linkage file.
     """
     if not name or "\0" in name or len(name) > 200:
-        raise Refused("a file has a name", field="path")
+        raise Refused("the name of the file is missing or too long", field="path")
     try:
         path = (folder / name).resolve()
         within = path.is_relative_to(folder) and path != folder
     except (OSError, ValueError, RuntimeError) as error:
-        raise Refused(f"{name[:60]}: no path", field="path") from error
+        raise Refused(f"{name[:60]}: is no valid path", field="path") from error
     if not within:
         raise Refused(f"{name[:60]}: lies outside the folder that the studio was started in", field="path")
     if path.suffix != ".toml":
@@ -90,7 +92,7 @@ def inside(folder: Path, name: str) -> Path:
 
 
 def list_files(folder: Path) -> list[str]:
-    """Linkage files of the working folder, by name."""
+    """List the names of the linkage files in the working folder."""
     try:
         return sorted(x.name for x in folder.glob("*.toml") if x.is_file())[:SHOWN]
     except OSError:
@@ -98,10 +100,10 @@ def list_files(folder: Path) -> list[str]:
 
 
 def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
-    """Return text and path of a file of the folder, or the text of a template, without a path.
+    """Return text and path of a file in the folder, or the text of a template and None.
 
     Raises:
-        Refused: there is no such file, or it lies outside the folder.
+        Refused: there is no such file, or it is outside the folder.
         LinkageError: the file cannot be read.
     """
     if not Path(name).suffix and name in texts():
@@ -114,7 +116,7 @@ def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
 def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> None:
     """Write the text to a file in one atomic step.
 
-    Without `replace`, neither a file other than `own` is overwritten, nor `own` if its content is no longer `known`.
+    Without `replace`, a file other than `own` is not overwritten, nor is `own` if its content is not `known`.
 
     Raises:
         Refused: the name is not allowed, the file exists, or it is read-only.
@@ -122,7 +124,7 @@ def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> 
     if path.stem in built_in():
         raise Refused(f"{path.stem} is the name of a built-in linkage: commands would take that one; choose another", field="path")
     if path.is_dir() or not path.parent.is_dir():
-        raise Refused(f"{path.name} lies in no folder, or is one", field="path")
+        raise Refused(f"{path.name}: its folder does not exist, or it is a folder itself", field="path")
     if path.exists() and path != own and not replace:
         raise Refused(f"{path.name} is there already", field="replace")
     if path.exists() and not path.stat().st_mode & 0o222:
@@ -146,10 +148,10 @@ def has_changed(path: Path, known: str) -> bool:
 
 
 def import_file(text: str) -> tuple[str, list[str]]:
-    """Import a model in MJCF or URDF in a worker process; return a linkage file, and sentences on what it leaves out.
+    """Import a model in MJCF or URDF in a worker process; return a linkage file, and a sentence for each part that is left out.
 
     Raises:
-        Refused: the text is no such model, or is not planar, or the library that reads it is not installed.
+        Refused: the text is no such model, or no planar one, or the library that reads it is not installed.
     """
     with workplace(text, "model", ".xml") as model:
         try:
@@ -166,8 +168,8 @@ def fragment(text: str) -> str:
     return base64.urlsafe_b64encode(packed).decode("ascii").rstrip("=")
 
 
-def of_fragment(given: str) -> str:
-    """Return the text that `fragment` compressed.
+def unpack_fragment(given: str) -> str:
+    """Return the text that `fragment` has compressed.
 
     Raises:
         Refused: it is no such text, or is larger than a linkage file may be.

@@ -1,7 +1,7 @@
-"""One long job in a process of its own, which sends its results to the studio line by line as JSON.
+"""A long job in a process of its own, which sends its results to the studio as lines of JSON.
 
-The request arrives on standard input, which stays open as long as the studio lives. When it closes, this process and all that it
-has started end.
+The request arrives on standard input, which stays open until the studio ends. Then this process kills itself and all processes that
+it has started.
 """
 
 import contextlib
@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-Say = Callable[[dict[str, Any]], None]
+Send = Callable[[dict[str, Any]], None]
 
-FRAMES = 60  # poses per second of a motion for the page
-MOST = 3000  # largest number of poses in a motion
+FRAMES = 60  # poses of a motion per second
+MOST = 3000  # largest number of poses of a motion
 
 
-def release(request: Mapping[str, Any], say: Say) -> None:
+def release(request: Mapping[str, Any], send: Send) -> None:
     """Run a file in one engine after the other; send each motion with its verdict, and its distance from the first motion."""
     from gauss_bench.api.simulate import simulate
     from gauss_bench.mechanism.coordinates import spread
@@ -29,29 +29,29 @@ def release(request: Mapping[str, Any], say: Say) -> None:
 
     first = None
     for engine in request["engines"]:
-        say({"event": "progress", "text": f"{engine} runs"})
+        send({"event": "progress", "text": f"{engine} runs"})
         event: dict[str, Any] = {"event": "release", "engine": engine, "times": [], "poses": {}}
         at, step = [0.0, float(request["until"])], float(request["step"])
         try:
             result = simulate(request["path"], engine, request["scenario"], step=step, at=at, limit=request["limit"])
         except Exception as error:
-            say(event | {"verdict": "error", "reason": str(error)})
+            send(event | {"verdict": "error", "reason": str(error)})
             continue
         event |= {"verdict": str(result.status), "reason": result.message, "advice": result.advice, "step": result.step}
         event |= {"trusted_until": result.trusted_until}
         x = result.trajectory
         if x is None or not len(x.t):
-            say(event)
+            send(event)
             continue
-        # as many samples as the page shows in a second, and no more than MOST in all; the last sample is always shown
+        # FRAMES samples per second, at most MOST in all, and always the last one
         every = max(1, round(1 / FRAMES / max(float(np.median(np.diff(x.t))) if len(x.t) > 1 else 1.0, 1e-9)), len(x.t) // MOST + 1)
         chosen = np.unique(np.append(np.arange(0, len(x.t), every), len(x.t) - 1))
-        say(event | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
+        send(event | {"times": x.t[chosen], "poses": pose_motion(result.model, x.q[chosen])})
         links = spread(result.model, x).q
         if first is None:
             first = x.t, links, result.model.whole
         else:
-            say({"event": "compared", "compare": compare(engine, *first, x.t, links)})
+            send({"event": "compared", "compare": compare(engine, *first, x.t, links)})
 
 
 def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -> dict[str, Any]:
@@ -71,38 +71,46 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
     }
 
 
-def recommend(request: Mapping[str, Any], say: Say) -> None:
-    """Find the cheapest setting of every engine that holds an accuracy; send each answer at once, and all after their race."""
+def recommend(request: Mapping[str, Any], send: Send) -> None:
+    """Find the cheapest setting of every engine that holds an accuracy; send each answer at once, and all answers at the end."""
     from dataclasses import asdict
 
     from gauss_bench.advice.answer import Answer
     from gauss_bench.advice.truth import NoTruth
-    from gauss_bench.api.recommend import recommend as recommended
+    from gauss_bench.api.recommend import recommend as find_setting
     from gauss_bench.api.recommend import setting_of
 
-    def tell_progress(sentence: str) -> None:
-        say({"event": "progress", "text": sentence})
+    def send_progress(sentence: str) -> None:
+        send({"event": "progress", "text": sentence})
 
-    def tell_better(x: Answer) -> None:
-        say({"event": "recommend", "answer": as_shown(x)})
+    def send_better(x: Answer) -> None:
+        send({"event": "recommend", "answer": as_shown(x)})
 
     def as_shown(x: Answer) -> dict[str, Any]:
+        """Return an answer as the page shows it."""
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 
     try:
-        position, angle, force, until = (request.get(key) for key in ("position", "angle", "force", "until"))
-        engines, asked = request.get("engines") or None, {"scenario": request["scenario"], "budget": request["budget"]}
-        recommendation = recommended(
-            request["path"], position, angle, force, until, engines, told=tell_progress, better=tell_better, **asked
+        recommendation = find_setting(
+            request["path"],
+            request.get("position"),
+            request.get("angle"),
+            request.get("force"),
+            request.get("until"),
+            request.get("engines") or None,
+            scenario=request["scenario"],
+            budget=request["budget"],
+            told=send_progress,
+            better=send_better,
         )
     except NoTruth as error:
-        say({"event": "failed", "text": f"nothing can be recommended: {error}"})
+        send({"event": "failed", "text": f"nothing can be recommended: {error}"})
         return
-    say({"event": "recommend", "answers": [as_shown(x) for x in recommendation.answers], "advice": recommendation.advice})
+    send({"event": "recommend", "answers": [as_shown(x) for x in recommendation.answers], "advice": recommendation.advice})
 
 
-WORK: dict[str, Callable[[Mapping[str, Any], Say], None]] = {"release": release, "recommend": recommend}
+WORK: dict[str, Callable[[Mapping[str, Any], Send], None]] = {"release": release, "recommend": recommend}
 
 
 def _end_with_the_studio() -> None:
@@ -119,22 +127,23 @@ def main() -> None:
     from gauss_bench.api.telling import plain
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # so that a library that prints does not disturb the lines of JSON
+    os.dup2(2, 1)  # a library that prints must not disturb the lines of JSON
 
-    def say(event: dict[str, Any]) -> None:
+    def send(event: dict[str, Any]) -> None:
+        """Write an event as a line of JSON."""
         out.write(json.dumps(plain(event), allow_nan=False) + "\n")
         out.flush()
 
-    line = open(0, "rb", buffering=0, closefd=False).readline()  # unbuffered, because another thread waits for the end of the input
+    line = open(0, "rb", buffering=0, closefd=False).readline()  # unbuffered, since a thread reads the rest with os.read
     if not line.endswith(b"\n"):
         return
     threading.Thread(target=_end_with_the_studio, daemon=True).start()
     request = json.loads(line)
     try:
-        WORK[request["work"]](request, say)
-        say({"event": "done"})
+        WORK[request["work"]](request, send)
+        send({"event": "done"})
     except Exception as error:
-        say({"event": "failed", "text": str(error) or type(error).__name__})
+        send({"event": "failed", "text": str(error) or type(error).__name__})
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Jobs that run beside the drawing, each in a process of its own; their events are sent to the page as they arrive."""
+"""Long jobs, each in a process of its own, whose events are sent to the page as they arrive."""
 
 import contextlib
 import json
@@ -16,7 +16,7 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.trajectory import in_a_sentence
 
 MOST = 3  # largest number of jobs at once
-GRACE = 2.0  # [s] that a stopped job has to end
+GRACE = 2.0  # [s] longest wait for the end of a stopped job
 
 
 class Jobs:
@@ -29,14 +29,14 @@ class Jobs:
         self.count, self.lock = 0, threading.Lock()
 
     def start(self, text: str, request: dict[str, Any], done: str) -> int:
-        """Start a job on a text and return its number; its last event has the name `done`.
+        """Start a job on a linkage file with this text, and return its number; the name of its last event is `done`.
 
         Raises:
             Refused: too many jobs are running already.
         """
         with self.lock:
             if len(self.running) >= MOST:
-                raise Refused(f"{MOST} things are going on already: stop one, or wait")
+                raise Refused(f"{MOST} jobs are running already: stop one, or wait")
             self.count += 1
             job, environment = self.count, os.environ | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
             command, pipe = [sys.executable, "-m", "gauss_bench.studio.job"], subprocess.PIPE
@@ -49,14 +49,14 @@ class Jobs:
         return job
 
     def _follow(self, job: int, text: str, request: dict[str, Any], done: str) -> None:
-        """Send the events of a job as they arrive, and at the end its comparisons, or the reason why it failed."""
+        """Send the events of a job as they arrive, and a last event with its comparisons, or with the reason why it failed."""
         process = self.running[job]
-        last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}
+        last: dict[str, Any] = {"event": done, "job": job, "error": "it was stopped"}  # unless the job sends its own end
         assert process.stdin is not None
         assert process.stdout is not None
         try:
             with workplace(text, tomllib.loads(text).get("name")) as path:
-                with contextlib.suppress(BrokenPipeError):  # it was stopped before it began
+                with contextlib.suppress(BrokenPipeError):  # the job was stopped before it began
                     process.stdin.write(json.dumps(request | {"path": str(path)}).encode() + b"\n")
                     process.stdin.flush()
                 for line in process.stdout:
@@ -72,7 +72,7 @@ class Jobs:
                         case _:
                             self.tell(event)
         except (OSError, ValueError) as error:
-            last["error"] = f"it could not be run: {in_a_sentence(error)}"
+            last["error"] = f"the job could not be run: {in_a_sentence(error)}"
         self.stop(job)
         for pipe in (process.stdin, process.stdout):
             with contextlib.suppress(OSError):
@@ -83,12 +83,12 @@ class Jobs:
         self.tell(last)
 
     def stop(self, job: int) -> None:
-        """End a job and all processes that it has started; do nothing if it is over."""
+        """Kill a job and all processes that it has started; do nothing if it has ended."""
         with contextlib.suppress(KeyError, ProcessLookupError, PermissionError):
             os.killpg(self.running[job].pid, signal.SIGKILL)
 
     def stop_all(self) -> None:
-        """End all jobs and wait until they have ended."""
+        """Kill all jobs and wait until they have ended."""
         followers = [*self.followers.values()]
         for job in [*self.running]:
             self.stop(job)

@@ -1,4 +1,4 @@
-"""The kinematics of a drawing under its motion laws, for the page: poses, points, forces, singular positions, instant centres."""
+"""Kinematics of a drawing as the page shows it: its motion under laws, forces, singular positions, instant centres."""
 
 from cmath import rect
 from typing import Any
@@ -19,7 +19,7 @@ from gauss_bench.mechanism.coordinates import acceleration, position, spread, ve
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.studio.autosave import workplace
-from gauss_bench.studio.document import write_document
+from gauss_bench.studio.document import is_driven, write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.scenarios import DRIVEN, drive
 from gauss_bench.studio.errors import Refused
@@ -29,20 +29,20 @@ from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
-SAMPLES, MOST = 120, 2000  # usual and largest number of steps between positions
+SAMPLES, MOST = 120, 2000  # default and largest number of intervals of a motion
 
 
-def moving(text: str, reading: Reading, scenario: Any) -> Mechanism:
+def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
     """Return the mechanism in the given scenario, else in its first driven one, else with the first possible driver.
 
     Raises:
-        Refused: nothing can be driven, or the drivers leave a coordinate free.
+        Refused: no coordinate can be driven, or the drivers leave one free.
         LinkageError, ChoiceError: the file or the driver cannot be used.
     """
     document = reading.document
     if not isinstance(scenario, (str, type(None))):
         raise Refused("a scenario is named", field="scenario")
-    if scenario is None and not any({"driver", "drivers"} & x.keys() for _, x in items(document, "scenarios")):
+    if scenario is None and not any(is_driven(x) for _, x in items(document, "scenarios")):
         possible = drivers_possible(reading)
         if not possible:
             raise Refused("nothing can be driven here yet: a link that is pinned to the ground, or a slide")
@@ -57,7 +57,7 @@ def moving(text: str, reading: Reading, scenario: Any) -> Mechanism:
 
 
 def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
-    """Return the mechanism, its motion over the law's duration, and the reason if the motion stops before the end.
+    """Return the mechanism, its motion over the scenario's duration, and the reason if it stops earlier.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -65,21 +65,20 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
     count = message.get("samples", SAMPLES)
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
         raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
-    mechanism = moving(text, reading, message.get("scenario"))
+    mechanism = load_driven(text, reading, message.get("scenario"))
     inputs, times, stopped = inputs_of(mechanism), np.linspace(0.0, mechanism.duration, count + 1), None
-    with np.errstate(all="ignore"):
-        try:
-            states = loop_motion(mechanism, inputs, times)
-        except MotionError as error:
-            states, stopped = error.reached, str(error)
-        except ValueError as error:
-            raise Refused(str(error)) from error
+    try:
+        states = loop_motion(mechanism, inputs, times)
+    except MotionError as error:
+        states, stopped = error.reached, str(error)
+    except ValueError as error:
+        raise Refused(str(error)) from error
     n = len(states.q)
     return mechanism, Trajectory(times[:n], states.q, states.v, states.a, n - 1), stopped
 
 
 def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
-    """Return the mechanism and its motion as the page shows it; `singular` finds the singular positions separately.
+    """Return the mechanism, and its motion as the page shows it, without singular positions.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -101,46 +100,43 @@ def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, di
         "limits": stopped,
         "note": None,
     }
-    return mechanism, reply | forces(mechanism, x) | gain(mechanism, x.q)
+    return mechanism, reply | forces(mechanism, x) | ratios(mechanism, x.q)
 
 
 def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
-    """Return link -> [[x, y, theta], ...] of its own frame at states (k, n)."""
+    """Return link -> [[x, y, theta], ...], the poses of its own frame at states q (k, n)."""
     at_states = [poses(mechanism, state) for state in q]
     return {link.name: [x[link.name] for x in at_states] for link in mechanism.whole.links}
 
 
 def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """Return the torque or force of the first driver, and the loads of pins and slides, along a driven motion."""
+    """Return the torque or force of the first driver, and the loads on pins and slides, along a driven motion."""
     if not len(x.t):
         return {"torque": None, "pins": []}
     evaluator = Evaluator(mechanism)
     try:
-        with np.errstate(all="ignore"):
-            exerted = metrics.driving_forces(evaluator, x)
-            carried = metrics.joint_forces(evaluator, x)
+        driving, loads = metrics.driving_forces(evaluator, x), metrics.joint_forces(evaluator, x)
     except (ArithmeticError, np.linalg.LinAlgError, ValueError):
         return {"torque": None, "pins": []}
     unit = "N m" if isinstance(mechanism.drivers[0], AngleDriver) else "N"
-    pins = [{"joint": name, "force": np.stack([f["fx"], f["fy"]], axis=-1), "moment": f["moment"]} for name, f in carried.items()]
-    return {"torque": {"name": mechanism.drivers[0].name, "unit": unit, "values": exerted[:, 0]}, "pins": pins}
+    pins = [{"joint": name, "force": np.stack([f["fx"], f["fy"]], axis=-1), "moment": f["moment"]} for name, f in loads.items()]
+    return {"torque": {"name": mechanism.drivers[0].name, "unit": unit, "values": driving[:, 0]}, "pins": pins}
 
 
-def gain(mechanism: Mechanism, q: Array) -> dict[str, Any]:
-    """Return velocity ratios and mechanical advantages; there are none if more than one coordinate is driven."""
+def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
+    """Return velocity ratios and mechanical advantages at states q (k, n); none if there are several degrees of freedom."""
     try:
-        with np.errstate(all="ignore"):
-            pairs = advantages(mechanism, q)
+        pairs = advantages(mechanism, q)
     except ValueError:
         pairs = ()
     return {"advantage": [{"input": x.input, "output": x.output, "values": x.mechanical, "velocity": x.velocity} for x in pairs]}
 
 
+@np.errstate(all="ignore")  # for the thread that searches beside the requests
 def singular(mechanism: Mechanism) -> tuple[list[dict[str, Any]], str]:
-    """Return limit positions and dead centres, and the reason if they cannot be listed."""
+    """Return limits of motion and dead centres, and the reason if they cannot be listed."""
     try:
-        with np.errstate(all="ignore"):
-            positions = singular_positions(mechanism)
+        positions = singular_positions(mechanism)
     except (ValueError, ChangePoint) as error:
         return [], str(error)
     keys = ("kind", "coordinate", "value", "input")
@@ -151,25 +147,24 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
     """Return the instant centre of every pair of links at poses {link: [x, y, theta]}, or at the drawing if `given` is None.
 
     Raises:
-        Refused: the linkage has several degrees of freedom there, on which the centres depend.
+        Refused: nothing is drawn, the poses are not those of this drawing, or it has no single free motion there.
     """
     mechanism = reading.mechanism
     if mechanism is None:
         raise Refused("nothing is drawn yet")
     q = reading.q if given is None else state_of(reading, given)
     try:
-        with np.errstate(all="ignore"):
-            of_pairs = centres(mechanism, q)
+        pairs = centres(mechanism, q)
     except ValueError as error:
         raise Refused(str(error)) from error
-    return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in of_pairs]
+    return [{"links": [mechanism.link_name(k) for k in x.links], "at": x.at, "along": x.along} for x in pairs]
 
 
 def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
-    """Return the instant centres of every pair of links along a motion {link: [[x, y, theta], ...]}; None where there is none.
+    """Return the instant centre of every pair of links along a motion {link: [[x, y, theta], ...]}; None where there is none.
 
     Raises:
-        Refused: the poses are not those of this drawing, or there are no centres anywhere along them.
+        Refused: the poses are not those of this drawing, or there are no centres at any of them.
     """
     lists = [*given.values()] if isinstance(given, dict) else []
     if not lists or not all(isinstance(x, list) and 0 < len(x) == len(lists[0]) <= MOST for x in lists):
@@ -181,7 +176,7 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
         except Refused:
             if not any(found) and k == len(lists[0]) - 1:
                 raise
-            found.append([])  # such as at a fork of the motion
+            found.append([])  # at a fork of the motion there are several free motions
     pairs = [x["links"] for x in next(filter(None, found))]
     return [{"links": links, "at": [x[i]["at"] if x else None for x in found]} for i, links in enumerate(pairs)]
 

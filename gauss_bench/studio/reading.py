@@ -1,7 +1,7 @@
 """Read a linkage file that may be incomplete or faulty, so that an unfinished drawing can be shown.
 
 A part that the loader refuses becomes a problem, with its place in the drawing, and is left out. The loader's own functions build
-and place the rest, so that the studio reads a file exactly as the suite does.
+and place the rest, so that the studio reads a file in the same way as all other verbs.
 """
 
 import copy
@@ -15,14 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kinematics.assembly import put_together, rank_about
-from gauss_bench.kinematics.topology import find_graph, held_coordinates, loose_links
+from gauss_bench.kinematics.assembly import find_open_loop, rank_about
+from gauss_bench.kinematics.topology import find_graph, loose_links, pin_loose_links
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import close_joints, sketch
+from gauss_bench.linkage.closure import close_joints
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
 from gauss_bench.linkage.load import document_faults, load_document
 from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.coordinates import position, spread
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
@@ -33,7 +34,7 @@ from gauss_bench.trajectory import Trajectory, in_a_sentence
 ROUNDS = 200  # largest number of rounds in which faulty parts are removed
 MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] assumed for a link that gives none, so that it can be shown
 STILL = {"drawn": {"duration": 1.0}}  # a scenario without drivers, forces or prescribed coordinates
-TRIED = 6  # largest number of scenarios that are tested for a start
+TRIED = 6  # largest number of scenarios that are assembled
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Problem:
 
     Attributes:
         level: "error", "warning" or "hint".
-        text: a sentence for the user.
+        text: the message for the user.
         where: ids of the parts of the drawing that it concerns.
         loop: links of the loop that does not close.
         apart: gap of that loop [m].
@@ -87,7 +88,7 @@ class Reading:
         """The number of independent rows of the joints, at a position near the drawing that is not singular."""
         if self.mechanism is None:
             return 0
-        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError):
+        with suppress(np.linalg.LinAlgError, ValueError):
             return rank_about(self.mechanism, self.q)
         return 0
 
@@ -97,7 +98,7 @@ class Reading:
 
 
 def of_links(mechanism: Mechanism, q: Array) -> Array:
-    """Convert states (..., n) of a mechanism's bodies to those of the file's links; welded links are one body."""
+    """Convert positions (..., n) of a mechanism's bodies to those of the file's links; welded links are one body."""
     if not mechanism.parts:
         return q
     return spread(mechanism, Trajectory(np.zeros(1), q, 0 * q, 0 * q, 0)).q
@@ -112,32 +113,37 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
     return by_link
 
 
+@np.errstate(all="ignore")
 def read(document: Document, starts: bool = True) -> Reading:
-    """Read a document, however faulty; `starts` also tests whether its scenarios start, which takes most of the time."""
+    """Read a document, even a faulty one.
+
+    With `starts`, also test whether its scenarios can be assembled, which takes most of the time.
+    """
     problems: list[Problem] = []
 
     def tell(level: str, text: str, *where: str) -> None:
+        """Add a problem."""
         problems.append(Problem(level, text, where))
 
-    faults, rest = [f for f in document_faults(document) if not _is_told_otherwise(document, f)], _still(copy.deepcopy(document))
+    faults = [x for x in document_faults(document) if not _is_unfinished(document, x)]
+    rest = _without_scenarios(copy.deepcopy(document))
     mechanism, more = _build(rest)
     for fault in (*faults, *(f for f in more if f not in faults)):
-        tell("error", str(fault), *place(document, fault.path))
+        tell("error", str(fault), *find_part(document, fault.path))
     if mechanism is None and not problems:
         tell("hint", "nothing is drawn yet: a bar between two places is a beginning")
     for name in lone_pins(document):
         tell("hint", f"pin {name} holds nothing: draw a bar to it, or delete it", f"pins.{name}")
     if mechanism is None:
         return Reading(document, rest, None, np.zeros(0), False, (), tuple(problems))
-    q, unplaced = _place(mechanism, rest)
+    q, unplaced = _place_links(mechanism, rest)
     for name in unplaced:
-        tell("warning", f"{name} is not placed: the drawing says too little of where it lies", f"links.{name}")
+        tell("warning", f"{name} is not placed: the drawing does not determine its position", f"links.{name}")
     closed = False
     try:
-        with np.errstate(all="ignore"):
-            q, closed = close_joints(mechanism, Constraints(mechanism), q), True
+        q, closed = close_joints(mechanism, Constraints(mechanism), q), True
     except AssemblyError:
-        problems.append(_open(mechanism, q))
+        problems.append(_describe_gap(mechanism, q))
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         tell("error", f"its numbers cannot be computed with: {in_a_sentence(error)}")
     reading = Reading(document, rest, mechanism, q, closed, unplaced)
@@ -151,8 +157,8 @@ def read(document: Document, starts: bool = True) -> Reading:
     return replace(reading, problems=tuple(sorted(problems, key=lambda x: order.index(x.level))))
 
 
-def place(document: Document, path: str) -> tuple[str, ...]:
-    """Return the id of the part of the drawing to which a path in the file belongs, if any."""
+def find_part(document: Document, path: str) -> tuple[str, ...]:
+    """Return the id of the part of the drawing to which a path in the file belongs; empty if there is none."""
     parts = path.split(".")
     if len(parts) < 2:
         return ()
@@ -171,64 +177,64 @@ def place(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Return the pins that hold nothing: places of the sketch that are named after no joint and no point."""
+    """Return the places of pins that hold nothing: entries of the sketch that are named after no joint and no point."""
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
 
 
 def is_place(x: Any) -> bool:
+    """Tell whether a value is [x, y]."""
     return isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and np.isfinite(y) for y in x)
 
 
-def _is_told_otherwise(document: Document, fault: Fault) -> bool:
-    """Tell whether a fault only means that the drawing is unfinished; a hint reports that instead."""
+def _is_unfinished(document: Document, fault: Fault) -> bool:
+    """Tell whether a fault only means that the drawing is unfinished, which a hint reports."""
     lone = {f"assembly.sketch.{name}" for name in lone_pins(document)}
     return fault.path in lone or (fault.path in ("links", "scenarios") and not table(document, fault.path))
 
 
 def new_faults(before: Document, after: Document) -> list[Fault]:
-    """Return the faults of a document that it did not have before an edit."""
+    """Return the faults that a document has after an edit and did not have before."""
     known = {(x.path, x.text) for x in document_faults(before)}
     lone = {f"assembly.sketch.{x}" for x in lone_pins(after)}
     return [x for x in document_faults(after) if (x.path, x.text) not in known and x.path not in lone]
 
 
-def _still(document: Document) -> Document:
+def _without_scenarios(document: Document) -> Document:
     """Return the document with one scenario in which nothing acts, and without pins that hold nothing."""
     for name in lone_pins(document):
         del document["assembly"]["sketch"][name]
-    still = {key: x for key, x in document.items() if key not in ("expect", "measure", "observe", "crank")}
-    return {"name": "drawing"} | still | {"scenarios": copy.deepcopy(STILL)}
+    rest = {key: x for key, x in document.items() if key not in ("expect", "measure", "observe", "crank")}
+    return {"name": "drawing"} | rest | {"scenarios": copy.deepcopy(STILL)}
 
 
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
     """Remove faulty parts from a document until the rest can be built.
 
-    Returns the mechanism, or None if nothing is left, and the faults that only building it revealed.
+    Return the mechanism, or None if nothing is left, and the faults that were found only when it was built.
     """
-    more: list[Fault] = []
+    found: list[Fault] = []
     for _ in range(ROUNDS):
         if not table(document, "links"):
-            return None, more
+            break
         faults = document_faults(document)
         if not faults:
             try:
-                with np.errstate(all="ignore"):
-                    return build_mechanism(document, "drawn", "", ""), more
+                return build_mechanism(document, "drawn", "", ""), found
             except BuildError as error:
                 faults = [error.fault]
-                more += faults
+                found += faults
             except (ArithmeticError, ValueError, KeyError, TypeError, np.linalg.LinAlgError) as error:
-                more.append(Fault("", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
-                return None, more
+                found.append(Fault("", f"its numbers cannot be computed with: {in_a_sentence(error)}"))
+                break
         for fault in faults:
             leave_out(document, fault)
-    return None, more
+    return None, found
 
 
 def leave_out(document: Document, fault: Fault) -> None:
-    """Remove the part of a document that a fault names; a link without mass or inertia gets one instead."""
+    """Remove the part of a document that a fault names; give a link without mass or inertia a usual one."""
     keys = split_path(fault.path)
     match keys:
         case ["links", str(name), "mass" | "inertia" as lacking] if isinstance(table(document, "links").get(name), dict):
@@ -241,23 +247,23 @@ def leave_out(document: Document, fault: Fault) -> None:
         case ["name"]:
             document["name"] = "drawing"
             return
-    # Follow the path as far as the document has it, and delete the innermost entry that was found.
+    # follow the path as far as the document has it, and delete the innermost entry that was found
     holder: Any = None
     last: Any = None
-    owner: Any = document
+    entry: Any = document
     for key in keys:
-        inside = key in owner if isinstance(owner, dict) else isinstance(owner, list) and isinstance(key, int) and key < len(owner)
-        if not inside:
+        exists = key in entry if isinstance(entry, dict) else isinstance(entry, list) and isinstance(key, int) and key < len(entry)
+        if not exists:
             break
-        holder, last, owner = owner, key, owner[key]
+        holder, last, entry = entry, key, entry[key]
     if holder is not None:
         del holder[last]
 
 
-def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
-    """Return q (n,) by the sketch, and the links that it does not place.
+def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
+    """Return the position q (n,) of the sketch, and the links that it does not place.
 
-    Such a link is shown unrotated, at its one known point if it has one, else at the origin.
+    Such a link gets the angle 0, and is placed at its one known point if it has one, else at the origin.
     """
     unplaced: list[str] = []
     document = copy.deepcopy(document)
@@ -273,18 +279,18 @@ def _place(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, 
                 if name not in assembly.get("angles_deg", {}):
                     angles[name] = 0.0
                 continue
-            body = mechanism.placed(error.links[0])[0]
+            # angles alone do not place these links: put a point of the first one where it is in its own frame
+            body = mechanism.find_body(error.links[0])[0]
             point = next(iter(mechanism.links[body].points))
-            owner = f"{error.links[0]}.{point}" if "." not in point else point
-            drawing[owner] = [float(x) for x in mechanism.links[body].points[point]]
+            reference = f"{error.links[0]}.{point}" if "." not in point else point
+            drawing[reference] = [float(x) for x in mechanism.links[body].points[point]]
     return np.zeros(mechanism.n), tuple(unplaced)
 
 
-def _open(mechanism: Mechanism, q: Array) -> Problem:
-    """Return the problem of a drawing that does not assemble: the joint that stays open, and its gap [m]."""
+def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
+    """Return the problem of a drawing that does not assemble: the loop or joint that stays open, and its gap [m]."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
-        with np.errstate(all="ignore"):
-            loop = put_together(replace(mechanism, q0=q, v0=0 * q)).open
+        loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:
             links = tuple(x for x in loop.links if x != "ground")
             where = (f"pins.{loop.at}", *(f"links.{x}" for x in links))
@@ -297,7 +303,7 @@ def _open(mechanism: Mechanism, q: Array) -> Problem:
 
 
 def _scenarios(document: Document) -> Iterator[Problem]:
-    """Yield a problem for each scenario that does not start, and for each warning of the loader, once each."""
+    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader, each text once."""
     reported: set[str] = set()
     for name, _ in [*items(document, "scenarios")][:TRIED]:
         try:
@@ -310,20 +316,20 @@ def _scenarios(document: Document) -> Iterator[Problem]:
             continue
         for sentence in mechanism.warnings:
             if sentence not in reported:
-                yield Problem("warning", sentence, place(document, sentence.split(":")[0]))
+                yield Problem("warning", sentence, find_part(document, sentence.split(":")[0]))
             reported.add(sentence)
 
 
 def loops_of(mechanism: Mechanism) -> list[list[str]]:
-    """Return the links of every independent loop, without the ground; links that hang on nothing do not matter."""
+    """Return the links of every independent loop, without the ground; links need not be connected to it."""
     return [
         [mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND]
-        for loop in find_graph(held_coordinates(mechanism)).loops
+        for loop in find_graph(pin_loose_links(mechanism)).loops
     ]
 
 
 def pins_of(document: Document) -> list[tuple[str, list[str]]]:
-    """Return (joint, references of its points) for every pin joint, those of cylinders included."""
+    """Return name and references of the points of every pin joint, those of cylinders included."""
     return [
         (name, sequence(joint, "at")) for name, joint in items(write_out(document), "joints") if joint.get("type") == "revolute"
     ]

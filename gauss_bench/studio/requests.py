@@ -1,9 +1,11 @@
-"""Requests of the page: one function for every verb of the protocol, which README.md describes."""
+"""Requests of the page: one function for every verb of the protocol, whose messages and replies README.md describes."""
 
 import contextlib
 import threading
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 from gauss_bench import __version__
 from gauss_bench.engines import MissingExtra
@@ -11,59 +13,61 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio import dragging, dynamics, exports, files, motion
-from gauss_bench.studio.autosave import forget, keep_text
+from gauss_bench.studio.autosave import forget, list_kept
 from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
 from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, sound, tell_kind
+from gauss_bench.studio.messages import Message, check_message, value_of
 from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import scene
 from gauss_bench.studio.session import Session
 from gauss_bench.trajectory import in_a_sentence
 
 Reply = dict[str, Any]
-# These take long or must not wait for others: they run beside other requests and take the session's lock themselves.
+# verbs that take long or must not wait for others: they run beside other requests, and take the session's lock themselves
 APART = ("drawing", "motion", "centres", "stop", "import", "export")
 
 
 def hello(session: Session, message: Message) -> Reply:
+    """Return all that a page needs when it opens."""
     return {
         "version": __version__,
         "templates": files.list_templates(),
         "linkages": [*built_in()],
         "folder": session.folder.name,
         "engines": dynamics.engines_here(),
-        "recovered": remains_of(session),
+        "recovered": find_recovered(session),
         "scene": session.scene(),
     } | in_folder(session, message)
 
 
 def in_folder(session: Session, message: Message) -> Reply:
-    """List the files of the folder, and those that have unsaved changes which were kept."""
+    """List the files of the folder, and those whose unsaved changes have been kept."""
     here = files.list_files(session.folder)
-    return {"files": here, "kept": keep_text(session.folder / name for name in here)}
+    return {"files": here, "kept": list_kept(session.folder / name for name in here)}
 
 
-def remains_of(session: Session) -> dict[str, str] | None:
-    """Return the unsaved changes that an ended process left of this document, if any."""
-    left = session.autosave.left()
+def find_recovered(session: Session) -> dict[str, str] | None:
+    """Return the unsaved text that an ended process left of this document, if any."""
+    left = session.autosave.find_left()
     return None if left is None else {"text": left.text}
 
 
 def open_file(session: Session, message: Message) -> Reply:
+    """Open a text, a text from a link, a file of the folder, or a template."""
     if "text" in message:
-        session.open(tell_kind(message, "text", str))
+        session.open(value_of(message, "text", str))
     elif "fragment" in message:
-        session.open(files.of_fragment(tell_kind(message, "fragment", str)))
+        session.open(files.unpack_fragment(value_of(message, "fragment", str)))
     else:
-        session.open(*files.open_document(session.folder, tell_kind(message, "name", str)))
-    return {"recovered": remains_of(session), "scene": session.scene()}
+        session.open(*files.open_document(session.folder, value_of(message, "name", str)))
+    return {"recovered": find_recovered(session), "scene": session.scene()}
 
 
 def save(session: Session, message: Message) -> Reply:
     """Save the drawing to a file and name the linkage after it."""
-    name = tell_kind(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
+    name = value_of(message, "path", str, session.path.name if session.path else f"{session.scene()['name']}.toml")
     path = files.inside(session.folder, name if name.endswith(".toml") else f"{name}.toml")
     if not NAME.fullmatch(path.stem):
         raise Refused("a linkage is called by letters, digits and underscores, as its file is", field="path")
@@ -73,16 +77,17 @@ def save(session: Session, message: Message) -> Reply:
     return {"path": path.name, "scene": session.scene()}
 
 
-def bring_in(session: Session, message: Message) -> Reply:
-    content, left_out = files.import_file(tell_kind(message, "text", str))
+def import_model(session: Session, message: Message) -> Reply:
+    """Open a model in MJCF or URDF as a drawing."""
+    content, left_out = files.import_file(value_of(message, "text", str))
     with session.lock:
         session.open(content)
         return {"left_out": left_out, "scene": session.scene()}
 
 
 def recover(session: Session, message: Message) -> None:
-    """Take over the unsaved changes that an ended process left of this document, or discard them."""
-    left = session.autosave.left()
+    """Restore the unsaved changes that an ended process left of this document, or discard them with `take` false."""
+    left = session.autosave.find_left()
     if left is not None:
         if message.get("take", True):
             session.put(left.text, frozenset(left.locks))
@@ -91,7 +96,7 @@ def recover(session: Session, message: Message) -> None:
 
 
 def make_edit(session: Session, message: Message) -> Reply:
-    """Make an edit; a `trial` only returns the scene as it would be, and `continues` merges it with the edit before."""
+    """Make an edit; with `trial` only return the scene as it would be, with `continues` merge it with the edit before."""
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.try_edit(session, message), session.locks)}
     before = session.text
@@ -107,11 +112,13 @@ def behind(session: Session, message: Message) -> Reply:
 
 
 def drag_begin(session: Session, message: Message) -> Reply:
-    session.drag = dragging.take_hold(session.reading, session.locks, message)
+    """Begin to drag a pin or point."""
+    session.drag = dragging.begin_drag(session.reading, session.locks, message)
     return {"poses": session.reading.poses(session.drag.q)}
 
 
 def drag(session: Session, message: Message) -> Reply:
+    """Drag towards the pointer, and return poses and, if requested, instant centres."""
     if session.drag is None:
         raise Refused("nothing is being dragged")
     moved = dragging.drag_linkage(session.drag, session.reading, message)
@@ -122,61 +129,67 @@ def drag(session: Session, message: Message) -> Reply:
 
 
 def drag_end(session: Session, message: Message) -> None:
-    held, session.drag = session.drag, None
-    if held is not None and message.get("keep", True):
-        steps.pose_sketch(session, held.q)
+    """End the drag; redraw the linkage where it is unless `keep` is false."""
+    ended, session.drag = session.drag, None
+    if ended is not None and message.get("keep", True):
+        steps.redraw(session, ended.q)
 
 
 def branches(session: Session, message: Message) -> Reply:
-    found = dragging.find_branches(session.reading)
-    return {
-        "branches": [{"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)} for k, q in enumerate(found)]
-    }
+    """Return the poses of all assemblies with the present inputs."""
+    found = []
+    for k, q in enumerate(dragging.find_branches(session.reading)):
+        found.append({"name": f"branch {k}" if k else "as drawn", "poses": session.reading.poses(q)})
+    return {"branches": found}
 
 
 def branch(session: Session, message: Message) -> None:
+    """Redraw the linkage in another assembly."""
     index, found = message.get("index"), dragging.find_branches(session.reading)
     if not isinstance(index, int) or not 0 <= index < len(found):
         raise Refused("there is no such branch", field="index")
-    steps.pose_sketch(session, found[index])
+    steps.redraw(session, found[index])
 
 
-def read_apart(session: Session) -> tuple[str, Reading]:
-    """Return text and reading of the same moment, for verbs that take the lock themselves."""
+def read_locked(session: Session) -> tuple[str, Reading]:
+    """Return text and reading of the same moment, for verbs that run beside others."""
     with session.lock:
         return session.text, session.reading
 
 
 def move_by_law(session: Session, message: Message) -> Reply:
     """Return the motion at once, and send its singular positions later in an event, because finding them takes seconds."""
-    text, reading = read_apart(session)
+    text, reading = read_locked(session)
     mechanism, reply = motion.motion(text, reading, message)
     session.motions += 1
-    job = -session.motions  # negative: it is no process that could be stopped
+    job = -session.motions  # negative numbers are no processes, which could be stopped
 
-    def look() -> None:
-        with session.looking:  # one search at a time, and none for a drawing that has changed meanwhile
+    def search() -> None:
+        """Find the singular positions and send them to the page."""
+        with session.searching:  # one search at a time, and none for a drawing that has changed meanwhile
             if session.text != text:
                 return
             try:
-                marks, why = motion.singular(mechanism)
+                positions, reason = motion.singular(mechanism)
             except Exception as error:
-                marks, why = [], in_a_sentence(error)
-        session.tell({"event": "singular", "job": job, "singular": marks, "note": why or None})
+                positions, reason = [], in_a_sentence(error)
+        session.tell({"event": "singular", "job": job, "singular": positions, "note": reason or None})
 
-    threading.Thread(target=look, daemon=True).start()
+    threading.Thread(target=search, daemon=True).start()
     return reply | {"singular": [], "job": job}
 
 
 def centres(session: Session, message: Message) -> Reply:
-    _, reading = read_apart(session)
+    """Return instant centres at one position or along a motion."""
+    _, reading = read_locked(session)
     if "along" in message:
         return {"centres": motion.centres_along(reading, message["along"])}
     return {"centres": motion.instant_centres(reading, message.get("at"))}
 
 
 def stop(session: Session, message: Message) -> Reply:
-    session.jobs.stop(tell_kind(message, "job", int))
+    """Stop a job."""
+    session.jobs.stop(value_of(message, "job", int))
     return {}
 
 
@@ -184,16 +197,16 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
     "hello": hello,
     "files": in_folder,
     "new": lambda session, _: session.open(EMPTY),
-    "template": lambda session, message: session.open(files.text_of(tell_kind(message, "name", str))),
-    "drawing": lambda _, message: {"svg": files.drawing(tell_kind(message, "name", str))},
+    "template": lambda session, message: session.open(files.text_of(value_of(message, "name", str))),
+    "drawing": lambda _, message: {"svg": files.drawing(value_of(message, "name", str))},
     "open": open_file,
     "undo": lambda session, _: session.undo(),
     "redo": lambda session, _: session.redo(),
     "text": lambda session, _: {"text": session.text},
     "save": save,
-    "import": bring_in,
+    "import": import_model,
     "recover": recover,
-    "export": lambda session, message: exports.export_drawing(*read_apart(session), message),
+    "export": lambda session, message: exports.export_drawing(*read_locked(session), message),
     "share": lambda session, _: {"fragment": files.fragment(session.text)},
     "lock": steps.lock,
     "picture": steps.picture,
@@ -212,17 +225,18 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
 }
 
 
+@np.errstate(all="ignore")  # numbers of a half-drawn linkage may overflow; what cannot be computed becomes a problem of the scene
 def answer(session: Session, message: Message) -> Reply:
-    """Return the reply to a message: its result, or an error with a sentence. No exception leaves this function."""
+    """Return the reply to a message: its result, or an error with a message for the user. No exception leaves this function."""
     id, verb = message.get("id"), message.get("do")
     error: dict[str, Any] = {"where": (), "field": ""}
     try:
-        sound(message)
+        check_message(message)
         if not isinstance(verb, str) or verb not in VERBS:
-            raise Refused(f"nothing is known of {str(verb)[:40]!r}", field="do")
+            raise Refused(f"there is no verb {str(verb)[:40]!r}", field="do")
         with contextlib.nullcontext() if verb in APART else session.lock:
-            reply = VERBS[verb](session, message)
-            answered = {"ok": True} | ({"scene": session.scene()} if reply is None else reply)
+            result = VERBS[verb](session, message)
+            reply = {"ok": True} | ({"scene": session.scene()} if result is None else result)
     except Refused as refused:
         error |= {"text": str(refused), "where": refused.where, "field": refused.field}
     except (ChoiceError, MissingExtra) as refused:
@@ -232,5 +246,5 @@ def answer(session: Session, message: Message) -> Reply:
     except Exception as fault:
         text = f"a fault of the studio, not of the drawing: {type(fault).__name__}: {in_a_sentence(fault)}"
         error |= {"text": text, "fault": True}
-    named = isinstance(id, (int, str)) and not isinstance(id, bool)
-    return {"id": id if named else None} | ({"ok": False, "error": error} if "text" in error else answered)
+    has_id = isinstance(id, (int, str)) and not isinstance(id, bool)
+    return {"id": id if has_id else None} | ({"ok": False, "error": error} if "text" in error else reply)

@@ -1,4 +1,4 @@
-"""The scene that the page draws: a reading as plain data. The page itself computes only the points of rigid links."""
+"""The scene: a reading as the plain data that the page draws. The page itself computes only the points of rigid links."""
 
 import tomllib
 from cmath import rect
@@ -13,7 +13,7 @@ from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
-from gauss_bench.studio.document import Document
+from gauss_bench.studio.document import Document, is_driven
 from gauss_bench.studio.reading import Reading, is_place, lone_pins, loops_of, pins_of
 
 FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encoding="utf-8"))  # labels and default numbers
@@ -22,7 +22,7 @@ FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encodin
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
     """Return the scene of a reading.
 
-    `locks` are ids of pins and slides, `links.NAME` for angles, `links.NAME:a-b` for lengths, `joints.NAME` for relative angles.
+    Locks are ids of pins and slides, `links.NAME` for an angle, `links.NAME:a-b` for a length, `joints.NAME` for a relative angle.
     """
     document, locked = reading.document, {*locks}
     return {
@@ -37,7 +37,7 @@ def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
         "forces": forces(reading),
         "observe": [x for x in sequence(table(document, "observe"), "points") if isinstance(x, str)],
         "scenarios": [
-            {"name": name, "kind": "driven" if {"driver", "drivers"} & entry.keys() else "free", "table": entry}
+            {"name": name, "kind": "driven" if is_driven(entry) else "free", "table": entry}
             for name, entry in items(document, "scenarios")
         ],
         "drivers_possible": drivers_possible(reading),
@@ -47,19 +47,21 @@ def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
 
 
 def _text(document: Document, key: str) -> str:
-    return x if isinstance(x := document.get(key), str) else ""
+    """Return the text at a key; empty if there is none."""
+    value = document.get(key)
+    return value if isinstance(value, str) else ""
 
 
 def _ground(reading: Reading) -> dict[str, list[float]]:
-    """Return name -> place of every point of the ground; without a mechanism, of those given as [x, y]."""
+    """Return the places of the points of the ground, by name; without a mechanism, only those that the file gives as [x, y]."""
     if reading.mechanism is not None:
         return {name: x.tolist() for name, x in reading.mechanism.ground_points.items()}
     given = table(table(reading.document, "ground"), "points")
     return {name: x for name, x in given.items() if is_place(x)}
 
 
-def where(reading: Reading) -> dict[str, list[float]]:
-    """Return LINK.POINT -> place in the world for every point of the ground and of the links."""
+def place_points(reading: Reading) -> dict[str, list[float]]:
+    """Return LINK.POINT -> place in the world of every point of the ground and of the links."""
     places, poses = {f"ground.{name}": x for name, x in _ground(reading).items()}, reading.poses(reading.q)
     for link in reading.mechanism.whole.links if reading.mechanism else ():
         x, y, theta = poses[link.name]
@@ -70,6 +72,7 @@ def where(reading: Reading) -> dict[str, list[float]]:
 
 
 def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
+    """List the links as they are drawn, with masses and locks."""
     if reading.mechanism is None:
         return []
     poses, given = reading.poses(reading.q), table(reading.document, "links")
@@ -96,32 +99,35 @@ def links(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     """List every place where points lie: joints, single points, and pins that hold nothing yet."""
-    places, grouped = where(reading), dict[str, list[str]]()
-    of: dict[str, str] = {}  # point -> id of its pin: joints that share a point are one pin
+    places, joints, lone = place_points(reading), table(reading.document, "joints"), lone_pins(reading.document)
+    groups: dict[str, list[str]] = {}  # id of a pin -> its points
+    pin_of: dict[str, str] = {}  # point -> id of its pin; joints that share a point are one pin
     for joint, references in pins_of(reading.rest):
         known = [x for x in references if isinstance(x, str) and x in places]
-        id = next((of[x] for x in known if x in of), joint)
-        grouped[id] = [*dict.fromkeys([*grouped.get(id, []), *known])]
-        of |= dict.fromkeys(known, id)
-    grouped |= {x: [x] for x in places if x not in of}
-    joints, lone = table(reading.document, "joints"), lone_pins(reading.document)
-    return [
-        {
-            "id": id,
-            "at": np.mean([places[x] for x in members], axis=0).tolist()
-            if members
-            else lone[id],  # between the ends of an open one
-            "members": members,
-            "joint": id if members and (id in joints or len(members) > 1) else None,
-            "ground": any(x.startswith("ground.") for x in members),
-            "locked": bool(members) and f"pins.{id}" in locked,
-            "stiff": bool(members) and f"joints.{id}" in locked,
-        }
-        for id, members in [*((id, x) for id, x in grouped.items() if x), *((id, []) for id in lone)]
-    ]
+        id = next((pin_of[x] for x in known if x in pin_of), joint)
+        groups[id] = [*dict.fromkeys([*groups.get(id, []), *known])]
+        pin_of |= dict.fromkeys(known, id)
+    groups |= {x: [x] for x in places if x not in pin_of}
+    shown = []
+    for id, members in groups.items():
+        if members:
+            shown.append(
+                {
+                    "id": id,
+                    "at": np.mean([places[x] for x in members], axis=0).tolist(),  # the points of an open pin lie apart
+                    "members": members,
+                    "joint": id if id in joints or len(members) > 1 else None,
+                    "ground": any(x.startswith("ground.") for x in members),
+                    "locked": f"pins.{id}" in locked,
+                    "stiff": f"joints.{id}" in locked,
+                }
+            )
+    holding_nothing: dict[str, Any] = {"members": [], "joint": None, "ground": False, "locked": False, "stiff": False}
+    return [*shown, *({"id": id, "at": at} | holding_nothing for id, at in lone.items())]
 
 
 def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
+    """List the slides as they are drawn."""
     if (mechanism := reading.mechanism) is None:
         return []
     shown = []
@@ -143,14 +149,14 @@ def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 
 def as_written(mechanism: Mechanism, point: Point) -> str:
-    """Return LINK.POINT as the file writes it: a welded link's point is named after the link, not after the body it is part of."""
+    """Return LINK.POINT as the file writes it; in a mechanism, a point of a welded link has the name of its body before it."""
     owner, _, name = point.name.partition(".")
     return name if "." in name else f"{owner}.{name}"
 
 
 def forces(reading: Reading) -> list[dict[str, Any]]:
     """List forces and cylinders with the places where they act: points, links' frames, or the first point of a joint."""
-    document, places, joints = reading.document, where(reading), dict(pins_of(reading.rest))
+    document, places, joints = reading.document, place_points(reading), dict(pins_of(reading.rest))
     for name, pose in reading.poses(reading.q).items():
         places[name] = pose[:2]
     shown = []
@@ -174,7 +180,7 @@ def label(name: str, kind: str, entry: dict[str, Any]) -> str:
 
 
 def drivers_possible(reading: Reading) -> list[dict[str, str]]:
-    """List the coordinates that a law can prescribe: angles of links that are pinned to the ground, slides and cylinders."""
+    """List the coordinates that a law can prescribe: angles of links with a pin on the ground, slides and cylinders."""
     kinds: dict[str, str] = {}
     for name, joint in items(write_out(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
@@ -186,7 +192,7 @@ def drivers_possible(reading: Reading) -> list[dict[str, str]]:
 
 
 def status(reading: Reading) -> dict[str, Any]:
-    """Return whether the drawing assembles, and its counts, taken at a position near the drawing that is not singular."""
+    """Return whether the drawing assembles, its degrees of freedom, loops and redundant rows near the drawing."""
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}

@@ -6,14 +6,15 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 
+# largest numbers of
 LARGEST = 2 << 20  # bytes in a message
-RATE, WINDOW = 300, 1.0  # messages per WINDOW seconds that are answered: a drag sends some 60 a second
+RATE, WINDOW = 300, 1.0  # messages in WINDOW seconds that are answered: a drag sends some 60 a second
 SOCKETS = 8  # pages at once
-UNREAD = 64  # messages in the queue of a page; with a full queue the page is disconnected
+UNREAD = 64  # messages in the queue of a page, which is disconnected if its queue is full
 BESIDE = 4  # long requests of a page that run beside its other requests
 DEEPEST = 40  # levels of nesting in a message
-WAITING = 128  # idle connections; beyond them the oldest is closed
-ASKING = 64  # connections that are being answered; beyond them a request gets 503
+WAITING = 128  # idle connections: the oldest of more is closed
+ASKING = 64  # connections that are being answered: the request of another one gets 503
 
 
 def headers(port: int) -> dict[str, str]:
@@ -36,17 +37,18 @@ def headers(port: int) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Guard:
-    """The conditions on a request: this server's address as Host, its own Origin or none, and the token."""
+    """The conditions on a request: Host is this server's address, Origin is its own or missing, and the token is known."""
 
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
 
     @property
     def hosts(self) -> frozenset[str]:
+        """The values of Host that name this server."""
         return frozenset(f"{name}:{self.port}" for name in ("127.0.0.1", "localhost"))
 
     def refusal(self, host: str | None, origin: str | None) -> str:
-        """Return why a request is refused because of its origin; "" if it is not."""
+        """Return the reason to refuse a request with these headers; empty if there is none."""
         if host not in self.hosts:
             return "the studio answers to its own address alone"
         if origin is not None and origin not in {f"http://{x}" for x in self.hosts}:
@@ -54,7 +56,7 @@ class Guard:
         return ""
 
     def knows(self, token: str | None) -> bool:
-        """Tell whether a token is that of the address, in constant time."""
+        """Tell whether a token is that of the address; the comparison takes constant time."""
         return token is not None and hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
 
 
@@ -65,7 +67,7 @@ class Rate:
         self.times: deque[float] = deque()
 
     def allows(self, now: float | None = None) -> bool:
-        """Count one more message; return False if there are too many."""
+        """Count a message, or return False if there are too many."""
         now = time.monotonic() if now is None else now
         while self.times and self.times[0] <= now - WINDOW:
             self.times.popleft()

@@ -1,7 +1,7 @@
 """The studio's server: the page, its files, and one socket per page, on this machine only and as long as the process lives.
 
 Requests are handled in threads, so that the socket stays responsive. The requests of a page are handled one after the other, except
-for long ones; so are the changes of all pages. After a change, the other pages get the new scene.
+for long ones. Changes of all pages are made one after the other. After a change, the other pages get the new scene.
 """
 
 import asyncio
@@ -33,15 +33,15 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.load import find
 from gauss_bench.linkage.load import read as read_file
 from gauss_bench.studio import files
-from gauss_bench.studio.autosave import collect
+from gauss_bench.studio.autosave import remove_orphans
 from gauss_bench.studio.dynamics import engines_here
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.requests import APART, answer
 from gauss_bench.studio.security import ASKING, BESIDE, LARGEST, SOCKETS, UNREAD, WAITING, Guard, Rate, headers
 from gauss_bench.studio.session import Session
 
-PAUSE = 0.02  # [s] between looks at whether a page that sends too fast may go on
-SWITCH = 5e-4  # [s] of Python's thread switching: a frame of a drag passes three threads while a long search computes
+PAUSE = 0.02  # [s] delay of a page that sends too fast, until its rate is tested again
+SWITCH = 5e-4  # [s] interval of Python's thread switching: a drag passes three threads per frame while a long search computes
 PAGE = Path(__file__).parent / "page"
 Unread = asyncio.Queue[str]  # messages for a page that wait until it reads them
 
@@ -50,7 +50,7 @@ class Guarded:
     """Middleware that refuses every request that does not come from the studio's own page."""
 
     def __init__(self, app: ASGIApp, guard: Guard):
-        self.app, self.guard, self.said = app, guard, headers(guard.port)
+        self.app, self.guard, self.headers = app, guard, headers(guard.port)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -58,18 +58,19 @@ class Guarded:
             return
         given = Headers(scope=scope)
         hosts, origins = given.getlist("host"), given.getlist("origin")
-        only = len(hosts) == 1 and len(origins) <= 1
-        refused = self.guard.refusal(hosts[0] if only else None, origins[0] if origins else None)
+        is_single = len(hosts) == 1 and len(origins) <= 1
+        refusal = self.guard.refusal(hosts[0] if is_single else None, origins[0] if origins else None)
 
         async def send_guarded(message: Message) -> None:
+            """Send a response with the security headers."""
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(self.said)
+                MutableHeaders(scope=message).update(self.headers)
             await send(message)
 
-        if not refused:
+        if not refusal:
             await self.app(scope, receive, send_guarded)
         elif scope["type"] == "http":
-            await PlainTextResponse(refused, 403, self.said)(scope, receive, send)
+            await PlainTextResponse(refusal, 403, self.headers)(scope, receive, send)
         else:
             await WebSocket(scope, receive, send).close(1008)
 
@@ -80,13 +81,13 @@ class Connection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self.since = self.loop.time()
-        waiting = [x for x in self.connections if isinstance(x, Connection) and x.waits()]
+        waiting = [x for x in self.connections if isinstance(x, Connection) and x.is_idle()]
         if len(waiting) > WAITING:
             oldest = min(waiting, key=lambda x: x.since)
-            self.connections.discard(oldest)  # otherwise it would be counted until the event loop closes it
+            self.connections.discard(oldest)  # the event loop closes it later, and would count it until then
             oldest.transport.abort()
 
-    def waits(self) -> bool:
+    def is_idle(self) -> bool:
         """Tell whether the connection is idle: no complete request has arrived, or its response has been sent."""
         return (self.cycle is None or self.cycle.response_complete) and not self.transport.get_write_buffer_size()
 
@@ -96,7 +97,7 @@ class Studio:
 
     def __init__(self, session: Session, guard: Guard):
         self.session, self.guard = session, guard
-        self.pages: dict[Unread, asyncio.Task[Any] | None] = {}  # unread messages of a page -> its task
+        self.pages: dict[Unread, asyncio.Task[Any] | None] = {}  # queue of a page -> its task
         self.revision = session.revision  # the last revision that all pages have
         self.loop: asyncio.AbstractEventLoop | None = None
         routes = [Route("/", self.index), Route("/page/{name}", self.file), WebSocketRoute("/socket", self.socket)]
@@ -104,17 +105,20 @@ class Studio:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
+        """Prepare the event loop, and stop all jobs at the end."""
         self.loop = asyncio.get_running_loop()
-        self.loop.set_default_executor(ThreadPoolExecutor(SOCKETS * (BESIDE + 1)))  # no page waits for another's long request
+        self.loop.set_default_executor(ThreadPoolExecutor(SOCKETS * (BESIDE + 1)))  # a thread for every request that may run
         yield
         self.session.jobs.stop_all()
 
     async def index(self, request: Request) -> Response:
+        """Serve the page to a request with the token."""
         if not self.guard.knows(request.query_params.get("token")):
             return PlainTextResponse("the studio opens with the address that it printed", 403)
         return FileResponse(PAGE / "index.html")
 
     async def file(self, request: Request) -> Response:
+        """Serve a file of the page."""
         path = PAGE / Path(request.path_params["name"]).name
         return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
 
@@ -130,7 +134,7 @@ class Studio:
             await socket.accept()
             tasks.add(asyncio.create_task(self._send(socket, page)))
             while True:
-                message = heard(await socket.receive_text())
+                message = parse_message(await socket.receive_text())
                 while not rate.allows():  # a page that sends too fast is slowed down
                     await asyncio.sleep(PAUSE)
                 answering = self._answer(message, page)
@@ -143,7 +147,7 @@ class Studio:
                 tasks.add(task)
                 task.add_done_callback(tasks.discard)
         except (WebSocketDisconnect, KeyError, RuntimeError, asyncio.CancelledError):
-            pass  # the page disconnected, sent bytes or did not read its messages, or the studio ends
+            pass  # the page has disconnected, sent bytes or not read its messages, or the studio ends
         finally:
             del self.pages[page]
             for task in tasks:
@@ -152,14 +156,15 @@ class Studio:
                 await asyncio.wait_for(socket.close(1003), 1.0)
 
     async def _send(self, socket: WebSocket, page: Unread) -> None:
+        """Send the queued messages of a page until it disconnects."""
         with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
             while True:
                 await socket.send_text(await page.get())
 
     async def _answer(self, message: dict[str, Any], page: Unread) -> None:
-        """Answer a page's message, and send the new scene to the other pages if it changed the drawing."""
+        """Answer a page's message, and send the new scene to the other pages if the drawing has changed."""
         try:
-            reply = UNHEARD if message is UNHEARD else await asyncio.to_thread(answer, self.session, message)
+            reply = NO_MESSAGE if message is NO_MESSAGE else await asyncio.to_thread(answer, self.session, message)
         except RuntimeError:  # the studio ends
             return
         await page.put(as_json(reply))
@@ -172,7 +177,7 @@ class Studio:
         """Send an event to every page; may be called from any thread."""
         if self.loop is not None and not self.loop.is_closed():
             text = as_json(event)
-            with contextlib.suppress(RuntimeError):  # it has ended meanwhile
+            with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
                 self.loop.call_soon_threadsafe(self._tell_all, text)
 
     def _tell_all(self, text: str, but: Unread | None = None) -> None:
@@ -184,28 +189,34 @@ class Studio:
                 task.cancel()
 
 
-UNHEARD: dict[str, Any] = {"id": None, "ok": False, "error": {"text": "a message is an object of JSON", "where": (), "field": ""}}
+NO_MESSAGE: dict[str, Any] = {
+    "id": None,
+    "ok": False,
+    "error": {"text": "a message is an object of JSON", "where": (), "field": ""},
+}
 
 
-def heard(text: str) -> dict[str, Any]:
-    """Parse a message; `UNHEARD` if the text is not an object of JSON."""
+def parse_message(text: str) -> dict[str, Any]:
+    """Return the message in a text; `NO_MESSAGE` if it is no object of JSON."""
     try:
-        message = json.loads(text, parse_constant=_no_number)
+        message = json.loads(text, parse_constant=_refuse_constant)
     except (ValueError, RecursionError):
-        return UNHEARD
-    return message if isinstance(message, dict) else UNHEARD
+        return NO_MESSAGE
+    return message if isinstance(message, dict) else NO_MESSAGE
 
 
 def as_json(item: dict[str, Any]) -> str:
+    """Return an object as JSON, arrays included."""
     return json.dumps(plain(item), allow_nan=False)
 
 
-def _no_number(word: str) -> float:
+def _refuse_constant(word: str) -> float:
+    """Refuse NaN and Infinity, which Python reads and JSON does not have."""
     raise ValueError(f"{word} is no number")
 
 
 def session_of(linkage: str | None, folder: Path) -> Session:
-    """Return a session that opens a linkage by name or file; a file's folder becomes the working folder.
+    """Return a session with a linkage opened by name or file; the folder of a file becomes the working folder.
 
     Raises:
         LinkageError, Refused: the linkage cannot be read.
@@ -237,18 +248,18 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind(("127.0.0.1", port))
-        listening.listen()  # before the address is printed, so that a browser can connect at once
+        listening.listen()  # a browser may connect as soon as the address is printed
     except (OSError, OverflowError) as error:
         listening.close()
-        raise ExchangeError(f"--port {port}: cannot be had: {error}") from error
-    collect()
+        raise ExchangeError(f"--port {port}: is not available: {error}") from error
+    remove_orphans()
     sys.setswitchinterval(SWITCH)
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell
     address = f"http://127.0.0.1:{guard.port}/?token={quote(guard.token)}"
     tell(f"the studio is at {address}")
-    tell("it ends with Ctrl-C")
+    tell("press Ctrl-C to end it")
     config = uvicorn.Config(
         studio.app,
         http=Connection,
@@ -262,14 +273,14 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         timeout_graceful_shutdown=2,
         limit_concurrency=WAITING + ASKING,
     )
-    threading.Thread(target=engines_here, daemon=True).start()  # in advance: the page asks for the engines first
+    threading.Thread(target=engines_here, daemon=True).start()  # the page requests the engines first: find them in advance
     if browser:
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(address)
     with contextlib.suppress(KeyboardInterrupt), listening:
-        signal.signal(signal.SIGHUP, signal.default_int_handler)  # closing the terminal ends the studio in order
+        signal.signal(signal.SIGHUP, signal.default_int_handler)  # a closed terminal ends the studio as Ctrl-C does
         uvicorn.Server(config).run(sockets=[listening])
     session.jobs.stop_all()
     if session.close():
-        tell("what was drawn and not saved is kept, and will be offered when the studio opens it again")
+        tell("unsaved changes are kept, and are offered when the studio opens the drawing again")
     return 0

@@ -33,16 +33,18 @@ class Session:
         self.lock = threading.RLock()
         self.revision = 0
         self.path: Path | None = None
-        self.motions, self.looking = 0, threading.Lock()
-        self.autosave = Autosave(self._named())
+        self.motions, self.searching = 0, threading.Lock()  # number of motions so far; held by the search for singular positions
+        self.autosave = Autosave(self._document_name())
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
         self._begin(EMPTY, EMPTY)
 
-    def _named(self) -> str:
+    def _document_name(self) -> str:
+        """Return the name under which unsaved work is kept."""
         return str(self.path or self.folder / "a new drawing")
 
     def _begin(self, text: str, saved: str) -> None:
+        """Set the state of a document without history."""
         self.text, self.saved = text, saved
         self.undone: list[tuple[str, frozenset[str]]] = []
         self.done: list[tuple[str, frozenset[str]]] = []
@@ -61,19 +63,19 @@ class Session:
         self.autosave.forget()
         self._begin(text, text if path or text == EMPTY else "")
         self.path = path
-        self.autosave = Autosave(self._named())
+        self.autosave = Autosave(self._document_name())
         self._change()
 
     def save_as(self, path: Path, text: str) -> None:
         """Record that a text has been saved to a file."""
         self.autosave.forget()
         self.text, self.saved, self.path = text, text, path
-        self.autosave = Autosave(self._named())
-        self.autosave.lay(self.picture)
+        self.autosave = Autosave(self._document_name())
         self._change()
 
     @property
-    def unsaved(self) -> bool:
+    def is_unsaved(self) -> bool:
+        """Whether the text differs from that on disk."""
         return self.text != self.saved
 
     @property
@@ -108,28 +110,31 @@ class Session:
             self.done.pop()
 
     def undo(self) -> None:
+        """Take back the last step."""
         self._step(self.done, self.undone)
 
     def redo(self) -> None:
+        """Repeat the last step that was taken back."""
         self._step(self.undone, self.done)
 
     def _step(self, ahead: list[tuple[str, frozenset[str]]], behind: list[tuple[str, frozenset[str]]]) -> None:
+        """Go one step along the history `ahead`, and remember the present state in `behind`."""
         if ahead:
             behind.append((self.text, self.locks))
             self.text, self.locks = ahead.pop()
             self._change()
 
     def lay(self, picture: Picture | None) -> None:
-        """Set or remove the picture behind the grid; this is no step of the history."""
+        """Set or remove the picture behind the grid, which is no step of the history."""
         self.picture = picture
-        self.autosave.lay(picture)
         self._change()
 
     def _change(self) -> None:
+        """Count a change, end a drag, and keep unsaved work."""
         self.revision += 1
         self.drag = None
-        if self.unsaved or self.picture:
-            self.autosave.keep(self.text, tuple(sorted(self.locks)))
+        if self.is_unsaved or self.picture:
+            self.autosave.keep(self.text, tuple(sorted(self.locks)), self.picture)
         else:
             self.autosave.forget()
 
@@ -139,15 +144,15 @@ class Session:
         state = {
             "revision": self.revision,
             "path": self.path and self.path.name,
-            "unsaved": self.unsaved,
+            "unsaved": self.is_unsaved,
             "can_undo": bool(self.done),
             "can_redo": bool(self.undone),
-            "picture": self.picture and self.picture.as_named(),
+            "picture": self.picture and self.picture.describe(),
         }
         return state | drawn
 
     def close(self) -> bool:
         """End the session; return True if there are unsaved changes, which are kept and will be offered again."""
-        if not self.unsaved:
+        if not self.is_unsaved:
             self.autosave.forget()
-        return self.unsaved
+        return self.is_unsaved

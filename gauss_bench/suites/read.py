@@ -1,4 +1,4 @@
-"""Suites by name or path: read, checked, joined with the suites they build on, and cut to what a user asks for."""
+"""Read suites by name or path, join them with the suites that they build on, and restrict them to what a user asks for."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,19 +15,19 @@ SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "
 
 
 class SuiteError(BadInput, ValueError):
-    """A suite that cannot be read; the message names file, table and field."""
+    """Raised for a suite that cannot be read; the message names file, table and field."""
 
 
 def names() -> list[str]:
-    """The suites that come with the package."""
+    """Return the names of the built-in suites."""
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def read_suite(name: str) -> Suite:
-    """The suite of that name, or in the file of that path, with everything it builds on.
+    """Return the suite of that name, or in the file of that path, joined with the suites that it builds on.
 
     Raises:
-        SuiteError: there is none, it is no TOML, it does not hold to the schema, or it builds on itself.
+        SuiteError: there is no such suite, it is no TOML, it does not fit the schema, or it builds on itself.
     """
     return _read(name, ())
 
@@ -54,7 +54,7 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 
 
 def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
-    """The suite with linkages that are files beside it, told by their paths from there."""
+    """Return the suite with paths instead of the names of linkage files that lie in its folder."""
 
     def locate(part: Any) -> Any:
         if not isinstance(part, OnLinkages):
@@ -66,7 +66,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """One suite of all sections, each once, with the title of the last."""
+    """Join suites: the parts of all, each once, with the title of the last."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
         once: list[Any] = []
@@ -77,38 +77,38 @@ def join_entries(suites: Sequence[Suite]) -> Suite:
 
 
 def scenario_of(suite: Suite, linkage: str) -> str | None:
-    """The scenario that a suite runs a linkage in, or None where it does not list it."""
+    """Return the scenario in which a suite runs a linkage, or None if it does not list the linkage."""
     parts = [x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages) and x.any_linkage]
     return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
 
 
 def linkages_of(suite: Suite) -> tuple[str, ...]:
-    """Names and paths of all linkages of a suite, each once."""
+    """Return names and paths of all linkages of a suite, each once."""
     parts = (x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages))
     return tuple(dict.fromkeys(linkage for part in parts for linkage in part.linkages))
 
 
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
-    """The suite with only these engines in its accuracy, cost and search parts."""
+    """Return the suite with only these engines in its accuracy, cost and search parts."""
 
-    def kept(parts: tuple[Any, ...]) -> tuple[Any, ...]:
+    def select(parts: tuple[Any, ...]) -> tuple[Any, ...]:
         chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
         return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
 
-    return suite.model_copy(update={name: kept(getattr(suite, name)) for name in ("accuracy", "cost", "search")})
+    return suite.model_copy(update={name: select(getattr(suite, name)) for name in ("accuracy", "cost", "search")})
 
 
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Restrict a suite to the given linkages (name or path -> scenario).
 
-    A part for any linkage takes all of them, others those that they list.
+    A part for any linkage has all of them, another part those that it lists.
     """
     content: dict[str, tuple[Any, ...]] = {}
     for name in SECTIONS:
         kept = []
         for part in getattr(suite, name):
             if isinstance(part, OnLinkages):
-                # a part that lists them has scenarios of its own
+                # a part that lists linkages names its own scenarios
                 chosen = linkages if part.any_linkage else {x: s for x, s in part.linkages.items() if x in linkages}
                 if chosen:
                     kept.append(part.model_copy(update={"linkages": dict(chosen)}))

@@ -1,4 +1,4 @@
-"""The content of a suite file: one class a section, every field with its unit and its reason to be."""
+"""The sections and fields of a suite file: one class for each section."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal
@@ -14,7 +14,7 @@ Count = Annotated[int, Field(gt=0)]
 
 
 class Section(BaseModel):
-    """Part of a suite; a field that it does not know is a fault."""
+    """A section of a suite; an unknown field is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -24,7 +24,7 @@ class OnLinkages(Section):
 
     Attributes:
         linkages: name of a linkage, or path of its file relative to the suite's folder -> scenario.
-        any_linkage: whether a user who names linkages gets this part for them; else for those of them that stand here.
+        any_linkage: whether the part is run for any linkage that a user names; else only for those that it lists.
     """
 
     linkages: Linkages
@@ -35,9 +35,9 @@ class Accuracy(OnLinkages):
     """Runs judged by their trajectories: engines x their variants x steps.
 
     Attributes:
-        engines: names; empty for all there are.
-        integrators: of each engine, the first so many, or those that are named; None for all.
-        plain: engines shown at their first variant alone: they differ from a fully shown one in algebra, not in integration.
+        engines: names; empty for all engines.
+        integrators: the first so many of each engine, or those of these names; None for all.
+        plain: engines that are run with their defaults only, because they differ from others in algebra, not in integration.
         steps: [s], from large to small.
         until: [s] end of the runs.
     """
@@ -68,15 +68,15 @@ class Cost(OnLinkages):
     """The race of a linkage, which times all its engines interleaved.
 
     Attributes:
-        engines: names; empty for all there are.
-        integrators: of each engine, the first so many; None for all.
-        plain: engines timed at their first variant alone.
+        engines: names; empty for all engines.
+        integrators: the first so many of each engine; None for all.
+        plain: engines that are timed with their defaults only.
         step: [s] of the steps that are timed.
         processes: that race, one after the other.
         rounds: of the race in each of them.
         batch: engines whose steps of many trajectories at once are timed too.
-        bare: engines whose library's own call is timed too, with everything ready, and beside it an empty call.
-        processor: whether the processor's latency and rate race along.
+        bare: engines whose bare library call and empty call are timed too.
+        processor: whether the processor's latency and rate are timed too.
     """
 
     engines: tuple[str, ...] = ()
@@ -91,7 +91,7 @@ class Cost(OnLinkages):
 
 
 class ColdBuilds(OnLinkages):
-    """First models in new processes: engines, and the step [s] that each takes."""
+    """Cold builds: the first model of an engine in a new process, with one step [s]."""
 
     engines: tuple[str, ...]
     step: Positive
@@ -102,8 +102,8 @@ class Steps(Section):
 
     Attributes:
         own: formulation -> engine.
-        stabilizations: of the own.
-        rival, settings: engine and the settings of it that are shown.
+        stabilizations: those of the compiled formulations.
+        rival, settings: the rival engine and its settings that are compared.
         targets: stabilisation -> linkage -> least ratio, for the first of `own`.
     """
 
@@ -115,13 +115,13 @@ class Steps(Section):
 
 
 class Claim(OnLinkages):
-    """Few unknowns against many.
+    """The claim that n - m unknowns are cheaper than n + m.
 
     Attributes:
-        compiled: engines, few and many: a step, one with projection, and one of many trajectories.
+        compiled: the engines with n - m and with n + m unknowns.
         step: [s].
-        rounds: of a race.
-        processes: each with a race of its own on every linkage.
+        rounds: number of rounds in each process.
+        processes: number of processes, each with a race on every linkage.
     """
 
     compiled: tuple[str, str]
@@ -146,7 +146,7 @@ class RightHandSide(Section):
 
 
 class Bounds(Section):
-    """The distance of an engine's steps from the processor's limits, taken from the races."""
+    """The time of an engine's steps compared with the processor's limits, computed from the races."""
 
     own: str
 

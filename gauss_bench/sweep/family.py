@@ -1,24 +1,26 @@
-"""Linkages of one structure with different numbers: what a kernel leaves open, and a start for each that is closed.
+"""Linkages of one structure with different numbers: the numbers that a kernel leaves open, and the start of each sample.
 
-`Varied` places the bodies of many linkages at once: where one has a number, it has an array (batch,) of them, and the formulas of
-`mechanism/coordinates.py`, which take numbers of any kind, evaluate all of them at states (..., batch, n).
+`Varied` places the bodies of many linkages at once. Each number of a linkage becomes an array (batch,), and the formulas of
+`mechanism/coordinates.py`, which take numbers of any kind, evaluate all linkages at states (..., batch, n).
 
 Each sample starts from the assembled start of the file. The numbers, and the coordinates that a start holds, change in small steps
 from those of the file to those of the sample, and Newton's method closes the joints after each step. A sample that does not close
-this way is read and assembled on its own; if that fails too, its message says why.
+this way is read and assembled on its own; if that fails too, its message gives the reason.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from gauss_bench.compiler.equations.links import force_numbers, parameter_values
 from gauss_bench.linkage.build import Resolver, build_link, resolve_points
-from gauss_bench.linkage.closure import CLOSED, LONGEST, STEP, list_held_items
+from gauss_bench.linkage.closure import CLOSED, LONGEST, STEP, list_held
 from gauss_bench.linkage.errors import BuildError, LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.linkage.schema import LinkageTable
@@ -32,20 +34,20 @@ from gauss_bench.terms import Array
 
 STRIDE = 0.02  # of the linkage's size: largest change of a dimension between two closures
 NEWTON = 12  # iterations of each closure: three or four are needed
-WHOLE = ("gravity", "ground")  # tables of the file's top level that hold no tables by name
-OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")
+WHOLE = ("gravity", "ground")  # keys of the file that hold no tables by name
+OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")  # keys of the file with numbers that a kernel can leave open
 BAD = (BuildError, ValidationError)
-Columns = Mapping[str, Array]
+Columns = Mapping[str, Array]  # name of an open number in the kernel -> its values (k,)
 
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Starts of some samples.
+    """Starts of k samples.
 
     Attributes:
-        columns: name of an open number -> (k,) values.
-        q, v: (k, n); not a number where a sample cannot be assembled.
-        reasons: sample -> why it cannot be.
+        columns: values of the open numbers.
+        q, v: (k, n); NaN for a sample that cannot be assembled.
+        reasons: index of such a sample -> the reason.
     """
 
     columns: Columns
@@ -55,54 +57,58 @@ class Starts:
 
 
 class Varied(Placed):
-    """The bodies of linkages at states q, v (..., batch, n); `columns` has their open numbers by name, (batch,)."""
+    """The bodies of linkages at states q, v (..., batch, n); `columns` has the values (batch,) of their open numbers."""
 
     def __init__(self, mechanism: Mechanism, columns: Columns, q: Array, v: Array | None = None):
         super().__init__(q, v)
         self.mechanism, self.open, self.usual = mechanism, columns, parameter_values(mechanism) if columns else {}
 
     def number(self, name: str, usual: Any) -> Any:
+        """Return the values (batch,) of a number that is open, else its usual value."""
         return self.open.get(name, usual)
 
     def pair(self, name: str, usual: Any) -> list[Any]:
+        """Return the two components of a vector, as `number` does."""
         return [self.number(f"{name}.{axis}", x) for axis, x in zip("xy", usual, strict=True)]
 
     def end(self, point: Point) -> End:
+        """Return the place of a point."""
         owner, _, _ = point.name.partition(".")
         local: Any = point.local
         if f"points.{point.name}.x" in self.usual:
             local = self.pair(f"points.{point.name}", [self.usual[f"points.{point.name}.{axis}"] for axis in "xy"])
-            if point.link != GROUND:
+            if point.link != GROUND:  # kernels count points from the link's own frame, mechanisms from its centre of mass
                 com = self.pair(f"links.{owner}.com", self.mechanism.links[point.link].com)
                 local = [x - c for x, c in zip(local, com, strict=True)]
         return End(*self.vector(point.link, local))
 
-    def held(self) -> Iterator[tuple[Coordinate, Any]]:
-        """Yield the coordinates that joints hold, with their values."""
+    def joint_coordinates(self) -> Iterator[tuple[Coordinate, Any]]:
+        """Yield the coordinates that joints and couplings hold, with their values."""
         for joint in (*self.mechanism.joints, *self.mechanism.couplings):
             for place, (coordinate, value) in enumerate(joint.held):
                 yield coordinate, value if place else self.number(f"joints.{joint.name}.offset", value)
 
     def loads(self) -> tuple[Load, ...]:
-        """What the forces come to."""
+        """Return the loads of the forces on coordinates."""
 
-        def varied(force: Any) -> Any:
+        def replace_numbers(force: Any) -> Any:
+            """Return the force with its open numbers."""
             name = f"forces.{force.name}"
             numbers = force_numbers(force).items()
             scalars = {key: self.number(f"{name}.{key}", x) for key, x in numbers if np.ndim(x) == 0}
             return replace(force, **scalars, **{key: self.pair(f"{name}.{key}", x) for key, x in numbers if np.ndim(x)})
 
-        return loads(varied(force) for force in self.mechanism.forces)
+        return loads(replace_numbers(force) for force in self.mechanism.forces)
 
 
 class Family:
     """One linkage in one scenario with some of its numbers varied.
 
     Attributes:
-        document: of the one scenario, its override merged.
-        paths: of what varies.
+        document: document with this scenario alone, its overrides merged.
+        paths: paths of the numbers that vary.
         nominal: the mechanism of the file.
-        heads: of each table that paths touch: which paths.
+        heads: keys of each table that contains such numbers -> indices of their paths.
     """
 
     def __init__(self, document: Document, scenario: str, paths: Sequence[str], source: str):
@@ -114,14 +120,20 @@ class Family:
             self.heads.setdefault((head,) if head in WHOLE else (head, *rest[:1]), []).append(k)
 
     @cached_property
-    def closed_to_kernels(self) -> str:
-        """The reason why a kernel cannot leave open what varies, or an empty text."""
+    def not_open(self) -> str:
+        """The reason why a kernel cannot leave open what varies; empty if it can."""
         numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}
         for path in self.paths:
             head, *rest = path.split(".")
-            usual = head in OPEN and not (head == "joints" and rest[-1] != "offset")
-            usual = usual and not (head == "scenarios" and rest[1:2] != ["start"])
-            if not usual or (head == "forces" and rest[1].removesuffix("_deg") not in numbers.get(rest[0], ())):
+            is_open = head in OPEN
+            match head:
+                case "joints":
+                    is_open = rest[-1] == "offset"
+                case "scenarios":
+                    is_open = rest[1:2] == ["start"]
+                case "forces":
+                    is_open = rest[1].removesuffix("_deg") in numbers.get(rest[0], ())
+            if not is_open:
                 return f"{path} is no number that a kernel leaves open"
             if head in ("links", "ground") and ("welds" in self.document or "cylinders" in self.document):
                 return f"{path} may be part of a welded body"
@@ -135,41 +147,44 @@ class Family:
         """Read and assemble one sample on its own.
 
         Raises:
-            LinkageError: why it cannot be.
+            LinkageError: its numbers are faulty, or it cannot be assembled.
         """
         return load_document(self.document_of(values), self.scenario, self.source)
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
+        """The types that check the tables which contain varied numbers."""
         return {head: TypeAdapter(LinkageTable.model_fields[head].rebuild_annotation()) for head, *_ in self.heads}
 
     @cached_property
     def _resolver(self) -> Resolver:
+        """The reader of force tables."""
         return Resolver(self.document)
 
     @cached_property
     def _parameters(self) -> dict[str, float]:
+        """The numbers of the nominal linkage by their names in kernels."""
         return parameter_values(self.nominal)
 
     @cached_property
     def open_numbers(self) -> tuple[str, ...]:
-        """Names of the numbers that change with any of the paths, as kernels call them."""
-        moved = set[str]()
+        """The numbers of a kernel that change with any of the paths, by their names in the kernel; they are found by trial."""
+        changed = set[str]()
         for head, places in self.heads.items():
-            for path, factor in ((self.paths[k], factor) for k in places for factor in (1.01, 1.3)):
+            for path, factor in product([self.paths[k] for k in places], (1.01, 1.3)):
                 old = number_at(self.document, path)
                 try:
                     numbers = self._numbers(head, change(self.document, {path: old * factor if old else factor - 1.0}))
                 except BAD:
                     continue
-                moved |= {name for name, x in numbers.items() if x != self._parameters[name]}
-        return tuple(name for name in self._parameters if name in moved)
+                changed |= {name for name, x in numbers.items() if x != self._parameters[name]}
+        return tuple(name for name in self._parameters if name in changed)
 
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
-        """Numbers of a table, by their names in kernels; a vector's by its axes.
+        """Return the numbers of a table by their names in kernels, components of vectors one by one.
 
         Raises:
-            ValidationError, BuildError: the table is no longer that of a linkage.
+            ValidationError, BuildError: the numbers are not valid in a linkage.
         """
         kind, *names = head
         table, name = document[kind], "".join(names)
@@ -187,35 +202,17 @@ class Family:
             case "joints":
                 found = {f"joints.{name}.offset": table[name]["offset"]}
             case "forces" if any(f.name == name for f in self.nominal.forces):
-                force: Any = self._resolver.force(name, table[name])
+                force: Any = self._resolver.build_force(name, table[name])
                 found = {f"forces.{name}.{key}": x for key, x in force_numbers(force).items()}
         vectors = {f"{key}.{axis}": float(x) for key, xy in found.items() if np.ndim(xy) for axis, x in zip("xy", xy, strict=True)}
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
         """Return numbers and starts of samples (k, d)."""
-        reasons, goals = dict[int, str](), np.array([self._goals(self.document)] * len(values))
-        columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
-        wrong = np.zeros(len(values), dtype=bool)
-        for head, places in self.heads.items():
-            # a table is read once for each of its contents: a grid has few, and what varies elsewhere does not change them
-            contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
-            for j, row in enumerate(contents.tolist()):
-                document = change(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
-                these = which.ravel() == j
-                try:
-                    numbers = self._numbers(head, document)
-                    if head[0] == "scenarios":
-                        goals[these] = self._goals(document)
-                except BAD:
-                    wrong |= these
-                    continue
-                for name in columns.keys() & numbers.keys():
-                    columns[name][these] = numbers[name]
-        for name, column in columns.items():
-            column[wrong] = self._parameters[name]
+        columns, goals, is_faulty = self._read_samples(values)
         q, v = self._close_joints(columns, goals)
-        q[wrong] = v[wrong] = np.nan
+        q[is_faulty] = v[is_faulty] = np.nan
+        reasons: dict[int, str] = {}
         for k in np.flatnonzero(~np.isfinite(q).all(axis=1)).tolist():
             try:
                 one = self.mechanism_of(values[k])
@@ -225,44 +222,71 @@ class Family:
                 q[k], v[k] = one.q0, one.v0
         return Starts(columns, q, v, reasons)
 
+    def _read_samples(self, values: Array) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
+        """Return columns, goals (k, 2, h) as from `_goals`, and which samples are faulty (k,), which have the file's numbers."""
+        goals = np.array([self._goals(self.document)] * len(values))
+        columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
+        is_faulty = np.zeros(len(values), dtype=bool)
+        for head, places in self.heads.items():
+            # a table is read once for each of its contents: a grid has few, and numbers of other tables do not change them
+            contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
+            for j, row in enumerate(contents.tolist()):
+                document = change(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
+                these = which.ravel() == j
+                try:
+                    numbers = self._numbers(head, document)
+                    if head[0] == "scenarios":
+                        goals[these] = self._goals(document)
+                except BAD:
+                    is_faulty |= these
+                    continue
+                for name in columns.keys() & numbers.keys():
+                    columns[name][these] = numbers[name]
+        for name, column in columns.items():
+            column[is_faulty] = self._parameters[name]
+        return columns, goals, is_faulty
+
     def _goals(self, document: Document) -> Array:
-        """Targets and rates (2, h) of the coordinates that a start holds."""
-        items = list_held_items(self.nominal, document["scenarios"][self.scenario])
-        return np.array([[float(x) for _, x, _ in items], [float(x) for _, _, x in items]])
+        """Return targets and rates (2, h) of the coordinates that a start holds."""
+        held = list_held(self.nominal, document["scenarios"][self.scenario])
+        return np.array([held.target, held.rate], dtype=float)
 
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
-        """States (k, n) on the constraints, at targets and rates (k, 2, h); NaN where Newton's method fails."""
+        """Return states (k, n) on the constraints at the goals (k, 2, h); NaN where Newton's method fails."""
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
-        if mechanism.knife_edges or mechanism.parts:
+        if mechanism.knife_edges or mechanism.parts:  # such samples are assembled one by one
             return q, v
-        held = [x for x, _, _ in list_held_items(mechanism, self.document["scenarios"][self.scenario])]
+        held = list_held(mechanism, self.document["scenarios"][self.scenario]).coordinates
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
+        # so many strides that dimensions and held coordinates change little from one closure to the next
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
         def rows(q: Array, part: float) -> tuple[Array, Array]:
-            """Return residual and Jacobian at a fraction of the path from the nominal numbers and targets to the sample's."""
+            """Return residual (k, m) and Jacobian (k, m, n) with this part of the change from the file to the samples made."""
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
             at = Varied(mechanism, now, q)
-            pairs = [*at.held(), *zip(held, target.T, strict=True)]
+            pairs = [*at.joint_coordinates(), *zip(held, target.T, strict=True)]
             states = [state(coordinate, at) for coordinate, _ in pairs]
-            phi = np.stack(np.broadcast_arrays(*(x.value - value for x, (_, value) in zip(states, pairs, strict=True))), axis=-1)
+            residuals = [x.value - value for x, (_, value) in zip(states, pairs, strict=True)]
+            phi = np.stack(np.broadcast_arrays(*residuals), axis=-1)
             J = np.zeros((*phi.shape, mechanism.n))
             for row, x in enumerate(states):
-                for column, entry in columns_of_gradient(at.space, x.entries).items():
+                for column, entry in columns_of_gradient(x.entries).items():
                     J[:, row, column] = entry
             return phi, J
 
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                q = project(q, lambda x, part=part: rows(x, part), _solution, NEWTON, still=_is_still, longest=LONGEST)  # type: ignore[misc]
+                q = project(q, partial(rows, part=part), _solve, NEWTON, still=_is_still, longest=LONGEST)
             phi, J = rows(q, 1)
+            # the rates of the start: joints do not move, held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
-            v = _solution(J, right)
+            v = _solve(J, right)
             left = np.abs((J @ v[..., None])[..., 0] - right).max(axis=1, initial=0.0)
             good = (np.abs(phi).max(axis=1, initial=0.0) <= CLOSED) & (left <= CLOSED * np.maximum(1.0, np.abs(right).max(axis=1)))
         q[~good], v[~good] = np.nan, np.nan
@@ -270,10 +294,11 @@ class Family:
 
 
 def _is_still(_: Array, size: Array) -> bool:
+    """Tell whether corrections of this size (k,) are rounding for all samples that have not failed."""
     return not (size[np.isfinite(size)] > 1e-14).any()
 
 
-def _solution(J: Array, right: Array) -> Array:
+def _solve(J: Array, right: Array) -> Array:
     """Return the shortest x (k, n) with J x = right, for J (k, m, n)."""
     if J.shape[1] == J.shape[2]:
         try:
@@ -289,4 +314,4 @@ def _solution(J: Array, right: Array) -> Array:
 
 def describe(error: LinkageError) -> str:
     """Describe the faults of a sample in one sentence."""
-    return "; ".join(f"{x.path}: {x.text}" if x.path else x.text for x in error.faults)
+    return "; ".join(map(str, error.faults))

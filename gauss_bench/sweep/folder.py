@@ -1,11 +1,11 @@
 """The folder of a sweep: its plan, and the rows of each batch in a Parquet file of its own.
 
-    plan.json              what was asked, by which a later call knows whether it may go on
+    plan.json                         the arguments of the sweep: a later call with the same ones continues it
     samples/part-00000.parquet, ...   the rows of each batch and engine, in the plan's order
-    summary.json, summary.svg         made of them at the end
+    summary.json, summary.svg         written at the end
 
-A part is written beside its place, synced, and moved there: it is whole or not there. One that cannot be read is run again. Nothing
-outside the folder is written, and in it nothing but these files.
+A part is written under another name, synced, and renamed, so that it is complete or absent. A batch whose part cannot be read is
+run again. A sweep writes no other files.
 """
 
 import fcntl
@@ -25,26 +25,26 @@ from gauss_bench.tables import atomically, refuse_foreign, write_text
 
 PLAN, PARTS, PICTURE = "plan.json", "samples", "summary.svg"
 SIGN = "<!-- drawn by gauss-bench sweep -->\n"  # at the end of the picture
-TEXTS = {"engine", "status", "message"}
-FIRST = ("sample", "engine", "status", "message")
+TEXTS = ("engine", "status", "message")  # columns of texts; all others are numbers
 
 
 class Folder:
     """A sweep's folder, locked while open.
 
-    Args:
-        asked: plain data that says all that rows depend on. columns: names of their numbers, with units.
+    Attributes:
+        stamp: plain data that determines all rows.
+        schema: of a part: the sample, texts, and columns of numbers with their units.
     """
 
-    def __init__(self, path: Path, asked: Mapping[str, Any], columns: Mapping[str, str]):
-        self.path, self.asked, self.columns = path, json.loads(json.dumps(asked)), columns
-        told = [pa.field("sample", pa.int64(), nullable=False)]
-        told += [pa.field(name, pa.string(), nullable=False) for name in FIRST[1:]]
-        told += [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in columns.items()]
-        self.schema = pa.schema(told)
+    def __init__(self, path: Path, stamp: Mapping[str, Any], columns: Mapping[str, str]):
+        self.path, self.stamp = path, json.loads(json.dumps(stamp))
+        fields = [pa.field("sample", pa.int64(), nullable=False)]
+        fields += [pa.field(name, pa.string(), nullable=False) for name in TEXTS]
+        fields += [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in columns.items()]
+        self.schema = pa.schema(fields)
 
     def __enter__(self) -> "Folder":
-        check(self.path, self.asked)
+        check(self.path, self.stamp)
         (self.path / PARTS).mkdir(parents=True, exist_ok=True)
         self.lock = os.open(self.path, os.O_RDONLY)
         try:
@@ -53,16 +53,16 @@ class Folder:
             os.close(self.lock)
             raise Busy(f"{self.path}: another sweep is writing there") from error
         if not (self.path / PLAN).exists():
-            write_text(self.path / PLAN, json.dumps(self.asked, indent=1) + "\n")
+            write_text(self.path / PLAN, json.dumps(self.stamp, indent=1) + "\n")
         for left in [*self.path.glob(".*.part"), *(self.path / PARTS).glob(".*.part")]:
-            left.unlink()  # of a sweep that was killed: the lock says that there is no other
+            left.unlink()  # written by a sweep that was killed, since the lock excludes a running one
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         os.close(self.lock)
 
     def part(self, number: int) -> Path:
-        """The file of a batch."""
+        """Return the file of a batch."""
         return self.path / PARTS / f"part-{number:05d}.parquet"
 
     def has(self, number: int, rows: int) -> bool:
@@ -80,23 +80,23 @@ class Folder:
         atomically(self.part(number), lambda path: pq.write_table(table, path, write_page_checksum=True))
 
     def read(self) -> Any:
-        """All rows as a table of pandas, in the plan's order."""
+        """Return all rows as a pandas table, in the plan's order."""
         files = sorted((self.path / PARTS).glob("part-*.parquet"))
         return pa.concat_tables([_table(x) for x in files]).to_pandas()
 
 
 def _table(path: Path) -> Any:
-    """A part, its checksums verified; by itself, since what reads many files at once takes long to import."""
+    """Read a part and verify its checksums; pyarrow.dataset, which reads several files at once, takes long to import."""
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         return file.read()
 
 
-def check(path: Path, asked: Mapping[str, Any]) -> None:
-    """Refuse a folder that does not belong to this sweep.
+def check(path: Path, stamp: Mapping[str, Any]) -> None:
+    """Check that a folder is new, empty, or that of this sweep.
 
     Raises:
-        SweepError: there is no folder to make it in, it holds something else, or another sweep.
-        FileExistsError: its picture is somebody else's.
+        SweepError: the folder above it is missing, or it holds another sweep or something else.
+        FileExistsError: its picture was not drawn by a sweep.
     """
     if not path.parent.is_dir():
         raise SweepError(f"--out {path}: there is no folder {path.parent}")
@@ -114,13 +114,14 @@ def check(path: Path, asked: Mapping[str, Any]) -> None:
         there = None
     if not isinstance(there, dict):
         raise SweepError(f"--out {path}: its {PLAN} cannot be read; take another folder")
-    other = [key for key in dict.fromkeys([*asked, *there]) if asked.get(key) != there.get(key)]
+    other = [key for key in dict.fromkeys([*stamp, *there]) if stamp.get(key) != there.get(key)]
     if other:
-        was = "; ".join(f"{key} was {_short(there.get(key))}, is {_short(asked.get(key))}" for key in other)
-        raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or ask for the same")
+        was = "; ".join(f"{key} was {_shorten(there.get(key))}, is {_shorten(stamp.get(key))}" for key in other)
+        raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or the same arguments")
     refuse_foreign({path / PICTURE: SIGN})
 
 
-def _short(x: object) -> str:
-    said = json.dumps(x)
-    return said if len(said) < 80 else f"{said[:76]} ..."
+def _shorten(x: object) -> str:
+    """Return a value as JSON of at most 80 characters."""
+    text = json.dumps(x)
+    return text if len(text) < 80 else f"{text[:76]} ..."

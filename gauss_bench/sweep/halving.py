@@ -1,4 +1,4 @@
-"""Repeats some samples of a sweep at half the step or a tighter tolerance; loops and energy do not show the step's error."""
+"""Repeats some samples of a sweep at half the step or a tighter tolerance, since loops and energy do not show the step's error."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,45 +8,49 @@ import numpy as np
 from gauss_bench.judge import OFF_MOTION
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.scrutiny import finer_tolerance
-from gauss_bench.sweep.batch import Asked, columns_of, family, rows_of
+from gauss_bench.sweep.batch import SweepCase, family, rows_of
+from gauss_bench.sweep.figures import units
 from gauss_bench.sweep.summary import USED
 from gauss_bench.terms import Array
 
-MOST, SHARE = 16, 10  # samples of an engine that are checked: one in ten, and never more than so many
+MOST, SHARE = 16, 10  # one sample in SHARE of an engine is repeated, and at most MOST
 UNITS = ("m", "rad")
 HALF = "half the step"
 
 
-def halve(asked: Asked, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
-    """Repeat some samples that are ok and return the changes of their places and extremes, or None where none is ok.
+def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
+    """Repeat some samples that are ok, evenly over the table, and return how their figures change; None if no sample is ok.
 
     Args:
-        rows: of the engine, as pandas has them. values: (N, d) of all samples.
+        rows: rows of the engine, as a pandas table.
+        values: (N, d) varied numbers of all samples.
 
     Returns:
-        how: "half the step", or "a tighter tolerance" where the integrator chooses its steps. samples: that were checked, evenly
-        over the table. m, rad: the largest change of a figure of that unit. worst: the sample
-        that has it. lost: how many are not ok when repeated. ok: whether the judge's limits of a repetition hold.
+        how: "half the step", or "a tighter tolerance" if the integrator chooses its steps.
+        samples: number of repeated samples.
+        m, rad: largest change of a figure of that unit.
+        worst: the sample with the largest change, relative to the limits.
+        lost: number of samples that are not ok when repeated.
+        ok: whether all changes keep to the judge's limits of a repetition, and no sample is lost.
     """
-    choice, mechanism = asked.choice(engine), family(asked).nominal
+    choice, mechanism = case.choice(engine), family(case).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")
     if not len(good):
         return None
     parts, how = 2, HALF
     if choice.integrator in (offered := offer(engine)).adaptive:
         tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
-        asked, parts, how = replace(asked, choices=((engine, tighter),)), 1, "a tighter tolerance"
+        case, parts, how = replace(case, choices=((engine, tighter),)), 1, "a tighter tolerance"
     chosen = np.unique(np.linspace(0, len(good) - 1, min(MOST, -(-len(good) // SHARE))).round().astype(int))
-    units = columns_of(mechanism, [])
-    of = {unit: [name for name, x in units.items() if x == unit] for unit in UNITS}
     limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
     check: dict[str, Any] = {"how": how, "samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
     numbers = good["sample"].to_numpy()[chosen]
-    finer = rows_of(asked, engine, numbers, values[numbers], parts)
+    finer = rows_of(case, engine, numbers, values[numbers], parts)
     usable = np.isin(finer["status"], USED)
     check["lost"] = int((~usable).sum())
-    off = np.zeros(len(chosen))
-    for unit, names in of.items():
+    off = np.zeros(len(chosen))  # largest change of a figure of each sample, relative to its limit
+    for unit in UNITS:
+        names = [name for name, x in units(mechanism).items() if x == unit]
         gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [off]).max(axis=0)
         check[unit] = float(gaps[usable].max(initial=0.0))
         off = np.maximum(off, gaps / limits[unit])
@@ -60,10 +64,10 @@ def text(check: dict[str, Any] | None) -> str:
     """Return the result as text for users."""
     if check is None:
         return "nothing was repeated: no sample is ok"
-    told = f"{check['how']} of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"
+    changes = f"{check['how']} of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"
     if check["ok"]:
-        return told
+        return changes
     lost = f", and {check['lost']} of them are lost" if check["lost"] else ""
     where = "" if check["worst"] is None else f" (sample {check['worst']})"
-    mend = "take a smaller --step" if check["how"] == HALF else "take settings of a tighter tolerance"
-    return f"NOT TO BE TRUSTED: {told}{where}{lost}: {mend}"
+    remedy = "take a smaller --step" if check["how"] == HALF else "take settings of a tighter tolerance"
+    return f"NOT TO BE TRUSTED: {changes}{where}{lost}: {remedy}"

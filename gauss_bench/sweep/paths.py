@@ -1,21 +1,21 @@
 """Numbers of a linkage file by their paths: `links.rod.mass`, `forces.motor.value`, `links.rod.points.P.y`, `links.rod.length`.
 
-A path names tables and keys as the file does; an entry of a list is named by its place from 0, or x and y of a pair. One path names
-no key of the file:
+A path has the names of tables and keys of the file. An entry of a list is named by its index from 0, or by x and y if the list is a
+pair. One path is no key of the file:
 
     links.NAME.length   the distance of the two points of the link's first bar [m]
 
-Another length moves every named point of the link, and its `com` where that is given, along the bar: with P the first point of the
-bar, u its direction and s = new length / old length,
+Another length moves every named point of the link, and its `com` if that is given, along the bar. With P the first point of the
+bar, u its direction, p_n the component of p - P across the bar, and s = new length / old length,
 
-    p' = P + s ((p - P) . u) u + what p has across the bar
+    p' = P + s ((p - P) . u) u + p_n
 
-What lies beside the bar stays as far beside it. A mass or an inertia that is given stays; what follows from `kg_per_m` or from the
-bars follows.
+A given mass or inertia stays; one that is computed from `kg_per_m` or from the bars changes with the length.
 """
 
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,14 +34,14 @@ def is_length(path: str) -> bool:
 
 
 def number_at(document: Document, path: str) -> float:
-    """The number that a path names.
+    """Return the number at a path.
 
     Raises:
-        SweepError: there is none.
+        SweepError: there is no number.
     """
     if is_length(path):
-        return _bar(document, path)[3]
-    owner, key = _place(document, path)
+        return _bar(document, path).length
+    owner, key = _find(document, path)
     value = owner[key]
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise SweepError(f"--vary {path}: is no number of the file, but {type(value).__name__}")
@@ -49,12 +49,13 @@ def number_at(document: Document, path: str) -> float:
 
 
 def numbers_of(document: Document) -> list[str]:
-    """Every path that names a number, lengths of links first."""
+    """Return all paths of numbers, lengths of links first."""
     bars = [f"links.{name}.length" for name, link in document.get("links", {}).items() if link.get("bars")]
     return [*bars, *_numbers(document, "")]
 
 
 def _numbers(item: Any, path: str) -> Iterator[str]:
+    """Yield the paths of all numbers in a table or list."""
     pairs = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, list) else ()
     for key, value in pairs:
         where = f"{path}.{key}" if path else str(key)
@@ -64,28 +65,33 @@ def _numbers(item: Any, path: str) -> Iterator[str]:
 
 
 def change(document: Document, values: Mapping[str, float]) -> Document:
-    """The document with other numbers at some paths, lengths last; what is not touched is shared."""
-    made = dict(document)
-    for head, *rest in {tuple(path.split(".")[:2]) for path in values}:  # what they touch becomes the document's own
-        whole = made[head]
-        shared = {key: x for key, x in whole.items() if key not in rest} if rest and isinstance(whole, dict) else {}
-        own = deepcopy({key: x for key, x in whole.items() if key in rest} if shared else whole)
-        made[head] = {key: shared.get(key, own.get(key)) for key in whole} if shared else own
+    """Return the document with other numbers at some paths, lengths last; tables that do not change are shared with `document`."""
+    changed = dict(document)
+    for head, *rest in {tuple(path.split(".")[:2]) for path in values}:
+        whole = changed[head]
+        if rest and isinstance(whole, dict):  # copy the one table in it that changes
+            changed[head] = {key: deepcopy(x) if key in rest else x for key, x in whole.items()}
+        else:
+            changed[head] = deepcopy(whole)
     for path in sorted(values, key=is_length):
         if is_length(path):
-            _stretch(made, path, values[path])
+            _stretch(changed, path, values[path])
         else:
-            owner, key = _place(made, path)
+            owner, key = _find(changed, path)
             owner[key] = values[path]
-    return made
+    return changed
 
 
-def _place(document: Document, path: str) -> tuple[Any, Any]:
-    """The table or list that holds the number of a path, and its key there."""
-    *way, last = path.split(".")
+def _find(document: Document, path: str) -> tuple[Any, Any]:
+    """Return the table or list that holds the number of a path, and the key or index of the number in it.
+
+    Raises:
+        SweepError: the document has no such entry; the message lists paths of numbers.
+    """
+    *keys, last = path.split(".")
     item: Any = document
     try:
-        for key in way:
+        for key in keys:
             item = item[_key(item, key)]
         item[_key(item, last)]
     except (KeyError, IndexError, TypeError, ValueError):
@@ -95,11 +101,26 @@ def _place(document: Document, path: str) -> tuple[Any, Any]:
 
 
 def _key(item: Any, key: str) -> Any:
+    """Return the key of a table, or the index of a list that a part of a path names."""
     return (AXES[key] if key in AXES else int(key)) if isinstance(item, list) else key
 
 
-def _bar(document: Document, path: str) -> tuple[dict[str, Any], dict[str, Any], str, float]:
-    """Link, its points, the first one of its first bar, and length [m]."""
+@dataclass(frozen=True)
+class Bar:
+    """The first bar of a link: the link's table and points, and the ends and length [m] of the bar."""
+
+    link: dict[str, Any]
+    points: dict[str, Any]
+    ends: tuple[str, str]
+    length: float
+
+
+def _bar(document: Document, path: str) -> Bar:
+    """Return the bar whose length is at a path.
+
+    Raises:
+        SweepError: there is no such link, or it has no bars.
+    """
     name = path.split(".")[1]
     link = document.get("links", {}).get(name)
     if link is None:
@@ -108,16 +129,19 @@ def _bar(document: Document, path: str) -> tuple[dict[str, Any], dict[str, Any],
         raise SweepError(f"--vary {path}: the link has no bars, and the length of a link is that of its first bar")
     points = resolve_points(link["points"])
     a, b = link["bars"][0]
-    return link, points, a, float(np.hypot(*(points[b] - points[a])))
+    return Bar(link, points, (a, b), float(np.hypot(*(points[b] - points[a]))))
 
 
 def _stretch(document: Document, path: str, length: float) -> None:
-    link, points, first, old = _bar(document, path)
-    origin, along = points[first], (points[link["bars"][0][1]] - points[first]) / old
+    """Give the first bar of a link another length [m]."""
+    bar = _bar(document, path)
+    origin, end = (bar.points[x] for x in bar.ends)
+    along = (end - origin) / bar.length
 
-    def moved(p: Any) -> list[float]:
-        return (p + ((length / old - 1.0) * float((p - origin) @ along)) * along).tolist()  # type: ignore[no-any-return]
+    def move(p: Any) -> list[float]:
+        """Return the new place of a point of the link."""
+        return (p + ((length / bar.length - 1.0) * float((p - origin) @ along)) * along).tolist()  # type: ignore[no-any-return]
 
-    link["points"] = {name: moved(p) for name, p in points.items()}
-    if "com" in link:
-        link["com"] = moved(np.asarray(link["com"], dtype=float))
+    bar.link["points"] = {name: move(p) for name, p in bar.points.items()}
+    if "com" in bar.link:
+        bar.link["com"] = move(np.asarray(bar.link["com"], dtype=float))

@@ -1,13 +1,15 @@
-"""The values of a sweep's samples: grids, Monte Carlo, and Sobol points, all fixed before any run.
+"""The varied numbers of a sweep's samples, planned before any run: grids, Monte Carlo, and Sobol points.
 
-    PATH=a:b:n          n values from a to b, ends included
-    PATH=uniform(a,b)   anything from a to b, all equally likely
-    PATH=normal(m,s)    about m, with the standard deviation s
+    PATH=a:b:n          n equally spaced values from a to b, ends included
+    PATH=uniform(a,b)   random values from a to b, uniformly distributed
+    PATH=normal(m,s)    random values, normally distributed with mean m and standard deviation s
 
-Grids are crossed. Random values come from one seed. Where there are both, the samples go through the grid again and again.
+Several grids are crossed. Random values come from one seed. If there are grids and random values, the samples cycle through the
+grid.
 
-Sobol's plan (`--sampling sobol`) has no grids. Its points are two scrambled Sobol sequences A and B of n points, n a power of two,
-and those of A with one column of B, (d + 2) n in all: Saltelli's design, of which indices of all orders follow.
+A Sobol plan (`--sampling sobol`) has no grids. Its points are two scrambled Sobol sequences A and B of n points, n a power of two,
+and those of A with one column replaced by that of B, (d + 2) n in all. This is Saltelli's design, from which the first-order and
+total indices are computed.
 Source: Saltelli et al., Variance based sensitivity analysis of model output (2010), table 2.
 """
 
@@ -30,7 +32,7 @@ FORM = re.compile(r"(?P<kind>normal|uniform)\((?P<a>[^,()]+),(?P<b>[^,()]+)\)")
 
 @dataclass(frozen=True)
 class Dimension:
-    """A number that varies: its path, "grid", "uniform" or "normal", two numbers, and how many values a grid has."""
+    """A number that varies: its path, "grid", "uniform" or "normal", a and b or m and s as above, and the values of a grid."""
 
     path: str
     kind: str
@@ -52,8 +54,9 @@ class Plan:
     """A sweep's samples.
 
     Attributes:
-        dimensions: d of them. values: (N, d).
-        base: n of Sobol's design, whose samples are A, B, then A with each column of B; 0 for every other plan.
+        dimensions: the d numbers that vary.
+        values: (N, d) their values for every sample.
+        base: n of Saltelli's design, whose samples are A, B, then A with each column of B; 0 for other plans.
     """
 
     dimensions: tuple[Dimension, ...]
@@ -62,15 +65,15 @@ class Plan:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Of what varies."""
+        """Paths of the numbers that vary."""
         return tuple(x.path for x in self.dimensions)
 
 
 def dimension(text: str) -> Dimension:
-    """Read one --vary option.
+    """Parse one --vary option.
 
     Raises:
-        SweepError: it has none of the known forms.
+        SweepError: it has none of the forms above.
     """
     path, equals, values = (x.strip() for x in text.partition("="))
     if not (path and equals and values):
@@ -92,6 +95,11 @@ def dimension(text: str) -> Dimension:
 
 
 def _number(text: str, value: str) -> float:
+    """Return a finite number of an option.
+
+    Raises:
+        SweepError: the text is no finite number.
+    """
     try:
         number = float(value)
     except ValueError:
@@ -105,16 +113,16 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
     """Plan the samples of a sweep.
 
     Args:
-        texts: what every --vary says.
-        samples: how many; of grids alone their product, which may be left out.
+        texts: the --vary options.
+        samples: number of samples; may be left out if there are only grids, which give it.
         sampling: "random" or "sobol".
 
     Raises:
         SweepError: the options do not make a plan.
     """
-    some = tuple(dimension(x) for x in texts)
-    paths = [x.path for x in some]
-    if not some:
+    dimensions = tuple(dimension(x) for x in texts)
+    paths = [x.path for x in dimensions]
+    if not dimensions:
         raise SweepError("--vary: nothing varies; give at least one PATH=VALUES")
     if twice := next((x for x in paths if paths.count(x) > 1), None):
         raise SweepError(f"--vary {twice}: is given twice")
@@ -122,36 +130,38 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
         raise SweepError(f"--samples {samples}: must be from 1 to {MOST}")
     if seed < 0:
         raise SweepError(f"--seed {seed}: must not be negative")
-    return _sobol(some, samples, seed) if sampling == "sobol" else _random(some, samples, seed)
+    return _sobol(dimensions, samples, seed) if sampling == "sobol" else _random(dimensions, samples, seed)
 
 
-def _random(some: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
-    grids = [x for x in some if x.kind == "grid"]
+def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
+    """Return the plan of grids and random values."""
+    grids = [x for x in dimensions if x.kind == "grid"]
     size = math.prod(x.count for x in grids)
-    if len(grids) == len(some):
+    if len(grids) == len(dimensions):
         if samples not in (None, size):
             raise SweepError(f"--samples {samples}: the grids have {size} points, each of which is one sample; leave it out")
         samples = size
     if samples is None:
-        raise SweepError("--samples: how many, where values are random?")
+        raise SweepError("--samples: must be given if values are random")
     if max(samples, size) > MOST:
         raise SweepError(f"--vary: the grids have {size} points; {MOST} are the most")
     random, columns = np.random.default_rng(seed), {}
-    for x in some:
+    for x in dimensions:
         if x.kind != "grid":
             columns[x.path] = x.values(random.random(samples))
     if grids:
         crossed: Any = np.array(list(product(*(np.linspace(x.a, x.b, x.count) for x in grids))))
         columns |= {x.path: crossed[np.arange(samples) % size, k] for k, x in enumerate(grids)}
-    return Plan(some, np.stack([columns[x.path] for x in some], axis=-1))
+    return Plan(dimensions, np.stack([columns[x.path] for x in dimensions], axis=-1))
 
 
-def _sobol(some: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
+def _sobol(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
+    """Return Saltelli's design."""
     from scipy.stats import qmc
 
-    if grid := next((x for x in some if x.kind == "grid"), None):
-        raise SweepError(f"--vary {grid.path}: a grid has no place in Sobol's plan; give uniform({grid.a:g},{grid.b:g})")
-    d = len(some)
+    if grid := next((x for x in dimensions if x.kind == "grid"), None):
+        raise SweepError(f"--vary {grid.path}: a Sobol plan takes no grid; give uniform({grid.a:g},{grid.b:g})")
+    d = len(dimensions)
     if samples is None or samples < 2 * (d + 2):
         raise SweepError(f"--samples: Sobol's plan of {d} numbers needs at least {2 * (d + 2)}, a power of two times {d + 2}")
     base = 1 << int(math.log2(samples / (d + 2)))
@@ -159,4 +169,4 @@ def _sobol(some: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
     a, b = points[:, :d], points[:, d:]
     mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]
     shares = np.concatenate([a, b, *mixed])
-    return Plan(some, np.stack([x.values(shares[:, k]) for k, x in enumerate(some)], axis=-1), base)
+    return Plan(dimensions, np.stack([x.values(shares[:, k]) for k, x in enumerate(dimensions)], axis=-1), base)

@@ -1,4 +1,4 @@
-"""Pictures of a sweep: how each figure is distributed, and how it follows what varies."""
+"""Pictures of a sweep: the distribution of each figure, and the figure against each varied number."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,24 +8,24 @@ import numpy as np
 from gauss_bench.sweep.plan import Plan
 from gauss_bench.terms import Array
 
-SHOWN = 500  # points of a panel: more only blacken it
-TICKS = 4  # intervals of an axis, at most: a small panel has no room for more, and they take most of the drawing
-MOST = 8  # figures that are drawn
-ROUNDING, SMALLEST = 1e-12, 1e-300  # of the largest value, and anyhow
+SHOWN = 500  # largest number of points in a panel: more overlap
+TICKS = 4  # largest number of intervals of an axis: a small panel has no space for more, and ticks take most of the drawing time
+MOST = 8  # largest number of figures that are drawn
+ROUNDING, SMALLEST = 1e-12, 1e-300  # a range is rounding below this share of the largest value, plus this
 
 
 def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
-    """SVG: a row for each figure, with its distribution and one panel for every number that varies; colours are engines."""
+    """Return an SVG with a row for each figure: its distribution, and a panel for each varied number; colours are engines."""
     from gauss_bench.report.palette import engine_colours
     from gauss_bench.report.plotting import give_title, panels, svg
 
-    told = [name for name in figures if name not in ("loops", "energy_bar") and rows[name].notna().any()][:MOST]
-    if not told:
-        told = list(figures[:1])
+    drawn = [name for name in figures if name not in ("loops", "energy_bar") and rows[name].notna().any()][:MOST]
+    if not drawn:
+        drawn = list(figures[:1])
     engines = list(dict.fromkeys(rows["engine"]))
     colours = engine_colours(engines)
-    figure, axes = panels(1 + len(plan.paths), len(told), height=2.2)
-    for name, line in zip(told, axes, strict=True):
+    figure, axes = panels(1 + len(plan.paths), len(drawn), height=2.2)
+    for name, line in zip(drawn, axes, strict=True):
         for engine in engines:
             part = rows[(rows["engine"] == engine) & (rows["status"] == "ok")].dropna(subset=[name])
             y = part[name].to_numpy(dtype=float)
@@ -47,7 +47,7 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
 
 
 def _bins(y: Array) -> int:
-    """Of a histogram of y (k,): one where its values differ by rounding alone, which is too little to be cut."""
+    """Return the number of bins of a histogram of y (k,); 1 if its values differ by rounding alone."""
     if np.ptp(y) <= ROUNDING * np.abs(y).max() + SMALLEST:
         return 1
     return min(60, max(5, int(np.sqrt(len(y)))))

@@ -1,4 +1,4 @@
-"""Runs a sweep: plan, folder, batches by joblib, summary. Batches already stored are not run again."""
+"""Runs a sweep: plans the samples, runs batches by joblib, stores them in a folder and summarises them."""
 
 import json
 import os
@@ -6,20 +6,21 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.journal import fingerprint
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.linkage.load import chosen_scenario, document_of, load, of_one_scenario
+from gauss_bench.linkage.load import choose_scenario, document_of, load, reduce_to_scenario
 from gauss_bench.runs.offers import check_budget, duration, is_isolated, offer
-from gauss_bench.sweep.batch import Asked, Rows, columns_of, family, in_batches, kernel, rows_of
+from gauss_bench.sweep.batch import Rows, SweepCase, family, in_batches, kernel, rows_of
 from gauss_bench.sweep.errors import SweepError
+from gauss_bench.sweep.figures import units
 from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, check
 from gauss_bench.sweep.halving import halve
 from gauss_bench.sweep.paths import number_at
@@ -35,15 +36,21 @@ BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
 LIMIT = 60.0  # [s] that one sample may take in a worker
 MOST_STEPS = 1e8  # of one sample
-STEP = 1e-3  # [s] where none is asked for
+STEP = 1e-3  # [s] by default
 EIGHTH_ORDER, ITS_STEP = "dop853_fixed", 2e-3  # of batches: the work of rk4 at half the step, and errors far smaller
 FIRST = 3.0  # [s] to find a scheduler
-Told = Callable[[str], None]
+Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Where:
-    """Who runs batches: "local" threads or processes, as many as `jobs`, or "dask", at a scheduler's address or on this machine."""
+class Backend:
+    """The processes that run batches.
+
+    Attributes:
+        backend: "local" for threads or processes of this machine, or "dask".
+        scheduler: address of Dask's scheduler; None to start one on this machine.
+        jobs: number of threads or processes.
+    """
 
     backend: str = "local"
     scheduler: str | None = None
@@ -51,10 +58,10 @@ class Where:
 
 
 @dataclass(frozen=True)
-class How:
-    """How each sample is run; None for an engine's own defaults.
+class Options:
+    """How each sample is run; None for the engine's default.
 
-    Batches are stepped by DOP853 where no integrator is asked for, and a step is `STEP`, or with DOP853 `ITS_STEP`.
+    By default batches are stepped by DOP853, at steps of `ITS_STEP`; all others at steps of `STEP`.
     """
 
     scenario: str | None = None
@@ -74,79 +81,93 @@ def sweep(
     samples: int | None = None,
     sampling: str = "random",
     seed: int = 0,
-    how: How = How(),
-    where: Where = Where(),
-    tell: Told = lambda sentence: None,
+    how: Options = Options(),
+    where: Backend = Backend(),
+    tell: Tell = lambda sentence: None,
 ) -> dict[str, Any]:
-    """Run a linkage with many different numbers into a folder, and return the summary that stands there.
+    """Run a linkage with many different numbers, store the rows in a folder, and return the summary, which is stored there too.
 
     Args:
         linkage: name of a built-in linkage, or a path.
         vary: PATH=VALUES, as in `plan.py`.
-        out: the folder. Where it holds the same sweep, what is missing is run.
-        samples, sampling, seed: of the plan.
-        tell: is called with a sentence on the progress.
+        out: the folder. If it holds a part of the same sweep, only the missing batches are run.
+        samples, sampling, seed: arguments of the plan.
+        tell: called with a sentence on the progress.
 
     Raises:
-        LinkageError, SweepError, ChoiceError, KeyError: what cannot be used; before anything is written.
+        LinkageError, SweepError, ChoiceError, KeyError: an argument cannot be used; nothing has been written then.
         Busy: another sweep writes into the folder.
     """
-    for wrong, said in (
+    for is_wrong, text in (
         (sampling not in PLANS, f"--sampling is one of {', '.join(PLANS)}"),
         (where.backend not in BACKENDS, f"--backend is one of {', '.join(BACKENDS)}"),
         (where.jobs < 1, f"--jobs {where.jobs}: must be at least 1"),
         (where.scheduler and where.backend != "dask", "--scheduler: is for --backend dask"),
         (not engines or len(set(engines)) < len(engines), "--engine: name each engine once"),
     ):
-        if wrong:
-            raise SweepError(said)
-    some = plan(vary, samples, sampling, seed)
-    asked = _ask(linkage, some, engines, how, where.jobs)
-    nominal = family(asked).nominal
-    figures = columns_of(nominal, [])
-    columns = columns_of(nominal, some.paths)
-    stamp = _stamp(asked, vary, some, sampling, seed)
+        if is_wrong:
+            raise SweepError(text)
+    samples_plan = plan(vary, samples, sampling, seed)
+    case = _case(linkage, samples_plan, engines, how, where.jobs)
+    nominal = family(case).nominal
+    figures = units(nominal)
+    stamp = _stamp(case, vary, samples_plan, sampling, seed)
     check(out, stamp)
     for engine in filter(in_batches, engines):
-        left_open = ", ".join(kernel(asked, engine).parameters)  # compiled here, so that nobody else need
+        left_open = ", ".join(kernel(case, engine).parameters)  # compiled once, before batches are run
         tell(f"{engine}: generated and compiled, with {left_open or 'nothing'} left open")
-    with Folder(out, stamp, columns) as folder:
-        _run(folder, asked, some, engines, where, tell)
+    with Folder(out, stamp, dict.fromkeys(samples_plan.paths, "") | figures) as folder:
+        _run(folder, case, samples_plan, engines, where, tell)
         rows = folder.read()
     tell("some samples again at half the step")
-    halves = {engine: halve(asked, engine, rows[rows["engine"] == engine], some.values) for engine in engines}
-    told = {"linkage": nominal.name, "scenario": asked.scenario, "samples": len(some.values), "until": asked.until}
-    told |= {
-        "paths": list(some.paths),
-        "sampling": "sobol" if some.base else "random",
-        "engines": {x: told | {"half_the_step": halves[x]} for x, told in summary(rows, some, list(figures)).items()},
+    by_engine = summary(rows, samples_plan, list(figures))
+    for engine in engines:
+        by_engine[engine]["half_the_step"] = halve(case, engine, rows[rows["engine"] == engine], samples_plan.values)
+    result = {
+        "linkage": nominal.name,
+        "scenario": case.scenario,
+        "samples": len(samples_plan.values),
+        "until": case.until,
+        "paths": list(samples_plan.paths),
+        "sampling": "sobol" if samples_plan.base else "random",
+        "engines": by_engine,
     }
-    write_text(out / PICTURE, plots(rows, some, list(figures)) + SIGN)
-    write_text(out / "summary.json", json.dumps(told, indent=1) + "\n")
-    return told
+    write_text(out / PICTURE, plots(rows, samples_plan, list(figures)) + SIGN)
+    write_text(out / "summary.json", json.dumps(result, indent=1) + "\n")
+    return result
 
 
-def _ask(linkage: str, some: Plan, engines: Sequence[str], how: How, jobs: int) -> Asked:
+def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, jobs: int) -> SweepCase:
+    """Return the data that all samples share.
+
+    Raises:
+        SweepError, ChoiceError: an engine, a path or a number cannot be used.
+    """
     document, _, path = document_of(linkage)
-    scenario = chosen_scenario(document, how.scenario, str(path), path.stem)
-    mechanism, document = load(linkage, scenario), of_one_scenario(document, scenario)
-    for name in some.paths:
-        number_at(document, name)
+    scenario = choose_scenario(document, how.scenario, str(path), path.stem)
+    mechanism, document = load(linkage, scenario), reduce_to_scenario(document, scenario)
+    for name in samples.paths:
+        number_at(document, name)  # raises SweepError where there is none
     until = duration(mechanism.duration, None, how.until)
     if how.step is not None and not (np.isfinite(how.step) and 0 < how.step <= until * (1 + 1e-12)):
         raise SweepError(f"--step {how.step:g}: must be positive and at most the {until:g} s of a run")
     choices = tuple((name, _choice(name, how, until)) for name in engines)
     if (count := max(until / choice.step for _, choice in choices)) > MOST_STEPS:
-        asked_for = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
-        raise SweepError(f"{asked_for}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
+        option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
+        raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
     for name, choice in choices:
         if not is_isolated(name) and (reason := get(name).skip(mechanism, choice)):
             raise SweepError(f"--engine {name}: {reason}")
     limit = check_budget(how.limit, LIMIT)
-    return Asked(json.dumps(document), scenario, str(path), some.paths, until, choices, limit, jobs)
+    return SweepCase(json.dumps(document), scenario, str(path), samples.paths, until, choices, limit, jobs)
 
 
-def _choice(engine: str, how: How, until: float) -> Choice:
+def _choice(engine: str, how: Options, until: float) -> Choice:
+    """Return the setting of an engine, with its usual step if none is given.
+
+    Raises:
+        SweepError, ChoiceError: the engine cannot be used, or has no such setting.
+    """
     offered = offer(engine)
     integrator = EIGHTH_ORDER if in_batches(engine) and not (how.integrator or how.settings) else how.integrator
     choice = offered.choose(how.settings, integrator, how.stabilization, STEP if how.step is None else how.step)
@@ -158,33 +179,40 @@ def _choice(engine: str, how: How, until: float) -> Choice:
     return replace(choice, step=usual if how.step is None else how.step)
 
 
-def _stamp(asked: Asked, vary: Sequence[str], some: Plan, sampling: str, seed: int) -> dict[str, Any]:
+def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, seed: int) -> dict[str, Any]:
     """Return everything that the rows of a sweep depend on, as plain data."""
     return {
         "form": FORM,
-        "linkage": family(asked).nominal.digest,
-        "scenario": asked.scenario,
+        "linkage": family(case).nominal.digest,
+        "scenario": case.scenario,
         "vary": [text.replace(" ", "") for text in vary],
-        "samples": len(some.values),
+        "samples": len(samples.values),
         "sampling": sampling,
         "seed": seed,
-        "until": asked.until,
-        "engines": {name: asdict(choice) for name, choice in asked.choices},
-        "limit": asked.limit,
+        "until": case.until,
+        "engines": {name: asdict(choice) for name, choice in case.choices},
+        "limit": case.limit,
         "made_by": fingerprint(),
     }
 
 
-class _Batch(NamedTuple):
-    """Samples of an engine: the number of their part, the first of them, and the last but one."""
+@dataclass(frozen=True)
+class _Batch:
+    """The samples `first` to `end` - 1 in an engine, stored as the part with this number."""
 
     number: int
     engine: str
     first: int
     end: int
 
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return self.end - self.first
+
 
 def _batches(count: int, engines: Sequence[str]) -> Iterator[_Batch]:
+    """Yield the batches of all samples, engine by engine."""
     number = 0
     for engine in engines:
         size = BATCH if in_batches(engine) else SINGLES
@@ -193,42 +221,45 @@ def _batches(count: int, engines: Sequence[str]) -> Iterator[_Batch]:
             number += 1
 
 
-def _run(folder: Folder, asked: Asked, some: Plan, engines: Sequence[str], where: Where, tell: Told) -> None:
+def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str], where: Backend, tell: Tell) -> None:
+    """Run the batches that the folder does not have yet."""
     from joblib import Parallel, delayed
 
-    whole = list(_batches(len(some.values), engines))
-    waiting = [x for x in whole if not folder.has(x.number, x.end - x.first)]
-    if known := len(whole) - len(waiting):
-        tell(f"{known} of {len(whole)} batches are there already")
+    batches = list(_batches(len(samples.values), engines))
+    waiting = [x for x in batches if not folder.has(x.number, x.size)]
+    if stored := len(batches) - len(waiting):
+        tell(f"{stored} of {len(batches)} batches are there already")
     if not waiting:
         return
-    total, missing = (sum(x.end - x.first for x in batches) for batches in (whole, waiting))
+    total, missing = sum(x.size for x in batches), sum(x.size for x in waiting)
     tell(f"{missing} samples to run")
     told, started, done = time.monotonic(), time.monotonic(), total - missing
-    with _spread(where, engines):
-        # no more ahead than the queue of loky's processes takes, whose thread fails over the rest where a sweep is interrupted
+    with _use_backend(where, engines):
+        # dispatch no more tasks than fit into the queue of loky's processes: on an interrupt its thread fails over the others
         work = Parallel(n_jobs=_tasks(where), return_as="generator_unordered", batch_size=1, pre_dispatch="2*n_jobs")
-        # its arguments travel to wherever batches are run, its rows come back here and are written here
-        tasks = (delayed(_done)(asked, x, some.values[x.first : x.end]) for x in waiting)
+        # the rows of a batch are sent back to this process, which writes them
+        tasks = (delayed(_run_batch)(case, x, samples.values[x.first : x.end]) for x in waiting)
         with warnings.catch_warnings(), closing(work(tasks)) as finished:
-            # joblib warns of tasks that are left where an interrupt reaches us between two answers: whoever interrupts knows
+            # on an interrupt between two results joblib warns of the tasks that are left, which the user expects
             warnings.filterwarnings("ignore", ".*adjusting the input task iterator", UserWarning)
             for batch, rows in finished:
                 folder.write(batch.number, rows)
-                done += batch.end - batch.first
+                done += batch.size
                 if time.monotonic() - told > PAUSE:
                     told = time.monotonic()
                     tell(f"{done} of {total} samples, {told - started:.0f} s")
 
 
-def _done(asked: Asked, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
-    return batch, rows_of(asked, batch.engine, np.arange(batch.first, batch.end), values)
+def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
+    """Return a batch with its rows; this runs in another thread or process."""
+    return batch, rows_of(case, batch.engine, np.arange(batch.first, batch.end), values)
 
 
 def _end_with(parent: int) -> None:
-    """End this process when its parent ends; joblib's processes would otherwise outlive a killed parent by minutes."""
+    """End this process when its parent ends: joblib's processes would outlive a killed parent by minutes."""
 
     def watch() -> None:
+        """End this process when its parent is another one."""
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)
@@ -236,41 +267,40 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _tasks(where: Where) -> int:
+def _tasks(where: Backend) -> int:
+    """Return the number of tasks at once; -1 leaves it to a cluster."""
     return -1 if where.backend == "dask" else where.jobs
 
 
 @contextmanager
-def _spread(where: Where, engines: Sequence[str]) -> Iterator[None]:
-    """joblib's backend: threads where what computes is native code or in workers of its own, else processes; or Dask."""
+def _use_backend(where: Backend, engines: Sequence[str]) -> Iterator[None]:
+    """Let joblib use Dask, or threads if all engines compute in native code or in workers of their own, or else processes."""
     from joblib import parallel_config
 
-    with ExitStack() as stack:
-        if where.backend == "local":
-            if all(in_batches(x) or is_isolated(x) for x in engines):
-                backend = parallel_config(backend="threading")
-            else:
-                backend = parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),))
-        else:
-            client = stack.enter_context(_client(where, stack))
-            backend = parallel_config(backend="dask", client=client, wait_for_workers_timeout=60)
-        stack.enter_context(backend)
-        yield
+    if where.backend == "dask":
+        with _client(where) as client, parallel_config(backend="dask", client=client, wait_for_workers_timeout=60):
+            yield
+    elif all(in_batches(x) or is_isolated(x) for x in engines):
+        with parallel_config(backend="threading"):
+            yield
+    else:
+        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),)):
+            yield
 
 
-def _client(where: Where, stack: ExitStack) -> Any:
-    """Dask's client, of a scheduler that is there or of workers on this machine.
+def _client(where: Backend) -> Any:
+    """Return a client of a running Dask scheduler, or of new workers on this machine, which end with the client.
 
     Raises:
-        SweepError: there is no scheduler, or Dask is not installed.
+        SweepError: no scheduler answers, or Dask is not installed.
     """
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise SweepError("--backend dask: needs the packages dask and distributed: pip install 'gauss-bench[cluster]'") from error
     os.environ.setdefault("DASK_DISTRIBUTED__DASHBOARD__LINK", "")
     options = {"n_workers": where.jobs, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
     try:
-        return Client(where.scheduler or stack.enter_context(LocalCluster(**options)), timeout=FIRST)  # type: ignore[no-untyped-call]
+        return Client(where.scheduler, timeout=FIRST, **({} if where.scheduler else options))  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, ValueError) as error:
         raise SweepError(f"--scheduler {where.scheduler}: no scheduler answers there within {FIRST:g} s") from error

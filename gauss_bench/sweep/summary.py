@@ -1,7 +1,7 @@
 """The summary of a sweep: counts by status, quantiles of every figure, and sensitivities.
 
-Of Sobol's plan the sensitivities are Sobol's indices by scipy: the share of a figure's variance that a number explains alone
-(first), and with all others (total). Elsewhere they are Spearman's rank correlations of numbers and figures.
+The sensitivities of a Sobol plan are Sobol's indices by scipy: the share of a figure's variance that a number explains alone
+(first), and together with all others (total). Those of other plans are Spearman's rank correlations of numbers and figures.
 """
 
 from collections.abc import Sequence
@@ -13,39 +13,42 @@ from gauss_bench.sweep.plan import Plan
 from gauss_bench.terms import Array
 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
-FEWEST = 8  # samples of a correlation
+FEWEST = 8  # smallest number of samples of a correlation
 USED = ("ok",)
 
 
 def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
-    """By engine: counts by status, and of samples that are ok quantiles and sensitivities of every figure.
+    """Return for each engine the counts by status, and quantiles and sensitivities of every figure of samples that are ok.
 
     Args:
-        rows: of the table, as pandas has them. figures: names of their columns.
+        rows: all rows, as a pandas table.
+        figures: names of the columns of figures.
     """
-    return {engine: _of_engine(part.sort_values("sample"), plan, figures) for engine, part in rows.groupby("engine", sort=False)}
+    return {engine: _summarise(part.sort_values("sample"), plan, figures) for engine, part in rows.groupby("engine", sort=False)}
 
 
-def _of_engine(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
+def _summarise(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
+    """Summarise the rows of one engine."""
     counts = {str(k): int(x) for k, x in rows["status"].value_counts().sort_index().items()}
     good = rows["status"].isin(USED).to_numpy()
-    told = {}
+    summaries = {}
     for name in figures:
         y = np.where(good, rows[name].to_numpy(dtype=float), np.nan)
-        there = np.isfinite(y)
-        if there.any():
-            told[name] = {
-                "count": int(there.sum()),
-                "mean": float(y[there].mean()),
-                "deviation": float(y[there].std(ddof=1)) if there.sum() > 1 else 0.0,
-                "quantiles": {f"{x:g}": float(value) for x, value in zip(QUANTILES, np.quantile(y[there], QUANTILES), strict=True)},
+        known = y[np.isfinite(y)]
+        if len(known):
+            quantiles = np.quantile(known, QUANTILES).tolist()
+            summaries[name] = {
+                "count": len(known),
+                "mean": float(known.mean()),
+                "deviation": float(known.std(ddof=1)) if len(known) > 1 else 0.0,
+                "quantiles": {f"{share:g}": x for share, x in zip(QUANTILES, quantiles, strict=True)},
             } | sensitivities(plan, y)
     reasons = {str(k): int(x) for k, x in rows.loc[~good, "message"].value_counts().head(5).items()}
-    return {"samples": len(rows), "status": counts, "reasons": reasons, "figures": told}
+    return {"samples": len(rows), "status": counts, "reasons": reasons, "figures": summaries}
 
 
 def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
-    """Sensitivities of a figure y (N,), not a number where a sample has none; the key says by which measure."""
+    """Return the sensitivities of a figure y (N,), under the name of their measure; y is NaN for a sample without the figure."""
     there = np.isfinite(y)
     if plan.base and there.all():
         return {"sobol": _sobol(plan, y)}
@@ -61,6 +64,7 @@ def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
 
 
 def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
+    """Return Sobol's first-order and total index of every number, by its path."""
     from scipy.stats import sobol_indices
 
     n, d = plan.base, len(plan.paths)
@@ -71,20 +75,21 @@ def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
 
 
 def text(summary: dict[str, Any]) -> str:
-    """The summary for people."""
+    """Return the summary as text for users."""
     lines = []
-    for engine, told in summary.items():
-        ended = ", ".join(f"{count} {status}" for status, count in told["status"].items())
-        lines += [f"{engine}: {told['samples']} samples: {ended}"]
-        lines += [f"  {count} x {reason}" for reason, count in told["reasons"].items() if reason]
+    for engine, found in summary.items():
+        counts = ", ".join(f"{count} {status}" for status, count in found["status"].items())
+        lines += [f"{engine}: {found['samples']} samples: {counts}"]
+        lines += [f"  {count} x {reason}" for reason, count in found["reasons"].items() if reason]
         lines += [f"  {'figure':<28}{'5 %':>12}{'median':>12}{'95 %':>12}  depends on"]
-        for name, x in told["figures"].items():
+        for name, x in found["figures"].items():
             low, middle, high = (x["quantiles"][key] for key in ("0.05", "0.5", "0.95"))
             lines += [f"  {name:<28}{low:>12.5g}{middle:>12.5g}{high:>12.5g}  {_dependence(x)}"]
     return "\n".join(lines)
 
 
 def _dependence(x: dict[str, Any]) -> str:
+    """Return the sensitivities of a figure as text, the largest first; Sobol's indices are first/total."""
     if "sobol" in x:
         ordered = sorted(x["sobol"].items(), key=lambda item: -item[1]["total"])
         return ", ".join(f"{path} {value['first']:.2f}/{value['total']:.2f}" for path, value in ordered)

@@ -11,7 +11,7 @@ from gauss_bench.atlas import chart, survey, table
 from gauss_bench.bench.provenance import environment
 from gauss_bench.runs.offers import check_budget
 from gauss_bench.sweep.halving import text as half
-from gauss_bench.sweep.run import How, Where
+from gauss_bench.sweep.run import Backend, Options
 from gauss_bench.sweep.run import sweep as run_sweep
 from gauss_bench.sweep.summary import text
 from gauss_bench.tables import refuse_foreign, write_table, write_text
@@ -37,7 +37,7 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer:
 def sweep(options: Namespace, told: Told) -> Answer:
     """Run one linkage with many values of some numbers, and report how much half the step changes the results."""
     names = ("scenario", "settings", "integrator", "stabilization", "step", "until", "budget")
-    how, where = How(*(getattr(options, x) for x in names)), Where(options.backend, options.scheduler, options.jobs)
+    how, where = Options(*(getattr(options, x) for x in names)), Backend(options.backend, options.scheduler, options.jobs)
     planned = (options.samples, options.sampling, options.seed)
     engines = options.engines or ["gauss-native"]
     summary = run_sweep(options.linkage, options.vary, options.out, engines, *planned, how, where, told)

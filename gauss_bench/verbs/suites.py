@@ -14,7 +14,7 @@ from gauss_bench.api.programs import programs
 from gauss_bench.api.telling import Answer, Told, render
 from gauss_bench.bench import cases, gate
 from gauss_bench.bench.differences import accuracy_rows, compare_times, differences
-from gauss_bench.bench.measurements.search import search_linkage
+from gauss_bench.bench.measurements.search import engines_of
 from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.bench.runner import run as run_suite
@@ -60,7 +60,7 @@ def run(options: Namespace, told: Told) -> Answer:
         require("llvmlite")
     if suite.hours:
         print(f"{suite.title}: all of it takes up to {suite.hours:g} h on two quiet cores", file=sys.stderr, flush=True)
-    for engine in (x for part in suite.search for x in search_linkage(part)):
+    for engine in (x for part in suite.search for x in engines_of(part)):
         build_first(engine.name, engine.variants, told)
     asked = (options.until, options.steps, limit)
     tables = run_suite(suite, options.out, options.jobs, not options.no_costs, " ".join(names), *asked)

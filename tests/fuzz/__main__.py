@@ -7,6 +7,7 @@ import argparse
 import importlib
 import os
 import random
+import shutil
 import sys
 import tempfile
 import time
@@ -30,8 +31,6 @@ from tests.fuzz.stored import over_stored
 PROPERTIES = Path(__file__).parents[1] / "test_properties.py"
 BATCH = 500  # files that lie in the folder at a time
 OFTEN = 30.0  # [s] between words on how far it is
-
-
 COUNTS = {
     "files": (2000, "damaged linkage files"),
     "lists": (500, "lists of arguments"),
@@ -50,59 +49,48 @@ def main() -> int:
     for name, (usual, what) in COUNTS.items():
         options.add_argument(f"--{name}", type=int, default=usual, metavar="N", help=f"{what} (default {usual})")
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--first", type=int, default=0, metavar="K", help="number of the first file, list and what was stored")
     options.add_argument("--late", type=float, default=LATE, metavar="S", help="processor time until a refusal must be there")
-    options.add_argument("--keep", type=Path, metavar="DIR", help="where files that broke something are kept")
     asked = options.parse_args()
-    began, found = time.monotonic(), Counter[str]()
-    bad: list[Ending | str] = []
-    told = began
-
-    def tell(kind: str, number: int, wanted: int) -> None:
-        nonlocal told
-        if time.monotonic() - told > OFTEN:
-            told = time.monotonic()
-            print(
-                f"{kind} {number} of {wanted} after {told - began:.0f} s; {len(bad)} ended as none may", file=sys.stderr, flush=True
-            )
-
+    seed, began, found, bad = asked.seed, time.monotonic(), Counter[str](), 0
+    said = began
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         warm(folder)
-        for kind, wanted, stream in (
-            ("file", asked.files, over_files(asked.seed, asked.first, asked.files, folder, asked.late)),
-            ("list", asked.lists, over_lists(asked.seed, asked.first, asked.lists, folder, asked.late)),
-            ("stored", asked.stored, over_stored(asked.seed, asked.first, asked.stored, folder / "stored", asked.late)),
-        ):
-            for number, ending in stream if wanted else ():
-                tell(kind, number - asked.first, wanted)
-                word = ending.fault or ("at work" if ending.at_work else f"exit {ending.code}")
-                found[f"{kind}: {word}"] += 1
-                if ending.fault:
-                    bad.append(ending)
-                    print(f"{kind} {number} {ending.fault} [{ending.seconds:.1f} s]: {ending.arguments!r:.300}")
-                    print(f"    {ending.said!r:.700}", flush=True)
-                    if kind == "file" and asked.keep:
-                        keep(asked.keep, asked.seed, number)
-        for kind, wanted, others in (
-            ("motion", asked.motions, over_motions(asked.seed, asked.motions)),
-            ("judged", asked.judged, over_judged(asked.seed, asked.judged)),
-            ("sound", asked.sound, over_sound(asked.seed, asked.sound, folder)),
-            ("kill", asked.kills, over_kills(asked.seed, asked.kills, folder)),
-            ("call", asked.calls, over_calls(simulated(asked.seed), asked.calls)),
-        ):
-            for number, word, sentence in others if wanted else ():
-                tell(kind, number % MOTIONS, wanted)
+        streams = {
+            "files": lambda count: in_words(over_files(seed, count, folder, asked.late)),
+            "lists": lambda count: in_words(over_lists(seed, count, folder, asked.late)),
+            "stored": lambda count: in_words(over_stored(seed, count, folder / "stored", asked.late)),
+            "motions": lambda count: over_motions(seed, count),
+            "judged": lambda count: over_judged(seed, count),
+            "sound": lambda count: over_sound(seed, count, folder),
+            "kills": lambda count: over_kills(seed, count, folder),
+            "calls": lambda count: over_calls(simulated(seed), count),
+        }
+        for kind, stream in streams.items():
+            wanted = getattr(asked, kind)
+            for number, word, sentence in stream(wanted) if wanted else ():
                 found[f"{kind}: {word}"] += 1
                 if sentence:
-                    bad.append(sentence)
+                    bad += 1
                     print(f"{kind} {number} {sentence}", flush=True)
-    if asked.properties and over_properties(asked.seed, asked.properties):
-        bad.append("a property does not hold")
+                if time.monotonic() - said > OFTEN:
+                    said = time.monotonic()
+                    print(
+                        f"{kind} {number % MOTIONS} of {wanted} after {said - began:.0f} s; {bad} bad", file=sys.stderr, flush=True
+                    )
+    if asked.properties and over_properties(seed, asked.properties):
+        bad += 1
     for word, count in sorted(found.items()):
         print(f"{count:7d}  {word}")
-    print(f"{sum(found.values())} in {time.monotonic() - began:.0f} s; {len(bad)} ended as none may", file=sys.stderr)
+    print(f"{sum(found.values())} in {time.monotonic() - began:.0f} s; {bad} ended as none may", file=sys.stderr)
     return 1 if bad else 0
+
+
+def in_words(stream: Iterator[tuple[int, Ending]]) -> Iterator[tuple[int, str, str]]:
+    """Number, word, and a sentence where an ending is a fault."""
+    for number, x in stream:
+        word = x.fault or ("at work" if x.at_work else f"exit {x.code}")
+        yield number, word, f"{x.fault} [{x.seconds:.1f} s]: {x.arguments!r:.300}\n    {x.said!r:.700}" if x.fault else ""
 
 
 def over_properties(seed: int, count: int) -> bool:
@@ -124,17 +112,10 @@ def warm(folder: Path) -> None:
         run_one(arguments, 60.0)
 
 
-def keep(folder: Path, seed: int, number: int) -> None:
-    name, content = files.damaged_file(seed, number)
-    at = folder / f"{seed}_{number}"
-    at.mkdir(parents=True, exist_ok=True)
-    (at / f"{name}.toml").write_bytes(content)
-
-
-def over_files(seed: int, first: int, count: int, folder: Path, late: float = LATE) -> Iterator[tuple[int, Ending]]:
+def over_files(seed: int, count: int, folder: Path, late: float = LATE) -> Iterator[tuple[int, Ending]]:
     """Number of the file and ending, of what is asked of each of `count` files: to be shown, and one thing more."""
-    for begin in range(first, first + count, BATCH):
-        numbers = range(begin, min(begin + BATCH, first + count))
+    for begin in range(0, count, BATCH):
+        numbers = range(begin, min(begin + BATCH, count))
         asked: list[tuple[list[str], bool]] = []
         for number in numbers:
             name, content = files.damaged_file(seed, number)
@@ -146,8 +127,7 @@ def over_files(seed: int, first: int, count: int, folder: Path, late: float = LA
         for i, ending in enumerate(endings(asked, folder, late)):
             yield numbers[i // 2], ending
         for number in numbers:
-            for left in (folder / f"f{number}").iterdir():
-                left.unlink()
+            shutil.rmtree(folder / f"f{number}")
 
 
 def more_of(path: str, rng: random.Random) -> tuple[list[str], bool]:
@@ -175,16 +155,13 @@ def more_of(path: str, rng: random.Random) -> tuple[list[str], bool]:
     )
 
 
-def over_lists(
-    seed: int, first: int, count: int, folder: Path, late: float = LATE, only: Collection[str] = ()
-) -> Iterator[tuple[int, Ending]]:
+def over_lists(seed: int, count: int, folder: Path, late: float = LATE, only: Collection[str] = ()) -> Iterator[tuple[int, Ending]]:
     """Number of the list and its ending; of these verbs alone where some are given."""
     place = folder / "lists"
     four_bar = built_in()["four_bar"].read_bytes()
     lists.places(place, four_bar)
-    asked = [*islice(lists.hostile_lists(seed, only), first, first + count)]
-    found = endings(asked, place, late, lambda i: lists.places(place, four_bar))
-    return ((first + i, ending) for i, ending in enumerate(found))
+    asked = [*islice(lists.hostile_lists(seed, only), count)]
+    return enumerate(endings(asked, place, late, lambda i: lists.places(place, four_bar)))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """Linkage files that were damaged: in their bytes, in their words, or in what they say."""
 
 import copy
-import json
 import random
 import tomllib
 from collections.abc import Callable
@@ -9,8 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from gauss_bench.exchange.toml import toml as write_toml
 from gauss_bench.linkage.load import built_in
-from tests.random_linkages import random_linkage
+from tests.drawn_linkages import random_linkage
 
 DATA = Path(__file__).parents[1] / "data"
 DRAWN = 12  # random linkages among what is damaged
@@ -47,7 +47,7 @@ def damaged_file(seed: int, index: int) -> tuple[str, bytes]:
     name, content = rng.choice(sources())
     if rng.random() < 0.3:
         for _ in range(rng.choice((1, 1, 2, 4))):
-            content = rng.choice(BYTES)(content, rng)
+            content = damage_bytes(content, rng)
         return name, content
     document = tomllib.loads(content.decode())
     for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
@@ -55,46 +55,12 @@ def damaged_file(seed: int, index: int) -> tuple[str, bytes]:
     return name, toml(document)
 
 
-def _flipped(content: bytes, rng: random.Random) -> bytes:
-    changed = bytearray(content)
-    for _ in range(rng.choice((1, 3, 20))):
-        if changed:
-            changed[rng.randrange(len(changed))] = rng.randrange(256)
-    return bytes(changed)
-
-
-def _cut(content: bytes, rng: random.Random) -> bytes:
-    at = rng.randrange(len(content) + 1)
-    return content[:at] if rng.random() < 0.5 else content[at:]
-
-
-def _struck(content: bytes, rng: random.Random) -> bytes:
-    at = rng.randrange(len(content) + 1)
-    return content[:at] + content[at + rng.randrange(1, 40) :]
-
-
-def _sprinkled(content: bytes, rng: random.Random) -> bytes:
-    at = rng.randrange(len(content) + 1)
-    return content[:at] + rng.choice(TOKENS) + content[at:]
-
-
-def _doubled(content: bytes, rng: random.Random) -> bytes:
-    lines = content.splitlines(keepends=True) or [b""]
-    a = rng.randrange(len(lines))
-    part = lines[a : a + rng.choice((1, 1, 3, 10))]
-    at = rng.randrange(len(lines) + 1)
-    return b"".join([*lines[:at], *part * rng.choice((1, 1, 2, 500)), *lines[at:]])
-
-
-def _exchanged(content: bytes, rng: random.Random) -> bytes:
-    """One word of the file is replaced by another, or by something hostile."""
-    words = content.split(b" ")
-    other = rng.choice(TOKENS) if rng.random() < 0.5 else rng.choice(words)
-    words[rng.randrange(len(words))] = other
-    return b" ".join(words)
-
-
-BYTES: tuple[Callable[[bytes, random.Random], bytes], ...] = (_flipped, _cut, _struck, _sprinkled, _doubled, _exchanged)
+def damage_bytes(content: bytes, rng: random.Random) -> bytes:
+    """Replace a part of a file by nothing, by something hostile, or by another part of it, once or many times."""
+    a, c = rng.randrange(len(content) + 1), rng.randrange(len(content) + 1)
+    b = rng.choice((a, a + 1, a + rng.randrange(1, 40), len(content)))
+    part = content[c : c + rng.choice((1, 40, 300))] * rng.choice((1, 1, 2, 500))
+    return content[:a] + rng.choice((b"", rng.choice(TOKENS), bytes([rng.randrange(256)]), part)) + content[b:]
 
 
 def _places(item: Any) -> list[tuple[Any, Any]]:
@@ -135,17 +101,12 @@ def _many_numbers(document: dict[str, Any], rng: random.Random) -> None:
             holder[key] = float(holder[key]) * float(factor) if abs(holder[key]) < 1e300 else factor
 
 
-def _another_text(document: dict[str, Any], rng: random.Random) -> None:
-    if place := _any(document, rng, str):
+def _another_value(document: dict[str, Any], rng: random.Random) -> None:
+    """A value of any kind is replaced by a hostile one, or by a text of the same file."""
+    if place := _any(document, rng, rng.choice((str, object))):
         known = [x[key] for x, key in _places(document) if isinstance(x[key], str)]
-        place[0][place[1]] = rng.choice(TEXTS) if rng.random() < 0.4 else rng.choice(known)
-
-
-def _another_kind(document: dict[str, Any], rng: random.Random) -> None:
-    if place := _any(document, rng):
-        place[0][place[1]] = rng.choice(
-            (*NUMBERS, *TEXTS, [], {}, [[]], [{}], {"a": {}}, True, False, [1.0, 2.0], ["x"], [[1.0, 2.0]] * 3)
-        )
+        others = ([], {}, [[]], [{}], {"a": {}}, True, False, [1.0, 2.0], ["x"], [[1.0, 2.0]] * 3)
+        place[0][place[1]] = rng.choice(rng.choice((known or TEXTS, TEXTS, NUMBERS, others)))
 
 
 def _without(document: dict[str, Any], rng: random.Random) -> None:
@@ -192,7 +153,7 @@ def _wrapped(document: dict[str, Any], rng: random.Random) -> None:
     if isinstance(scenarios, dict) and scenarios and isinstance(one := rng.choice([*scenarios.values()]), dict):
         part = copy.deepcopy({k: v for k, v in document.items() if k != "scenarios"})
         for _ in range(rng.choice((1, 5))):
-            rng.choice((_another_number, _without, _another_kind))(part, rng)
+            rng.choice((_another_number, _without, _another_value))(part, rng)
         one["override"] = {k: v for k, v in part.items() if rng.random() < 0.4}
 
 
@@ -210,8 +171,7 @@ def _chained(document: dict[str, Any], rng: random.Random) -> None:
 CHANGES: tuple[Callable[[dict[str, Any], random.Random], None], ...] = (
     *(_another_number,) * 6,
     *(_many_numbers,) * 2,
-    *(_another_text,) * 3,
-    *(_another_kind,) * 2,
+    *(_another_value,) * 5,
     *(_without,) * 2,
     _borrowed,
     _renamed,
@@ -223,17 +183,4 @@ CHANGES: tuple[Callable[[dict[str, Any], random.Random], None], ...] = (
 
 
 def toml(document: dict[str, Any]) -> bytes:
-    """A document as TOML, with tables written inline: any key, any value."""
-    return "".join(f"{json.dumps(str(k))} = {_said(v)}\n" for k, v in document.items()).encode("utf-8", "replace")
-
-
-def _said(x: Any) -> str:
-    if isinstance(x, dict):
-        return "{" + ", ".join(f"{json.dumps(str(k))} = {_said(v)}" for k, v in x.items()) + "}"
-    if isinstance(x, list):
-        return "[" + ", ".join(map(_said, x)) + "]"
-    if isinstance(x, bool):
-        return str(x).lower()
-    if isinstance(x, str):
-        return json.dumps(x, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return str(x) if isinstance(x, int) else repr(x)
+    return write_toml(document, []).encode("utf-8", "replace")

@@ -24,10 +24,10 @@ from gauss_bench.runs.one_run import Run, sampling
 from gauss_bench.runs.scrutiny import as_truth, evidence_of
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from tests.drawn_linkages import random_linkage
 from tests.fuzz.files import toml
 from tests.fuzz.limits import Motion, parts, shares
 from tests.fuzz.mechanics import Mechanics
-from tests.random_linkages import random_linkage
 
 UNTIL, STEP, SAMPLES = 0.1, 1e-3, 101
 SIZES = (0.1, 100.0)  # of a limit

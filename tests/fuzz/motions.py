@@ -12,9 +12,9 @@ from gauss_bench import judge
 from gauss_bench.api.simulate import simulate
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load
+from tests.drawn_linkages import random_linkage
 from tests.fuzz.files import toml
 from tests.fuzz.mechanics import NoMotion, true_end
-from tests.random_linkages import random_linkage
 
 UNTIL = 0.2  # [s]
 MOTIONS = 100_000  # of one seed

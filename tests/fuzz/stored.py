@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.fuzz.driven import LATE, Ending, endings
-from tests.fuzz.files import BYTES
+from tests.fuzz.files import damage_bytes
 from tests.fuzz.kills import written_by
 
 WHOLE = "whole"
@@ -57,17 +57,17 @@ def damage(kind: str, whole: Path, copy: Path, rng: random.Random) -> None:
             path.write_bytes(rng.choice(sorted(x for x in whole.rglob("*") if x.is_file())).read_bytes())
         case _:
             for _ in range(rng.choice((1, 1, 2, 4))):
-                content = rng.choice(BYTES)(content, rng)
+                content = damage_bytes(content, rng)
             path.write_bytes(content)
 
 
-def over_stored(seed: int, first: int, count: int, folder: Path, late: float = LATE) -> Iterator[tuple[int, Ending]]:
+def over_stored(seed: int, count: int, folder: Path, late: float = LATE) -> Iterator[tuple[int, Ending]]:
     """Number and ending of what is asked of each of `count` damaged things.
 
     What is gone on with, and says that all is well, has to be what it was before the damage.
     """
     made(folder)
-    chances = [random.Random(f"stored {seed} {number}") for number in range(first, first + count)]
+    chances = [random.Random(f"stored {seed} {number}") for number in range(count)]
     kinds = [rng.choice(KINDS) for rng in chances]
     asked = [(list(rng.choice(ASKED[kind])), True) for rng, kind in zip(chances, kinds, strict=True)]
 
@@ -79,7 +79,7 @@ def over_stored(seed: int, first: int, count: int, folder: Path, late: float = L
     for i, ending in enumerate(endings(asked, folder, late, begin)):
         copy, kind = folder / f"damaged {i}", kinds[i].removesuffix(" again")
         if ending.code == 0 and ending.arguments[0] == kind and written_by(copy / kind) != written_by(folder / WHOLE / kind):
-            yield first + i, replace(ending, fault="went on, and is not what it was")
+            yield i, replace(ending, fault="went on, and is not what it was")
         else:
-            yield first + i, ending
+            yield i, ending
         shutil.rmtree(copy)

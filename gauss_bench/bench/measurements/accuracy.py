@@ -1,4 +1,4 @@
-"""Accuracy: cases run and judged against a reference, with the references they are judged by."""
+"""Accuracy: run cases and judge them against references, whose rows are kept too."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict
@@ -18,17 +18,17 @@ from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
 
-JUDGING = 20.0  # [s] for what comes before and after a run that has its own limit: a reference, and what is found in the samples
+JUDGING = 20.0  # [s] beside the run, which has its own limit: for the reference and the metrics
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
-    """The references first, which the cases then share."""
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
+    """Return the tasks of the references, which the cases share, then those of the cases."""
     chosen = as_asked(cases(suite), context.until, context.steps)
     return tasks(chosen, context, play(chosen))
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
-    """The tasks of cases, whatever suite they are of; poses are kept of those in `posed`."""
+    """Return the tasks of cases and of their references; poses are kept for the cases in `posed`."""
     wanted = dict.fromkeys((c.linkage, c.scenario, c.t_end) for c in chosen)
     planned = [context.task("references", reference, (*x, context.store), *x[:2], t_end=x[2]) for x in sorted(wanted)]
     for case in chosen:
@@ -40,7 +40,7 @@ def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()
 
 
 def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
-    """The row of a reference in its table, and the file that it is kept in."""
+    """Return the row of a reference and its poses; the reference itself is kept in the folder `store`."""
     mechanism = mechanism_of(linkage, scenario)
     truth = reference_of(linkage, scenario, t_end, store)
     place = place_of(mechanism) | {"t_end": t_end}
@@ -57,7 +57,7 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
 
 
 def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: bool = False) -> Tables:
-    """The row of a case and the curves of its report."""
+    """Return the row of a case, and its curves and poses for the report."""
     mechanism = mechanism_of(case.linkage, case.scenario)
     key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism)
     measured = measure(case, store, alter, limit, posed)
@@ -72,19 +72,19 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
-    """By key; larger steps first, as errors fall with them."""
+    """Return the sort key of a row: its key columns, with larger steps first."""
     return (*(row[k] for k in KEY[:6]), -row["step"], row["t_end"])
 
 
 def with_orders(rows: Rows) -> Rows:
-    """The rows with `observed_order`, from the measured coordinate's error at the last checkpoint that the run reached."""
+    """Fill in `observed_order`, from the error of the measured coordinate at the last checkpoint that a run reached."""
     groups: dict[tuple[Any, ...], Rows] = {}
     for row in rows:
         groups.setdefault(tuple(row[k] for k in KEY if k != "step"), []).append(row)
     for group in groups.values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
-        told = [_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05")]
-        known = [x for x in told if not np.isnan(x).all()]
+        errors = [_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05")]
+        known = [x for x in errors if not np.isnan(x).all()]
         if known and len(group) > 1:
             for row, order in zip(group, observed_order(steps, known[0], floors).tolist(), strict=True):
                 row["observed_order"] = order
@@ -92,5 +92,5 @@ def with_orders(rows: Rows) -> Rows:
 
 
 def _numbers(rows: Rows, column: str) -> Array:
-    """A column, NaN where a row has none."""
+    """Return a column (k,) as numbers, NaN where a row has none."""
     return np.array([np.nan if row.get(column) is None else row[column] for row in rows], dtype=float)

@@ -1,9 +1,9 @@
-"""Agreement of the compiled formulations with the same formulations in numpy, rank decisions included.
+"""Compare the accelerations of compiled formulations with those of the same formulations in numpy.
 
-At random states, and close to where a partition of the coordinates fails: dead centres, at which a link or slide reverses and
-cannot be an independent coordinate, and the change points of a parallelogram, at which all bars lie in one line and the rows lose
-rank. At a distance d from a change point every formulation loses digits, as the condition grows like 1/d; how far the two in numpy
-differ from each other says what there is left to agree on.
+The states are random, or close to positions at which a choice of independent coordinates fails: dead centres, where a link or
+slide reverses, and the change points of a parallelogram, where all bars lie in one line and the constraint rows lose rank. At a
+distance d from a change point every formulation loses digits, as the condition number grows like 1/d; the difference between two
+formulations in numpy shows how many digits are left.
 """
 
 from collections.abc import Iterator
@@ -35,13 +35,13 @@ OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)
 SPEED = 10.0  # [rad/s] of the crank there
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.agreement, "kernel_agreement", agreement)
 
 
 def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
-    """One row for each formulation and kind of place: the worst relative difference of a state."""
+    """Return one row for each formulation and kind of state: the largest relative difference."""
     mechanism = load(linkage, scenario or None)
     rows = []
     for place, q, v in places(mechanism, part.states):
@@ -52,7 +52,7 @@ def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
 
 
 def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
-    """Name of a kind of place, and consistent states q, v (k, n) there."""
+    """Yield the name of a kind of states, and consistent states q, v (k, n) of that kind."""
     states = random_states(mechanism, count)
     yield RANDOM, states.q, states.v
     motion = MinimalCoordinate(mechanism)
@@ -64,7 +64,7 @@ def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array
 
 
 def _singular(mechanism: Mechanism) -> Iterator[tuple[str, list[float]]]:
-    """Crank angles [rad] of dead centres, and of change points."""
+    """Yield crank angles [rad] of dead centres or of change points, with their name."""
     if mechanism.name in FOLDED:
         yield "change points", list(FOLDED[mechanism.name])
         return
@@ -78,10 +78,10 @@ def _singular(mechanism: Mechanism) -> Iterator[tuple[str, list[float]]]:
 
 
 def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> Row:
-    """The kernel against its formulation in numpy, and the other formulation in numpy against that.
+    """Return the errors of the kernel, and of the other formulation in numpy, against the same formulation in numpy.
 
     Raises:
-        Missing: one of them has no answer.
+        Missing: one of them has no accelerations.
     """
     try:
         kernel = compile_kernel(mechanism, formulation)
@@ -97,7 +97,7 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
 
 
 def judges(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
-    """The formulations in numpy that can take the linkage's rows, two of them, with which a kernel is compared."""
+    """Return the two formulations in numpy that a kernel is compared with; with redundant rows, those that admit them."""
     if mechanism.redundant:
         return "gauss", "udwadia_kalaba"
     return ("gauss", "lagrange") if formulation == "gauss" else ("lagrange", "gauss")

@@ -1,8 +1,8 @@
-"""Thousands of trajectories on one core, each from a state of its own: lanes of the kernel against MuJoCo's rollout on one thread.
+"""Time thousands of trajectories on one core: the vector lanes of the kernel against MuJoCo's rollout on one thread.
 
-The states are random ones on the constraints, crank speeds up to 30 rad/s either way. MuJoCo is given the same states and fewer
-steps of each, which changes nothing in the time of one. That the lanes do not disturb each other is checked against runs of single
-trajectories, by other code: the same arithmetic with one lane.
+The trajectories start at random states on the constraints, with crank speeds up to 30 rad/s in either direction. MuJoCo takes fewer
+steps from the same states, which does not change the time of a step. Some trajectories are run again by the kernel for a single
+trajectory, to check that lanes do not affect each other.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, at_least, gather_rounds, lasting, row
-from gauss_bench.bench.survived import race_survivors
+from gauss_bench.bench.clock import Block, Key, Row, at_least, lasting, row
+from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -24,35 +24,36 @@ from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
 
 QUANTITY = "batch of different states"
-CHECKED = 32  # trajectories that are run again alone
+CHECKED = 32  # trajectories that are run again one by one
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.batch, "kernel_batch", race_batch)
 
 
 def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any] = race_survivors) -> Tables:
-    """The row of a linkage, over several processes; a ratio is per step of one trajectory.
+    """Return the row of a linkage, over several processes; a time is that of one step of one trajectory.
 
-    Where an engine crashes or hangs in a process, that is the reason.
+    If an engine crashes or hangs in a process, the row has that reason instead of times.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     own, rival = keys = list_keys(part)
-    processes = [race(entries, (linkage, scenario, part), part.rounds, [x.engine for x in keys]) for _ in range(part.processes)]
-    measured = gather_rounds((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
-    found = row(start, lambda: measured.compared(own, rival) | measured.facts.get(own, {}))
+    engines = [x.engine for x in keys]
+    measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, engines, part.processes)
+    found = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(found, "ratio", part.targets.get(mechanism.name))]}
 
 
 def list_keys(part: Batch) -> tuple[Key, Key]:
+    """Return the keys of the own engine and of its rival."""
     return Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
 
 
 def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Both, from the same states in a random order, the same each time: neighbours in angle would make lanes too much alike."""
+    """Yield both entries, from the same states in a fixed random order: in order of the angle, adjacent lanes would be alike."""
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
     order = np.random.default_rng(1).permutation(len(states.q))
@@ -61,13 +62,14 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 
 
 def make(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
+    """Return a block of `steps` steps of all trajectories from the states q, v (k, n)."""
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
     block = lasting(key, model.batch(q, v, steps), steps * len(q))
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
-    """Largest difference of positions in lanes and alone [m, rad], and trajectories that were lost in lanes."""
+    """Return the largest difference between positions in lanes and alone [m, rad], and how many trajectories failed in lanes."""
     ends = model.batch(q, v, steps)()
     lost = model.kernel.lost
     some = np.linspace(0, len(q) - 1, min(CHECKED, len(q))).astype(int)

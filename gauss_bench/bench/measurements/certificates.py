@@ -104,7 +104,7 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
     return row
 
 
-def certified_scenarios() -> list[tuple[str, str]]:
+def scenarios_to_certify() -> list[tuple[str, str]]:
     """Linkage and scenario of everything the suite has a certificate for; dry friction cannot be certified."""
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
     wanted = [(name, scenario) for name, scenario in pairs if name in built_in() or scenario != "driven"]
@@ -113,7 +113,7 @@ def certified_scenarios() -> list[tuple[str, str]]:
 
 def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
     """Make every certificate of the suite anew, in its place; one row each."""
-    return _rows([_task(x, _certify_in_place, x) for x in certified_scenarios()], jobs)
+    return _rows([_task(x, _certify_in_place, x) for x in scenarios_to_certify()], jobs)
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
@@ -134,7 +134,7 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
         CertificateError: a file is missing, damaged or holds for another linkage.
     """
     if not files:
-        files = [path for name, scenario in certified_scenarios() if (path := certificate_path(load(name, scenario))) is not None]
+        files = [path for name, scenario in scenarios_to_certify() if (path := certificate_path(load(name, scenario))) is not None]
     tasks = []
     for path in files:
         certificate = read_certificate(path)
@@ -161,7 +161,7 @@ def certificates_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for the whole table: it only reads."""
     return [context.task(part.table, certificate_table, ()) for part in suite.certificates]
 
@@ -169,7 +169,7 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 def certificate_table() -> Tables:
     """A row for every scenario of the suite: its certificate, or that it has none and why."""
     rows = []
-    for name, scenario in certified_scenarios():
+    for name, scenario in scenarios_to_certify():
         mechanism = load(name, scenario)
         path = certificate_path(mechanism)
         row: dict[str, Any] = {"status": "failed", "mechanism": name, "scenario": scenario}

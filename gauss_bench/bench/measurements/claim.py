@@ -1,12 +1,11 @@
-"""The papers' claim, that n - m unknowns are cheaper than n + m, with nothing else that differs.
+"""Test the papers' claim that n - m unknowns are cheaper than n + m, with all else equal.
 
-Both formulations come from one eliminator with one search for pivots, are compiled by one code generator and race in one run: a
-step of one trajectory, the same with projection, and a step in a batch. Where code and data happen to lie in memory moves such a
-ratio by a few per cent and stays as it is for the life of a process, so that every linkage is raced in several, each of which loads
-code anew. A ratio is the median of theirs, and its spread where that of a second race falls. The verdict follows from that alone:
-it is open where the spread covers 1.
+Both formulations use the same elimination, the same search for pivots and the same code generator, and they race in one process: a
+step of one trajectory, a step with projection, and a step in a batch. Every race is repeated in several processes, because the
+addresses of code and data change the ratio by a few per cent and stay the same in one process. The ratio is the median over the
+processes; its spread covers the ratio of a second race (`clock.foreseen`). The verdict is "open" where the spread covers 1.
 
-Operations, divisions and the longest chain of dependent operations are those of one acceleration with its guards.
+Operations, divisions and the longest chain of dependent operations are those of one acceleration with its checks of pivots.
 """
 
 import math
@@ -34,36 +33,36 @@ QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: 
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """The two that race: with few unknowns, with many."""
+    """Return what is timed -> the keys of the two entries: with n - m unknowns, and with n + m."""
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
         for what, (quantity, stabilization) in QUANTITIES.items()
     }
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
-    """Counts of operations on every linkage that both formulations race on."""
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
+    """Return the tasks that count operations, one for each linkage of the races."""
     places = [x for part in suite.claim for x in part.linkages.items()]
     return [context.task("kernel_claim", count, x, *x) for x in dict.fromkeys(places)]
 
 
 def count(linkage: str, scenario: str) -> Tables:
-    """Unknowns and operations of both formulations, as far as they can be compiled."""
+    """Count unknowns and operations of both formulations; one that cannot be compiled has no operations."""
     mechanism = load(linkage, scenario or None)
     rows = mechanism.n - mechanism.dof
     start: Row = place_of(mechanism) | {"n": mechanism.n, "rows": rows}
     start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + rows}
     for formulation in FORMULATIONS:
         try:
-            told = costs(known_program(mechanism, formulation, (), None, None))
+            counted = costs(known_program(mechanism, formulation, (), None, None))
         except KernelError:
-            continue  # the race tells why
-        start |= {f"{x}_{formulation}": getattr(told, x) for x in ("operations", "divisions", "critical")}
+            continue  # the row of the race has the reason
+        start |= {f"{x}_{formulation}": getattr(counted, x) for x in ("operations", "divisions", "critical")}
     return {"kernel_claim": [start]}
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """A race for each linkage and process; those of a linkage lie apart in time."""
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """Return a race for each linkage and process; the processes of a linkage lie apart in time."""
     tasks = [
         context.task("claim_races", race_claim, (*place, part.model_copy(update={"linkages": {}}), number), *place, process=number)
         for part in suite.claim
@@ -74,14 +73,14 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
-    """The rows of one race, in a process of its own: how many times longer many unknowns take."""
+    """Return the rows of one race: the times of both formulations, and the ratio of n + m to n - m unknowns."""
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
     measured = gather_rounds(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
-    return {"claim_races": [row(start | {"what": what}, measured.compared, *pair) for what, pair in pairs(part).items()]}
+    return {"claim_races": [row(start | {"what": what}, measured.compare, *pair) for what, pair in pairs(part).items()]}
 
 
 def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Those of the race of costs that are asked for here."""
+    """Return the entries of the race of costs that `pairs` names."""
     wanted = [key for pair in pairs(part).values() for key in pair]
     asked = Cost(linkages={}, engines=part.compiled, integrators=1, step=part.step, rounds=part.rounds, batch=part.compiled)
     return ((key, make) for key, make in cost.entries(linkage, scenario, asked) if key in wanted)
@@ -96,21 +95,21 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def claim_row(start: Row, races: Rows) -> Row:
-    """A linkage with the median over its processes of each ratio, its spread, and what follows; `races` are its own."""
-    told: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
+    """Return the row of a linkage: the median of each ratio over its races, the spread, and the verdict."""
+    columns: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
     if failed := next((r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")), None):
-        told = {x: failed[x] for x in told}
-    told = start | told | {"processes": 0}
+        columns = {x: failed[x] for x in columns}
+    columns = start | columns | {"processes": 0}
     for what, begins in COLUMNS.items():
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
         if not ended:
             continue
         low, high = foreseen(np.array(ended)) if len(ended) > 1 else (math.nan, math.nan)
-        told |= {f"{begins}ratio": statistics.median(ended), f"{begins}ratio_low": low, f"{begins}ratio_high": high}
-        told |= {f"{begins}verdict": verdict(low, high)}
+        columns |= {f"{begins}ratio": statistics.median(ended), f"{begins}ratio_low": low, f"{begins}ratio_high": high}
+        columns |= {f"{begins}verdict": verdict(low, high)}
         if what == STEP:
-            told |= {"status": str(Status.OK), "message": "", "processes": len(ended)}
-    return told
+            columns |= {"status": str(Status.OK), "message": "", "processes": len(ended)}
+    return columns
 
 
 def verdict(low: float, high: float) -> str:

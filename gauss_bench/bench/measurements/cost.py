@@ -1,12 +1,12 @@
-"""Costs: everything that is timed on a linkage, in one interleaved race, and its columns in the results.
+"""Measure costs on a linkage in one interleaved race, and fill in the cost columns of the results.
 
-Each engine at its variants is asked for a model and its first step ("build"), an acceleration from Python ("acceleration"), a step
-called from Python ("step") and one in its own loop ("native_step"). Where engines have them, the bare library call and what calling
-costs ("bare call", "empty call") and steps of many trajectories at once ("batch step") race along, and so may the processor's own
-latency and rate. Every other table of times on these linkages is worked out from the same samples: a quantity has one value.
+The entries of each engine at its variants are a model and its first step ("build"), an acceleration called from Python
+("acceleration"), a step called from Python ("step") and a step in the engine's own loop ("native_step"). Some engines also have the
+bare library call ("bare call"), the cost of calling alone ("empty call") and steps of many trajectories at once ("batch step"). The
+processor's latency and rate may take part. Every other table of times on these linkages is computed from the same samples, so that
+a quantity has one value.
 
-A "cold build" is the first model in a new process with no generated code stored, once and in a process of its own; of a "build" all
-that is generated is stored already.
+A "cold build" is the first model in a new process with no generated code stored; for a "build" all generated code is stored.
 """
 
 import os
@@ -33,20 +33,21 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.suites.schema import Cost, Suite
 from gauss_bench.trajectory import RunFailure, Status
 
-BASELINE = "gauss"  # costs are ratios to this engine: the formulation the suite is about, and the one its authors wrote
+BASELINE = "gauss"  # costs are ratios to this engine: Gauss's principle as its authors wrote it
 BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_step"
 COLD = "cold build"
 BARE, EMPTY, BATCH = "bare call", "empty call", "batch step"
-TRAJECTORIES = 128  # in a batch: enough that a call from Python does not count
-BATCH_STEPS = 200  # of each of them
+TRAJECTORIES = 128  # in a batch: enough that the call from Python is negligible
+BATCH_STEPS = 200  # of each trajectory
 
 Make = Callable[[], Block]
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """A race for each linkage and process, of the engines that can share one: they have neither crashed nor hung on it.
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """Return a race for each linkage and process, and the cold builds.
 
-    Those of a linkage lie apart in time, so that what disturbs the machine for a minute is in few of them.
+    Engines that crashed or hung on a linkage do not race there. The processes of a linkage lie apart in time, so that a disturbance
+    of a minute affects few of them.
     """
     lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in (Status.CRASHED, Status.TIMEOUT)}
     tasks = []
@@ -65,9 +66,9 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Seconds per repetition of every entry in every round, and what could not be timed.
+    """Return rows with the seconds of every entry in every round, and rows with the reasons of entries without times.
 
-    An engine that crashes or hangs is left out, with the reason at everything it was to be timed at.
+    An engine that crashes or hangs has the reason at each of its entries.
     """
     start = place_of(load(linkage, scenario or None))
     rows = race(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
@@ -76,13 +77,13 @@ def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Ca
 
 
 def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make]]:
-    """The entries of a race, each with how its block is made."""
+    """Yield the entries of a race, each with the function that makes its block."""
     mechanism = load(linkage, scenario or None)
     for name in part.engines:
-        told = offer(name)
-        for chosen in variants(told, part.integrators, name in part.plain):
+        offered = offer(name)
+        for chosen in variants(offered, part.integrators, name in part.plain):
             choice = Choice(*chosen, part.step)
-            if choice.integrator not in told.adaptive:
+            if choice.integrator not in offered.adaptive:
                 for quantity, make in quantities(get(name), mechanism, choice, part):
                     yield Key(quantity, name, *chosen), make
     if part.processor:
@@ -90,61 +91,69 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
 
 
 def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
-    """What is timed of an engine at one choice, and how: models and accelerations are of the settings, not of the integrator."""
-    told, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
+    """Yield the quantities of an engine at one choice, each with the function that makes its block.
+
+    Builds and accelerations do not depend on the integrator and are timed with the first one only.
+    """
+    offered, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
     start = mechanism.q0, mechanism.v0
 
     def batch() -> Block:
-        """All from the start: here only formulations are compared."""
+        """Return a block of steps of many trajectories, all of which begin at the start of the scenario."""
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
         return lasting(None, model().batch(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
-    if (choice.integrator, choice.stabilization) == (told.integrators[0], "none"):
+    if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
         yield BUILD, lambda: lasting(None, lambda: first_step(engine, mechanism, choice))
         yield ACCELERATION, lambda: lasting(None, partial(model().acceleration, 0.0, *start))
         if engine.name in part.bare:
             yield BARE, lambda: lasting(None, model().bare_calls()[0])
             yield EMPTY, lambda: lasting(None, model().bare_calls()[1])
-        if engine.name in part.batch and choice.settings == next(iter(told.settings)):
+        if engine.name in part.batch and choice.settings == next(iter(offered.settings)):
             yield BATCH, batch
-    if told.python_loop:
+    if offered.python_loop:
         yield STEP, lambda: stepping(None, model(), part.step, native=False)
-    if told.native_loop:
+    if offered.native_loop:
         yield NATIVE, lambda: stepping(None, model(), part.step, native=True)
 
 
 def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
+    """Build a model.
+
+    Raises:
+        RunFailure: the engine refuses the mechanism.
+    """
     if reason := engine.skip(mechanism, choice):
         raise RunFailure(Status.SKIP, reason)
     return engine.build(mechanism, choice)
 
 
 def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
-    """Take one step, so that everything generated or compiled at first need is there."""
+    """Build a model and take one step, which includes code that is generated or compiled at first use."""
     model = build_model(engine, mechanism, choice)
     model.prepare(np.array([0.0, choice.step]))
     model.run()
 
 
 def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables:
-    """Seconds until an engine's first model has taken its first step, in a process of its own; or why there are none."""
-    told, mechanism = offer(engine), load(linkage, scenario or None)
-    key = Key(COLD, engine, next(iter(told.settings)), told.integrators[0])
+    """Return the seconds until an engine's first model has taken its first step, in a new process, or the reason why not."""
+    offered, mechanism = offer(engine), load(linkage, scenario or None)
+    key = Key(COLD, engine, next(iter(offered.settings)), offered.integrators[0])
     start = place_of(mechanism) | key._asdict()
     try:
         with Worker() as worker:
             sample = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
     except WorkerFailure as failure:
-        sample = failure.told
+        sample = failure.columns
     if "status" in sample:
         return {"untimed": [start | sample]}
     return {"samples": [start | {"step": step, "process": 0, "round": 0} | sample]}
 
 
 def cold(linkage: str, scenario: str, engine: str, choice: Choice) -> dict[str, Any]:
-    """Processor time of a build, with no generated code stored: that of this process and of compilers that it runs.
+    """Return the processor time [s] of a build with no generated code stored, compilers included.
 
-    The engine's library is imported before. Call it in a new process.
+    Must be called in a new process. The import of the engine's library is not counted.
     """
     asked, mechanism = get(engine), load(linkage, scenario or None)
     asked.version()
@@ -162,14 +171,14 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
     """Gather the races' results by mechanism and scenario."""
     places: dict[tuple[str, str], Rows] = {}
     for r in [*tables.get("samples", []), *tables.get("untimed", [])]:
-        told = places.setdefault((r["mechanism"], r["scenario"]), [])
-        if "quantity" in r:  # else it is of a race that was lost as a whole
-            told.append(r)
+        here = places.setdefault((r["mechanism"], r["scenario"]), [])
+        if "quantity" in r:  # a race that failed as a whole has one row without a quantity
+            here.append(r)
     return {place: gather_rounds(rows) for place, rows in places.items()}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in the cost columns of the results, and tell once what no process could time."""
+    """Fill in the cost columns of the results, and drop repeated rows of what could not be timed."""
     if "untimed" in tables:
         tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
     with_costs(tables.get("results", []), gather_by_linkage(tables))
@@ -185,11 +194,11 @@ def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
 def _columns(
     races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, variant: tuple[str, str, str, str]
 ) -> dict[str, float]:
-    """The cost columns of a variant (engine, settings, integrator, stabilization)."""
+    """Return the cost columns of a variant (engine, settings, integrator, stabilization)."""
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
-        known = 4 if quantity in (STEP, NATIVE) else 2  # of the variant: models and accelerations are of engine and settings
+        known = 4 if quantity in (STEP, NATIVE) else 2  # the other quantities depend on engine and settings alone
         own = [x for k, x in samples.items() if isinstance(k, Key) and k[: 1 + known] == (quantity, *variant[:known])]
         if not own:
             continue

@@ -1,8 +1,8 @@
-"""Prescribed motion as an accuracy axis: the torque that drives a turn, by every engine that can, against pure geometry.
+"""Errors of the torque that drives a linkage through one turn by a prescribed law.
 
-The reference needs no integration: positions, velocities and accelerations follow from the law, the torque from virtual work. An
-engine's torque and joint forces are worked out here from its own accelerations, so that it cannot grade itself. Over a turn without
-losses the mean torque is zero. Where rows are redundant the shortest joint forces are compared.
+The reference needs no integration: positions, velocities and accelerations follow from the law, and the torque from virtual work.
+The torque and the joint forces of an engine are computed here from its accelerations, not taken from the engine. Over a turn
+without losses the mean torque is zero. With redundant rows, the joint forces of least norm are compared.
 """
 
 from typing import Any
@@ -23,13 +23,13 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.driving, "driving", driving)
 
 
 def driving(linkage: str, scenario: str, part: Driving) -> Tables:
-    """One row for each way to run a driven turn; a way that fails is a row with a reason."""
+    """Return one row for each engine and setting of the part; a run that fails has a row with the reason."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
     reference = build_reference(mechanism, mechanism.duration)

@@ -1,7 +1,6 @@
-"""Kinematics three independent ways: link units, point coordinates, and the dynamics' own constraints differentiated.
+"""Compare three independent methods of kinematics: link units, point coordinates, and the differentiated constraints of dynamics.
 
-They share the linkage file and no equation, so their agreement vouches for the velocities and accelerations that every engine
-starts from.
+They share the linkage file and no equation, so that their agreement confirms the velocities and accelerations at the start of runs.
 """
 
 from itertools import combinations
@@ -30,13 +29,13 @@ FORMS = (
 Levels = tuple[Array, Array, Array]
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.geometry, "agreement", geometry)
 
 
 def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
-    """Agreement over one driven turn, the singular positions and, where asked for, searches for the assembly."""
+    """Return the agreement of the methods over one turn, the singular positions and, if asked for, searches for the assembly."""
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
     loop, basic = (solve(mechanism, inputs_of(mechanism), times) for solve in (loop_motion, basic_motion))
@@ -54,7 +53,7 @@ def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
 
 
 def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, accelerations: Any = 0.0) -> Levels:
-    """q, v, a (k, n) at angles (k,) of the crank, each closed from the one before."""
+    """Return q, v, a (k, n) at crank angles (k,) [rad]; each position is solved from the one before."""
     asked = np.broadcast(angles, speeds, accelerations)
     parts = [motion.state(*(np.array([float(x)]) for x in state)) for state in asked]
     q, v, a = (np.concatenate(level) for level in zip(*parts, strict=True))
@@ -62,7 +61,7 @@ def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, ac
 
 
 def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
-    """Shares of random starts from which each search finds the assembly, in loop variables and in point coordinates."""
+    """Return the share of random starts from which each search finds the assembly, in loop variables and in point coordinates."""
     rows = []
     for form, spreads, make, difference in FORMS:
         for basin in basins(mechanism, inputs_of(mechanism), spreads, STARTS, form=make, difference=difference):
@@ -71,13 +70,13 @@ def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
 
 
 def differences(one: Levels, other: Levels) -> dict[str, float]:
-    """Largest difference of positions, velocities and accelerations over the turn, relative to the largest value of each."""
+    """Return the largest difference of positions, velocities and accelerations over the turn, relative to the largest of each."""
     named = zip(("position", "velocity", "acceleration"), one, other, strict=True)
     return {name: float(np.abs(x - y).max() / np.abs(y).max()) for name, x, y in named}
 
 
 def singular(linkage: str) -> list[dict[str, Any]]:
-    """Limits and dead centres with their crank angles [deg]; empty where the curve of positions forks."""
+    """Return limits and dead centres with their crank angles [deg]; none where the curve of positions has a branch point."""
     mechanism = load(linkage)
     try:
         positions = singular_positions(mechanism)

@@ -1,8 +1,8 @@
 """The cost of one right-hand side against the number of loops: N-four-bars of N windows, own kernels against engines.
 
 Everything is asked for the accelerations of the same state, half a second after the start, where they are known in closed form
-(reference/exact.py). Of an engine the ways are timed that its room names in `library_calls`: the bare call, without the translation
-of coordinates around it.
+(reference/exact.py). An engine's `library_calls` list the calls of its library that are timed, without the
+translation of coordinates around them.
 
 Own kernels are timed in their own loop, a quarter of a step of Runge and Kutta, and called from Python for one state. All of a size
 are timed in one interleaved run, which is repeated in several processes: a time is the median of theirs. An exponent is fitted to
@@ -36,16 +36,16 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 MOMENT = "0.5"  # [s] of the closed form
-STEP = 1e-6  # [s] of own kernels: so short that they stay near the state
-LOOPED = 1000  # of them in one call: what calling costs no longer counts
+STEP = 1e-6  # [s] of own kernels, so short that they stay near the state
+LOOPED = 1000  # steps in one call, so that the cost of calling is negligible
 LOOP, CALLED, IMPLICIT = "in its own loop", "called from Python", "one implicit step"
-TOO_LONG = {  # the largest size that is built, and what takes long beyond it
+TOO_LONG = {  # engine -> the largest size that is built, and why no larger one
     "pinocchio": (64, "building and checking the model takes more than a minute"),
 }
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """A race for each process and size; those of a size lie apart in time."""
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """Return a race for each process and size; the processes of a size lie apart in time."""
     tasks = [
         context.task("scaling_races", race_growth, (size, part.rounds, number), size=size, process=number)
         for part in suite.growth
@@ -56,7 +56,7 @@ def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add the times over all processes, and the exponents, which are worked out from all sizes."""
+    """Add the times over all processes, and the exponents that are fitted to the times of all sizes."""
     races = tables.get("scaling_races", [])
     for part in suite.growth:
         tables["scaling"] = over_races(races)
@@ -64,8 +64,8 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Right:
-    """A mechanism at a state, with its accelerations in closed form."""
+class ExactState:
+    """A mechanism at a state, with its exact accelerations."""
 
     mechanism: Mechanism
     q: Array
@@ -73,33 +73,33 @@ class Right:
     a: Array
 
     def error(self, a: Array) -> float:
-        """Of an acceleration, relative to the largest one."""
+        """Return the largest error of accelerations (n,), relative to the largest acceleration."""
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
-def right(size: int) -> Right:
-    """The N-four-bar of a size."""
+def exact_state(size: int) -> ExactState:
+    """Return the N-four-bar of a size at the time MOMENT, with its accelerations in closed form."""
     mechanism = load(f"n_four_bar_{size}")
     motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
-    return Right(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
+    return ExactState(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
 
 def race_growth(size: int, rounds: int, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
-    """The rows of one race; what cannot be had, crashes or hangs leaves rows with a status and the reason."""
+    """Return the rows of one race; an entry that cannot be built, crashes or hangs has a status and a reason."""
     measured = gather_rounds(race(entries, (size,), rounds, [*CONTENDERS]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
 
-    def found(key: Key) -> Row:
+    def summarise(key: Key) -> Row:
         return spread("seconds", measured.of(key)) | measured.facts.get(key, {})
 
     keys = [Key(quantity, engine) for engine, (quantities, _) in CONTENDERS.items() for quantity in quantities]
-    return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, found, k) for k in keys]}
+    return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, summarise, k) for k in keys]}
 
 
 def entries(size: int) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Every way to ask every engine."""
-    wanted = right(size)
+    """Yield every timed quantity of every engine, with the function that makes its block."""
+    wanted = exact_state(size)
     for engine, (quantities, make) in CONTENDERS.items():
         most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
         blocks = cache(partial(make, wanted) if size <= most else partial(refuse, reason))
@@ -108,15 +108,17 @@ def entries(size: int) -> Iterator[tuple[Key, Callable[[], Block]]]:
 
 
 def refuse(reason: str) -> list[Block]:
+    """Raise the failure of a size that is not built."""
     raise RunFailure(Status.SKIP, reason)
 
 
 def pick(blocks: Callable[[], list[Block]], k: int) -> Block:
+    """Return the k-th of the blocks that a function makes."""
     return blocks()[k]
 
 
-def make_kernel(formulation: str, wanted: Right) -> list[Block]:
-    """A kernel in its own loop, and called from Python."""
+def make_kernel(formulation: str, wanted: ExactState) -> list[Block]:
+    """Return the blocks of a kernel: in its own loop, and called from Python."""
     try:
         kernel = compile_kernel(wanted.mechanism, formulation, cache=False)
     except KernelError as error:
@@ -128,8 +130,8 @@ def make_kernel(formulation: str, wanted: Right) -> list[Block]:
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
-def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted: Right) -> list[Block]:
-    """A library's own call."""
+def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted: ExactState) -> list[Block]:
+    """Return the block of a call of an engine's library."""
     start = time.perf_counter()
     prepared = asked(wanted.mechanism, wanted.q, wanted.v)
     facts = {"generate_seconds": time.perf_counter() - start, "compile_seconds": 0.0, "error": wanted.error(prepared.acceleration)}
@@ -137,7 +139,7 @@ def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted
     return [replace(block, facts=lambda: facts)]
 
 
-CONTENDERS: dict[str, tuple[tuple[str, ...], Callable[[Right], list[Block]]]] = {
+CONTENDERS: dict[str, tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]] = {
     f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel, formulation)) for formulation in ("gauss", "lagrange")
 }
 for library, calls, quantity in (
@@ -149,29 +151,29 @@ for library, calls, quantity in (
 
 
 def over_races(races: Rows) -> Rows:
-    """A row for each engine, way to ask and size: its time over the processes that timed it, or why none did."""
+    """Return a row for each engine, quantity and size: the time over all processes, or the reason why there is none."""
     ended = [r for r in races if r["status"] == Status.OK]
-    told = []
+    summary = []
     for rows in group(ended, "engine", "quantity", "size").values():
         found = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
         first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
         built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
         times = {"seconds": found["seconds"], "low": found["seconds_low"], "high": found["seconds_high"]}
-        told.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
+        summary.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
     timed_engines = {(r["engine"], r["size"]) for r in ended}
     for where, rows in group([r for r in races if r["status"] != Status.OK], "engine", "size").items():
         if where not in timed_engines:
-            told.append({k: x for k, x in rows[0].items() if k != "process"} | {"quantity": "", "processes": 0})
-    return told
+            summary.append({k: x for k, x in rows[0].items() if k != "process"} | {"quantity": "", "processes": 0})
+    return summary
 
 
 def exponents(races: Rows, large: int) -> Rows:
-    """Exponents by which time grows with size from `large` on, of everything timed at two such sizes or more.
+    """Return the exponents of time ~ size^p over the sizes from `large` on, where two of them or more were timed.
 
-    An exponent is that of the medians over the processes; its spread follows from those of the single processes.
+    An exponent is fitted to the medians over the processes; its spread follows from the exponents of the single processes.
     """
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
-    told = []
+    summary = []
     for (engine, quantity), rows in group(ended, "engine", "quantity").items():
         by_size = {size: statistics.median(r["seconds"] for r in some) for (size,), some in group(rows, "size").items()}
         if len(by_size) == 1:
@@ -181,12 +183,12 @@ def exponents(races: Rows, large: int) -> Rows:
         low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
         found = exponent([*by_size], [*by_size.values()])
-        told.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
-    return told
+        summary.append(names | {"exponent": found, "exponent_low": low, "exponent_high": high})
+    return summary
 
 
 def group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
-    """Rows by their values in some columns."""
+    """Group rows by their values in some columns."""
     groups: dict[tuple[Any, ...], Rows] = {}
     for r in rows:
         groups.setdefault(tuple(r[x] for x in columns), []).append(r)
@@ -194,5 +196,5 @@ def group(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
 
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
-    """p of seconds ~ size^p, by least squares of the logarithms."""
+    """Return p of seconds ~ size^p, by least squares of the logarithms."""
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])

@@ -1,11 +1,11 @@
-"""The limits of this processor: how long a step must take for one trajectory and for many, and the share reached.
+"""Lower bounds for the time of a step on this processor, for one trajectory and for many, and the share of them that is reached.
 
     one trajectory: cycles of the longest chain through a step * length of a cycle
     many:           operations of a step / peak rate
 
-The chain is that of the compiled step itself, carried from one turn of the loop to the next, at the latencies that the code
-generator assumes; cycle and rate are measured in the same race. No code reaches the peak rate: most operations have nothing to be
-fused with, and a division, which counts as one here, takes the place of eight or more. Source: Hennessy and Patterson, Computer
+The chain is the longest one from one turn of the compiled loop to the next, at the latencies that the code generator assumes.
+Cycle and rate are measured in the same race. No code reaches the peak rate: most operations cannot be fused, and a division, which
+counts as one operation here, takes the time of eight or more. Source: Hennessy and Patterson, Computer
 Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
 
@@ -17,7 +17,7 @@ from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.code import read_code
-from gauss_bench.compiler.machine.graph import depending, period
+from gauss_bench.compiler.machine.graph import find_dependents, period
 from gauss_bench.compiler.stepping.rollout import Body, bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load
@@ -28,8 +28,8 @@ ONE, MANY = "one trajectory", "a batch"
 QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flops")}
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
-    """Chain and operations of a compiled step on every linkage of the races."""
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
+    """Return the tasks that find chain and operations of a compiled step, one for each linkage of the races."""
     if not suite.bounds:
         return []
     places = dict.fromkeys(x for part in suite.cost if part.processor for x in part.linkages.items())
@@ -37,19 +37,19 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 
 
 def count_operations(linkage: str, scenario: str) -> Tables:
-    """One row for each kind of bound, without its times; none where the linkage cannot be compiled."""
+    """Return one row for each kind of bound, still without times; none where the linkage cannot be compiled."""
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     try:
         (body,) = bodies(read_code(known_program(mechanism, "gauss", (), None, None), "none"), "rk4", REACHES["rk4"][:1])
     except KernelError:
-        return {"kernel_bounds": []}  # the race tells why
-    told = {"cycles": period(body.step.graph, body.values, body.step.carried), "flops": flops(body)}
-    return {"kernel_bounds": [start | {"quantity": quantity} | told for quantity in (ONE, MANY)]}
+        return {"kernel_bounds": []}  # the row of the race has the reason
+    counts = {"cycles": period(body.step.graph, body.values, body.step.carried), "flops": flops(body)}
+    return {"kernel_bounds": [start | {"quantity": quantity} | counts for quantity in (ONE, MANY)]}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in times, bounds and shares, and the processor itself, whose latency and rate are those of all races together."""
+    """Fill in times, bounds and shares, and add the processor's latency and rate over all races."""
     races = gather_by_linkage(tables)
     for part in suite.bounds:
         rows = tables.get("kernel_bounds", [])
@@ -61,7 +61,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def limit(start: Row, own: str, measured: Measured) -> Row:
-    """Times of a step, and the share of the least time that they leave.
+    """Return the time of a step, its lower bound, and the bound over the time.
 
     Raises:
         Missing: something was not measured.
@@ -74,7 +74,7 @@ def limit(start: Row, own: str, measured: Measured) -> Row:
 
 
 def flops(body: Body) -> int:
-    """Additions, multiplications and divisions in one turn of the loop; a fused multiply-add counts twice."""
+    """Count additions, multiplications and divisions in one turn of the loop; a fused multiply-add counts twice."""
     g = body.step.graph
-    varying = depending(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
+    varying = find_dependents(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
     return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x in varying)

@@ -1,8 +1,8 @@
-"""A long run with projection: loops stay closed to rounding, and the energy drifts as the integrator's order says, no faster.
+"""Long runs with projection: loops must stay closed to rounding, and the error of the energy must fall with the integrator's order.
 
-Nothing is taken from or given to the conservative scenarios, so that the energy is known for ever. Runge-Kutta's error of the
-energy grows with time; at half the step it must be about 2^4 times smaller at least. Drift and energy are the suite's own, not the
-kernel's. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section IX.8 (drift of the energy).
+The scenarios are conservative, so that the energy is constant. Its error grows with time with Runge-Kutta's method; at half the
+step it must be smaller by a factor of about 2^4 or more. Drift and energy are computed by the suite's metrics, not by the kernel.
+Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section IX.8 (drift of the energy).
 """
 
 import numpy as np
@@ -22,16 +22,16 @@ from gauss_bench.suites.schema import LongRuns, Suite
 from gauss_bench.trajectory import Status
 
 SAMPLING = 1e-2  # [s]
-WINDOWS = 10  # in which the largest error of the energy is taken
+WINDOWS = 10  # equal parts of a run; each has its largest error of the energy
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.long_runs, "kernel_long", long_run)
 
 
 def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
-    """Rows of both formulations at two steps, and the error of their energy in each window."""
+    """Return the rows of both formulations at two steps, and the largest error of the energy in each window."""
     mechanism = load(linkage, scenario)
     rows: list[Row] = []
     windows: list[Row] = []
@@ -39,16 +39,16 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
         coarse: Row = {}
         for step in (part.step, part.step / 2):
             start: Row = place_of(mechanism) | {"formulation": formulation, "step": step}
-            told = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
-            energies = told.pop("energies", [])
-            rows.append(judge_row(told, coarse, part))
+            fine = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
+            energies = fine.pop("energies", [])
+            rows.append(judge_row(fine, coarse, part))
             windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energies)]
-            coarse = told
+            coarse = fine
     return {"kernel_long": rows, "kernel_energy": windows}
 
 
 def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
-    """Drift and energy of one run, `energies` being the largest errors of the energy [J] in each window.
+    """Return drift and energy of one run; `energies` holds the largest error of the energy [J] in each window.
 
     Raises:
         Missing: the mechanism has no kernel, or the run did not end.
@@ -74,7 +74,7 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
 
 
 def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
-    """The row with the order of the energy's error, from the run at twice the step, and whether drift and order are as wanted."""
+    """Add the order of the energy's error, given the row at twice the step, and whether drift and order meet their targets."""
     found = fine | {"target": part.drift, "met": False}
     if fine["status"] == Status.OK:
         found["met"] = max(fine["position_drift"], fine["velocity_drift"]) <= part.drift

@@ -1,4 +1,4 @@
-"""The audit of the papers and of published values, as tasks."""
+"""Tasks of the audit: statements of the papers, and published values."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +13,7 @@ from gauss_bench.reference.store import load_stored
 from gauss_bench.suites.schema import Suite
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """One task for each table."""
     makers: dict[str, Callable[..., Tables]] = {
         "audit": audit,
@@ -26,13 +26,13 @@ def exact(suite: Suite, context: Context) -> list[Task]:
 
 
 def example_motion(store: str) -> Tables:
-    """The motion of the first paper's example."""
+    """Return the rows of the first paper's example motion."""
     mechanism = load("crank_slider", "paper")
     return paper_motion(mechanism, load_stored(mechanism, SPAN, Path(store)))
 
 
 def list_published() -> Tables:
-    """Published values against certified ones; none without the certificate."""
+    """Compare published values with certified ones; without the certificate there are no rows."""
     name, scenario, t = SQUEEZER
     mechanism = load(name, scenario)
     reference = find_certified(mechanism, t)

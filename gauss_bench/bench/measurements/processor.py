@@ -1,8 +1,8 @@
-"""The processor's own speed, measured by two tiny loops that are generated, compiled and raced beside everything else.
+"""Measure the speed of the processor by two small compiled loops, which take part in the race of costs.
 
-One is a chain of fused multiply-adds, each waiting for the one before: its time per link is their latency, which is CYCLES cycles
-on every x86 processor since 2015, and so gives the length of a cycle. The other has CHAINS independent chains of vectors: its rate,
-a fused multiply-add being two operations, is the peak rate.
+One loop is a chain of fused multiply-adds, each of which needs the result of the one before: the time of one is their latency.
+This is CYCLES cycles on every x86 processor since 2015, which gives the length of a cycle. The other loop has CHAINS independent
+chains of vectors: its rate, with two operations per fused multiply-add, is the peak rate.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ from gauss_bench.compiler.machine.llvm import Listing
 from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]
-CHAINS = 16  # two in flight for each of two pipes and four cycles
+CHAINS = 16  # enough to fill two pipes of four cycles each, twice
 LINKS = 16  # of the chain in one turn of the loop
 TURNS = 2_000
 TEMPLATE = Path(__file__).parent / "chain.ll.jinja"
@@ -31,7 +31,7 @@ FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")
 
 
 def chain_text(chains: int, links: int, lanes: int) -> str:
-    """A module whose `accelerate` goes `groups` times through x = a x + b, `links` times for each of `chains` chains."""
+    """Return an LLVM module: `accelerate` repeats x = a x + b `groups` times `links` times for each of `chains` chains."""
     half, one = (f"<{', '.join([f'double {x}'] * lanes)}>" for x in (0.5, 1.0))
     numbers = {"chains": chains, "links": links, "lanes": lanes, "real": f"<{lanes} x double>", "half": half, "one": one}
     text: str = Template(TEMPLATE.read_text(encoding="utf-8"), trim_blocks=True).render(numbers)
@@ -39,12 +39,13 @@ def chain_text(chains: int, links: int, lanes: int) -> str:
 
 
 def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Both loops as entries of a race; a repetition is one vector operation."""
+    """Yield both loops as entries of a race; a repetition is one vector operation."""
     yield LATENCY_KEY, partial(_loop, 1, 2)
     yield RATE_KEY, partial(_loop, CHAINS, None)
 
 
 def _loop(chains: int, lanes: int | None) -> Block:
+    """Return the block of a loop of so many chains, in vectors of `lanes` numbers, or of the widest kind."""
     if not native_code.available():
         raise RunFailure(Status.SKIP, "the loops that measure the processor need the package llvmlite")
     width = native_code.best_lanes() if lanes is None else lanes
@@ -55,14 +56,14 @@ def _loop(chains: int, lanes: int | None) -> Block:
 
 
 def name_machine() -> Rows:
-    """The names that the machine and the libraries give themselves."""
+    """Return a row for each fact of the machine and each version of a library."""
     where = environment()
     rows: Rows = [{"key": x, "status": "ok", "statement": str(where[x])} for x in FACTS]
     return rows + [{"key": name, "status": "ok", "statement": x} for name, x in sorted(where["versions"].items())]
 
 
 def processor_rows(measured: Measured) -> Rows:
-    """Latency, length of a cycle and peak rate, as quantities."""
+    """Return a row each for latency, length of a cycle and peak rate."""
     lanes = native_code.best_lanes() if native_code.available() else 0
 
     def value(factor: float) -> Row:

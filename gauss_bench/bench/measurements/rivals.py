@@ -1,14 +1,13 @@
-"""Steps and right-hand sides of compiled formulations against a rival's, taken from the races.
+"""Ratios of steps and right-hand sides between compiled formulations and a rival engine, computed from the races of costs.
 
-A step is one in each engine's own loop, at the same length. Forces, springs and the guards of the pivots are in what is timed, and
-so is the call from Python, a few parts in a hundred of the kernel's time.
+Steps are those in each engine's own loop, of the same length. Their times include forces, springs, the checks of pivots, and the
+call from Python, which is a few per cent of the kernel's time.
 
-A right-hand side is a state in and its accelerations out. The rival's library is called with everything ready at one state, nothing
-of the suite around it, once as it is called from Python and once less what such a call costs: a function of the same library that
-takes two vectors, returns one, and subtracts them. That takes about a tenth of a microsecond too little, as the call in question is
-given more arguments, and so favours neither by more than that. The kernel's is a quarter of a step of Runge-Kutta in its own loop,
-and its own call from Python. Inside the loop equal parts of different stages are computed once: that is part of what compiling a
-loop gains.
+A right-hand side computes the accelerations of a state. For the rival it is the bare call of its library at a prepared state, with
+and without the cost of a call from Python. That cost is measured with a function of the same library that subtracts two vectors; it
+is about 0.1 us too small, as the bare call has more arguments. For the kernel a right-hand side is a quarter of a step of
+Runge-Kutta in its own loop, and its call from Python. Inside the loop, equal terms of different stages are computed once, which is
+part of the gain from compiling a loop.
 """
 
 from itertools import product
@@ -23,7 +22,7 @@ from gauss_bench.suites.schema import RightHandSide, Steps, Suite
 
 LOOP, CALLED = "in its own loop", "called from Python"
 AS_CALLED, NET = "as called", "less the call"
-LEAST = 1e-9  # [s] a right-hand side takes at least: keeps noise from making the rival's net time negative
+LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival's net time negative
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -38,7 +37,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured: Measured) -> Rows:
-    """One row for each formulation, stabilisation and setting of the rival; the first formulation has targets."""
+    """Return one row for each formulation, stabilisation and setting of the rival; only the first formulation has targets."""
     rows = []
     for (formulation, engine), stabilization, settings in product(part.own.items(), part.stabilizations, part.settings):
         start: Row = {"mechanism": place[0], "scenario": place[1], "formulation": formulation}
@@ -46,12 +45,12 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
         own, rival = Key(NATIVE, engine, stabilization=stabilization), Key(NATIVE, part.rival, settings)
         aimed = formulation == next(iter(part.own))
         target = part.targets.get(stabilization, {}).get(place[0]) if aimed else None
-        rows.append(at_least(row(start, measured.compared, own, rival), "ratio", target))
+        rows.append(at_least(row(start, measured.compare, own, rival), "ratio", target))
     return rows
 
 
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
-    """Every way to ask the one against every way to ask the other; the target stands at the strictest comparison of loops."""
+    """Return a row for each pair of call modes; only the kernel's loop against the rival without the call has a target."""
     rows = []
     for settings, own, rival in product(part.settings, (LOOP, CALLED), (AS_CALLED, NET)):
         start: Row = {"mechanism": place[0], "scenario": place[1], "own": own, "rival": rival}
@@ -63,7 +62,7 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
 
 
 def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
-    """Both times.
+    """Return the times of both right-hand sides and their ratio.
 
     Raises:
         Missing: one was not measured.

@@ -12,14 +12,14 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache, partial
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
-from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, tolerances, won
+from gauss_bench.bench.measure import reference_of
+from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_of
 from gauss_bench.bench.ways import (
@@ -42,50 +42,56 @@ from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
-from gauss_bench.reference.store import load_stored
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
-from gauss_bench.trajectory import Reference, Status
+from gauss_bench.trajectory import Status
 
-STATUSES = dict.fromkeys((Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP)  # of tables; others by their own names
-Ladders = dict[Way, list[Trial]]  # trials of every variant, a way of size 0, in the order in which they were searched
-Asked = list[tuple[Way, int, float]]  # ways with their steps, and how many seconds they may take
+STATUSES = dict.fromkeys(
+    (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
+)  # in tables; other kinds are their own status
+Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
+Asked = list[tuple[Way, int, float]]  # ways, each with its number of steps and its estimated time [s]
 
 
 def requirements(part: Search) -> list[Requirement]:
+    """Return the requirements of a part, in the order of UNITS."""
     return [Requirement(kind, limit) for kind in UNITS for limit in getattr(part, kind)]
 
 
-def search_linkage(part: Search) -> list[Offer]:
-    """The engines of a part that can be asked."""
+def engines_of(part: Search) -> list[Offer]:
+    """Return the engines that a part of a suite searches."""
     return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
 
 
-def over(linkage: str, scenario: str, part: Search) -> Run:
+def motion_of(linkage: str, scenario: str, part: Search) -> Run:
+    """Return the motion that a part searches: to its end, or to that of the scenario if that is earlier."""
     mechanism = load(linkage, scenario or None)
     return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
 
-def exact(suite: Suite, context: Context) -> list[Task]:
-    """One ladder for each linkage, engine and variant."""
+def exact_tasks(suite: Suite, context: Context) -> list[Task]:
+    """Return one task, a ladder, for each linkage, engine and variant."""
     tasks = []
     for part, place in _races(suite):
         asked = part.model_copy(update={"linkages": {}, "engines": ()})
-        for engine in search_linkage(part):
+        for engine in engines_of(part):
             for variant in space(engine):
                 arguments = (*place, engine.name, variant, asked, context.store)
                 tasks.append(context.task("search_ladder", ladder, arguments, *place, **names_of(engine.name, variant)))
     return tasks
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """The first process of every race: what is worth it, given the ladders, and its times."""
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """Return a task for the first process of every race; the ladders decide which ways race."""
     return [patient(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
-def timed_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """The further processes, of what the first one found to be near the fastest; each goes over all linkages before the next."""
+def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+    """Return tasks for further processes of every race, with the ways that were near the fastest in the first.
+
+    The processes of one linkage lie apart in time: each number is run on all linkages before the next.
+    """
     most = max((part.processes for part in suite.search), default=1)
     return [
         patient(_task(context, further_race, part, place, tables, number))
@@ -96,15 +102,17 @@ def timed_again(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def _races(suite: Suite) -> list[tuple[Search, tuple[str, str]]]:
+    """Return each part with each of its linkages and scenarios."""
     return [(part, place) for part in suite.search for place in part.linkages.items()]
 
 
 def _has_times(races: Rows) -> bool:
+    """Tell whether any way was timed."""
     return any(r["status"] == Status.OK for r in races)
 
 
 def _here(tables: Tables, table: str, place: tuple[str, str]) -> Rows:
-    """The rows of a table that are of a linkage."""
+    """Return the rows of a table that belong to a linkage and scenario."""
     there = place_of(load(place[0], place[1] or None))
     return [r for r in tables.get(table, []) if {k: r[k] for k in there} == there]
 
@@ -112,7 +120,7 @@ def _here(tables: Tables, table: str, place: tuple[str, str]) -> Rows:
 def _task(
     context: Context, function: Callable[..., Tables], part: Search, place: tuple[str, str], tables: Tables, number: int = 0
 ) -> Task:
-    """One process of a race, which depends on what was found before."""
+    """Return the task of one process of a race; its key includes the rows that it depends on."""
     only = part.model_copy(update={"linkages": dict([place])})
     known = [_here(tables, "search_ladder", place), *([_here(tables, "search_races", place), number] if number else [])]
     seen = hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
@@ -120,43 +128,39 @@ def _task(
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in winners and times, write down what was searched, and where every knob comes from."""
+    """Add the winners and times, and the tables of what was searched and of where each option is documented."""
     for part, place in _races(suite):
         ladders, races = (_here(tables, table, place) for table in ("search_ladder", "search_races"))
-        for table, rows in race_found(*place, part, ladders, races).items() if races else ():
+        for table, rows in winners_and_times(*place, part, ladders, races).items() if races else ():
             tables.setdefault(table, []).extend(rows)
-    engines = {x.name: x for part in suite.search for x in search_linkage(part) if x.usable}
+    engines = {x.name: x for part in suite.search for x in engines_of(part) if x.usable}
     if engines:
         tables["search_space"] = [space_row(x, variant) for x in engines.values() for variant in space(x)]
         tables["search_knobs"] = [
             {"engine": x, "knob": k.name, "meaning": k.meaning, "source": k.source}
             for x in engines
-            for k in getattr(get(x), "knobs", {}).values()  # an engine without a file of variants has none but its settings
+            for k in getattr(get(x), "knobs", {}).values()  # an engine without a file of variants has no knobs
         ]
 
 
 def names_of(engine: str, variant: Variant) -> dict[str, str]:
-    """The columns that name a variant."""
+    """Return the columns that name a variant."""
     names = {"engine": engine, "settings": variant.name}
     return names | {"integrator": variant.integrator, "stabilization": variant.stabilization}
 
 
 def space_row(engine: Offer, variant: Variant) -> Row:
+    """Return the row of a variant in the table of what was searched."""
     size = "tolerance" if variant.integrator in engine.adaptive else "step"
     return names_of(engine.name, variant) | {"size": size, "options": json.dumps(dict(variant.options), sort_keys=True)}
 
 
-# Ladders: what passes, without a clock
-
-
-@lru_cache(maxsize=4)
-def reference_of(linkage: str, scenario: str, until: float, store: str) -> Reference:
-    return load_stored(load(linkage, scenario or None), until, Path(store))
+# Ladders: the sizes that meet a requirement; no timing affects them
 
 
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
-    """A row for every evaluation of a variant; the last one tells why there are no more."""
-    run = over(linkage, scenario, part)
+    """Return a row for every evaluation of a variant; the last one has the reason why the search ended."""
+    run = motion_of(linkage, scenario, part)
     names = names_of(engine, variant)
     way = Way(**names, size=0.0)
     start: Row = place_of(run.mechanism) | names | {"until": run.until}
@@ -177,14 +181,14 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     rows = []
     for trial in trials:
         errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
-        told = {"steps": trial.steps, "status": str(trial.status), "message": trial.message}
-        rows.append(start | place(way._replace(size=trial.size)) | told | errors)
+        outcome = {"steps": trial.steps, "status": str(trial.status), "message": trial.message}
+        rows.append(start | place(way._replace(size=trial.size)) | outcome | errors)
     rows[-1]["ended"] = ended
     return {"search_ladder": rows}
 
 
 def read_ladders(rows: Sequence[Row]) -> Ladders:
-    """Read the ladders of a linkage."""
+    """Return the ladders that the rows of a linkage describe."""
     ladders: Ladders = {}
     for r in rows:
         variant = Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
@@ -193,10 +197,8 @@ def read_ladders(rows: Sequence[Row]) -> Ladders:
 
 
 def passing_ways(ladders: Ladders, part: Search) -> dict[tuple[Requirement, str], dict[Way, Trial]]:
-    """For every requirement and engine what is exact enough: each variant at the largest size that is, in their order."""
-    found: dict[tuple[Requirement, str], dict[Way, Trial]] = {
-        (w, e.name): {} for w in requirements(part) for e in search_linkage(part)
-    }
+    """Return (requirement, engine) -> way -> trial: each variant that meets the requirement, at the coarsest size that does."""
+    found: dict[tuple[Requirement, str], dict[Way, Trial]] = {(w, e.name): {} for w in requirements(part) for e in engines_of(part)}
     for (wanted, engine), ways in found.items():
         for variant, trials in ladders.items():
             trial = coarsest(trials, wanted)
@@ -205,12 +207,15 @@ def passing_ways(ladders: Ladders, part: Search) -> dict[tuple[Requirement, str]
     return found
 
 
-# The race: what is cheapest
+# The race: the cheapest of the ways that meet a requirement
 
 
 def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
-    """Times of everything worth a race, after another process has estimated costs; `rows` are the ladders of the linkage."""
-    run, passing = over(linkage, scenario, part), passing_ways(read_ladders(rows), part)
+    """Estimate the costs of the ways that meet a requirement in one process, and race the cheap ones in another.
+
+    `rows` are the ladders of the linkage.
+    """
+    run, passing = motion_of(linkage, scenario, part), passing_ways(read_ladders(rows), part)
     steps = {way: trial.steps for ways in passing.values() for way, trial in ways.items()}
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     rough, lost = race_apart(rough_entries, run, part, [(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
@@ -220,48 +225,50 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     for ways in passing.values():
         for some in by_loop(ways):
             chosen |= dict.fromkeys(finalists({way: costs[way] for way in some if way in costs}))
-    told, more = race_apart(race_entries, run, part, [(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
-    return {"search_races": race_rows(run, 0, told, lost | more)}
+    rows_of_race, more = race_apart(
+        race_entries, run, part, [(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead
+    )
+    return {"search_races": race_rows(run, 0, rows_of_race, lost | more)}
 
 
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
-    """Times in one more process, of what may still win by those of the first."""
-    run, measured = over(linkage, scenario, part), gather_measured(first)
+    """Race the ways that may still win in one more process; `rows` are the ladders, `first` the rows of the first process."""
+    run, measured = motion_of(linkage, scenario, part), gather_measured(first)
     near: dict[Way, int] = {}
     for ways in passing_ways(read_ladders(rows), part).values():
         near |= {way: ways[way].steps for some in by_loop(ways) for way in near_ways(some, measured)}
     asked = [(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
-    told, lost = race_apart(race_entries, run, part, asked, part.rounds, list_lost(first), part.lead)
-    return {"search_races": race_rows(run, number, told, lost)}
+    rows_of_race, lost = race_apart(race_entries, run, part, asked, part.rounds, list_lost(first), part.lead)
+    return {"search_races": race_rows(run, number, rows_of_race, lost)}
 
 
 def race_apart(
     entries: Entries, run: Run, part: Search, asked: Asked, rounds: int, lost: Collection[str] = (), *more: float
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Race ways in a new process, without engines that were lost before: its rows, and the engines that crash or hang in it."""
-    names = [x.name for x in search_linkage(part) if x.name not in lost]
+    """Race ways in a new process, without the engines in `lost`; return its rows, and the engines that crash or hang in it."""
+    names = [x.name for x in engines_of(part) if x.name not in lost]
     left = [x for x in asked if x[0].engine not in lost]
     arguments = (run.linkage, run.mechanism.scenario, run.until, left, *more)
-    told, gone = list_survivors(race_here, (entries, arguments, rounds), names)
-    return told, gone
+    rows_of_race, gone = list_survivors(race_here, (entries, arguments, rounds), names)
+    return rows_of_race, gone
 
 
 def rough_entries(linkage: str, scenario: str, until: float, asked: Asked) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """A step of every variant, by the way of it that is asked for."""
+    """Yield one step of every variant, at the size of the given way."""
     run = Run(linkage, load(linkage, scenario or None), until)
     for way, steps, _ in asked:
         yield way._replace(size=0.0), partial(one_step, run, way, steps, {})
 
 
 def race_entries(linkage: str, scenario: str, until: float, asked: Asked, lead: float) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Whole runs of ways, or their first parts; ways of one variant may share a model."""
+    """Yield whole runs of ways, or first parts of long ones; ways of one variant may share a model."""
     run, models = Run(linkage, load(linkage, scenario or None), until), Models()
     for way, steps, cost in asked:
         yield way, partial(whole_run, run, way, steps, cost, lead, models)
 
 
 def by_loop(ways: Iterable[Way]) -> list[list[Way]]:
-    """Return the ways of an engine apart by who runs the loop: the cheapest of each is raced."""
+    """Group the ways of an engine by their time loop (option `loop`); the cheapest of each group race."""
     loops: dict[str, list[Way]] = {}
     for way in ways:
         loops.setdefault(loop_of(way), []).append(way)
@@ -269,28 +276,28 @@ def by_loop(ways: Iterable[Way]) -> list[list[Way]]:
 
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
-    """Those of them that may be the fastest, by the first process."""
+    """Return the ways that may be the fastest, judged by the first process."""
     return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
 
 
-def race_rows(run: Run, number: int, told: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
-    """Rows of one process of a race, and the engines that were lost in it."""
+def race_rows(run: Run, number: int, rows_of_race: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
+    """Return the rows of one process of a race, and one for each engine that crashed or hung in it."""
     start: Row = place_of(run.mechanism) | {"process": number}
     rows = []
-    for r in told:
+    for r in rows_of_race:
         answer = {k: r[k] for k in ("round", "seconds", "status", "message") if k in r}
         rows.append(start | place(entry_of(r)) | {"status": str(Status.OK), "message": ""} | answer)
-    return rows + [start | {"engine": e} | failure.told for e, failure in lost.items()]
+    return rows + [start | {"engine": e} | failure.columns for e, failure in lost.items()]
 
 
-def race_found(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
-    """Winners of every engine for every requirement, and the times of all that was raced.
+def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
+    """Return the winner of every engine for every requirement, and the times of all ways that raced.
 
-    An engine that crashed or hung in one of the processes has that reason in the place of a winner.
+    An engine that crashed or hung in one of the processes has a row with the reason instead of a winner.
     """
     if not _has_times(races):
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
-    run, ladders = over(linkage, scenario, part), read_ladders(ladder_rows)
+    run, ladders = motion_of(linkage, scenario, part), read_ladders(ladder_rows)
     measured, lost = gather_measured(races), list_lost(races)
     start: Row = place_of(run.mechanism)
     passing, winners = passing_ways(ladders, part), []
@@ -301,46 +308,49 @@ def race_found(linkage: str, scenario: str, part: Search, ladder_rows: Rows, rac
         for line in (x for x in lines if x["status"] == Status.OK):
             way = way_of(line)
             line["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
-        winners += with_ratios(lines, measured, part) + [asked | {"engine": e} | told for e, told in lost.items() if e in engines]
+        winners += with_ratios(lines, measured, part) + [
+            asked | {"engine": e} | reason for e, reason in lost.items() if e in engines
+        ]
     entered = dict.fromkeys(way for way in (*measured.samples, *measured.failed) if isinstance(way, Way))
     times = [row(start | place(way), _time_over_processes, measured, way) for way in entered if way.engine not in lost]
     return {"search_winners": winners, "search_times": times}
 
 
 def _time_over_processes(measured: Measured, way: Way) -> Row:
-    """A time and its spread, which one process does not tell.
+    """Return the columns of a time and its spread; the spread is NaN where only one process ran the way.
 
     Raises:
         Missing: it was not measured.
     """
     samples = measured.of(way)
-    told: Row = spread("seconds", samples)
-    alone = np.isfinite(samples).any(axis=1).sum() == 1
-    return told | {"seconds_low": math.nan, "seconds_high": math.nan} if alone else told
+    columns: Row = spread("seconds", samples)
+    if np.isfinite(samples).any(axis=1).sum() == 1:
+        columns |= {"seconds_low": math.nan, "seconds_high": math.nan}
+    return columns
 
 
 def list_lost(races: Rows) -> dict[str, Row]:
-    """Engine -> why it was lost in a race."""
+    """Return engine -> status and reason, for those that crashed or hung in a race."""
     return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in races if r.get("engine") and r.get("integrator") is None}
 
 
 def gather_measured(races: Rows) -> Measured:
-    """Gather what the processes of a race measured."""
+    """Return the times of the ways over the processes of a race."""
     return gather_rounds((r for r in races if r.get("integrator") is not None), way_of)
 
 
 def entry_of(r: Mapping[str, Any]) -> Way:
-    """The way that a row of `race_here` is about."""
+    """Return the way that a row of `race_here` names."""
     return Way(*(r[x] for x in Way._fields))
 
 
 def way_of(r: Mapping[str, Any]) -> Way:
-    """The way that a row of a table is about."""
+    """Return the way that a row of a table names."""
     return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], r["step"] or r["tolerance"])
 
 
 def place(way: Way) -> Row:
-    """A way as columns of a table."""
+    """Return the columns that name a way."""
     columns = way._asdict()
     size = columns.pop("size")
     return columns | ({"step": None, "tolerance": size} if is_adaptive(way) else {"step": size, "tolerance": None})
@@ -355,58 +365,58 @@ def winner_row(
     measured: Measured,
     part: Search,
 ) -> Row:
-    """An engine's winner for a requirement, of the ways that are `passing`; without one, how near it came and why no further."""
+    """Return an engine's row for a requirement: its winner among the ways that meet it, or how near it came and why it failed."""
     searched = {way: trials for way, trials in ladders.items() if way.engine == engine}
-    told = start | {"engine": engine, "variants": len(searched), "evaluations": sum(map(len, searched.values()))}
-    told |= {"passing": len(passing), "raced": sum(way in measured.samples for way in passing)}
-    told |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
+    columns = start | {"engine": engine, "variants": len(searched), "evaluations": sum(map(len, searched.values()))}
+    columns |= {"passing": len(passing), "raced": sum(way in measured.samples for way in passing)}
+    columns |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
     near = near_ways(passing, measured)
     if not near:
-        return told | not_won(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
-    winner, tied = won({way: measured.samples[way] for way in near})
+        return columns | row_without_winner(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
+    winner, tied = pick_winner({way: measured.samples[way] for way in near})
     options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
-    told |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
-    told |= {
+    columns |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
+    columns |= {
         "options": json.dumps(dict(options), sort_keys=True),
         "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
     }
-    return told | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
+    return columns | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
 
 
-def not_won(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
-    """Return the columns of an engine without a winner: the answer, and how near it came."""
+def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
+    """Return the columns of an engine without a winner: the reason, and the way with the least error."""
     found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
-    told: Row = {"status": str(status), "message": found.words}
+    columns: Row = {"status": str(status), "message": found.words}
     every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
     if not every:
-        return told
+        return columns
     way, trial = min(every, key=lambda x: x[1].errors[wanted.kind])
-    return told | place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
+    return columns | place(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
 
 
 def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
-    """The rows of a requirement with their time over that of the cheapest own way; of own ways that tie it is the first.
+    """Add to the rows of a requirement the ratios of their times to that of the cheapest own way.
 
-    The spread covers whatever ties with either: a second race may name another of them.
+    The spread of a ratio covers all ways that tie with either, because a second race may name another of them.
     """
     ended = [r for r in rows if r["status"] == Status.OK]
     ours = {way_of(r): r for r in ended if r["engine"] in part.own}
-    level = won({way: measured.of(way) for way in ours})[1] if ours else []
-    own = min(ours, key=measured.time, default=None)  # the cheaper, whatever ties with it
+    level = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []
+    own = min(ours, key=measured.time, default=None)  # the one with the least time
     fastest = [way for x in level for way in ours[x]["ties"]]
-    told = []
+    completed = []
     for r in rows:
         holds = r["status"] == Status.OK
         ratios = ratio_of(r, own, fastest, measured) if own is not None and holds else {}
         aimed = r["status"] == Status.OK and r["required"] == "position" and r["accuracy"] in part.aimed
         plain = {k: x for k, x in r.items() if k != "ties"} | {"own": holds and way_of(r) == own, "ours": r["engine"] in part.own}
-        told.append(at_least(plain | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
-    return told
+        completed.append(at_least(plain | ratios, "ratio", part.aims.get(r["engine"]) if aimed else None))
+    return completed
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
-    """A winner's time over that of our own; the spread is that of whatever ties with either."""
+    """Return the ratio of a winner's time to that of the cheapest own way; its spread covers all that tie with either."""
     if way_of(r) == own:
         return {"ratio": 1.0, "ratio_low": 1.0, "ratio_high": 1.0}
     spreads = [ratio(measured.of(x), measured.of(y)) for x in r["ties"] for y in fastest]

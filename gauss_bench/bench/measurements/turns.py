@@ -1,7 +1,7 @@
-"""Kinematics compiled: positions, velocities and accelerations of all links per second, over whole turns of the crank.
+"""Time compiled kinematics: positions, velocities and accelerations of all links over whole turns of the crank.
 
-Each turn is judged by pure geometry, the closure in the crank angle by Newton's method, at every sample; errors are relative to the
-largest value of each level. The suite's own link units in numpy race along.
+Errors are differences from the closure solved by Newton's method at every sample, relative to the largest position, velocity and
+acceleration. Link units in numpy are timed for comparison.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, gather_rounds, lasting, row, spread
+from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, lasting, row, spread
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
-from gauss_bench.bench.survived import race_survivors
+from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.closure import Sweep, compile_closure
 from gauss_bench.kinematics.inputs import inputs_of
@@ -23,25 +23,24 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.suites.schema import Suite, Turns
 
 METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
-PLAIN_SAMPLES = 36  # of the numpy form: a turn of it would take as long as all the rest
+PLAIN_SAMPLES = 36  # of the numpy method, whose whole turn would take as long as all the rest
 LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
-def timed(suite: Suite, context: Context, tables: Tables) -> list[Task]:
+def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """One task for each linkage."""
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
 
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
-    """A row for each way, over the processes; one that crashes or hangs in a process has that reason in its row."""
-    processes = [race(entries, (linkage, scenario, part), part.rounds, METHODS) for _ in range(part.processes)]
-    measured = gather_rounds((r | {"process": k} for k, rows in enumerate(processes) for r in rows), strict=True)
+    """Return a row for each method, over several processes; one that crashes or hangs in a process has the reason in its row."""
+    measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
     start = place_of(load(linkage, scenario))
     return {"kernel_kinematics": [turn_row(start, part, method, measured) for method in METHODS]}
 
 
 def turn_row(start: Row, part: Turns, method: str, measured: Measured) -> Row:
-    """One way's row, with the target of its linkage for the compiled way, which wrong kinematics do not meet."""
+    """Return the row of a method; the compiled one has a target, which it meets only if its errors are small too."""
     key = Key("turn", method)
     start = start | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
     found = row(start, lambda: rate(spread("seconds", measured.of(key))) | measured.facts.get(key, {}))
@@ -52,12 +51,12 @@ def turn_row(start: Row, part: Turns, method: str, measured: Measured) -> Row:
 
 
 def rate(times: Row) -> Row:
-    """Seconds of one position, and positions per second."""
+    """Add positions per second to the columns of a time [s] per position."""
     return times | {"rate": 1 / times["seconds"], "rate_low": 1 / times["seconds_high"], "rate_high": 1 / times["seconds_low"]}
 
 
 def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Every way, with how its turns are made."""
+    """Yield both methods, each with the function that makes its block."""
     mechanism, samples = load(linkage, scenario), part.samples
 
     def native() -> Block:
@@ -74,7 +73,7 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
 
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:
-    """Largest differences from pure geometry, relative to the largest value of each level."""
+    """Return the largest errors of position, velocity and acceleration, relative to the largest value of each."""
     motion = MinimalCoordinate(mechanism)
     off = differences((turn.q, turn.v, turn.a), exact_motion(motion, turn.q[:, motion.crank]))
     return {f"{level}_error": x for level, x in off.items()}

@@ -20,14 +20,14 @@ from gauss_bench.compiler.elimination.formulations import guarded, keep_rows, ve
 from gauss_bench.compiler.elimination.function import Function, Inputs, function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
-from gauss_bench.compiler.equations.constraints import Row, rows_of
+from gauss_bench.compiler.equations.constraints import rows_of
 from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_equations import REGULAR
 from gauss_bench.mechanism.coordinates import columns, state, value
-from gauss_bench.mechanism.equations import Motion
+from gauss_bench.mechanism.equations import Motion, Row
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Along, AngleDriver, Driver, Mechanism, Point, SlideDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
@@ -190,6 +190,6 @@ class _Equations:
         stored = [*(links.coordinate(k) for k in range(n)), *v, *a]
         for point in self.driven.observed_points:
             ways = [state(Along(WORLD, point, 0.0, across), links) for across in (False, True)]
-            seconds = [graph.total([x.bias, *(e * a[k] for k, e in columns(links.space, x.entries).items())]) for x in ways]
+            seconds = [graph.total([x.bias, *(e * a[k] for k, e in columns(x.entries).items())]) for x in ways]
             stored += [*(x.value for x in ways), *(x.rate for x in ways), *seconds]
         return [z], [[x for x, _ in guarded(factors)], advance, stored]

@@ -33,11 +33,12 @@ from functools import cached_property
 
 from gauss_bench.compiler.elimination.lu import Factors, Matrix, Right, Search, lu
 from gauss_bench.compiler.elimination.partition import ENOUGH, USABLE, Drop, Study, conditions
-from gauss_bench.compiler.equations.constraints import Row, combine, rate_of, rows_of
+from gauss_bench.compiler.equations.constraints import combine, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
 from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out
+from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
 
@@ -418,8 +419,10 @@ def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...]
 
 def bend(links: Links, row: Row, alpha: float, beta: float) -> Node:
     """Return Baumgarte's right-hand side of a row, gamma - 2 alpha phi' - beta^2 phi."""
-    bias = row.gamma - rate_of(links, row) * (2 * alpha)
-    return bias if row.phi is None else bias - row.phi * beta**2
+    bias: Node = row.gamma - rate_of(links, row) * (2 * alpha)
+    if row.phi is not None:
+        bias = bias - row.phi * beta**2
+    return bias
 
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:

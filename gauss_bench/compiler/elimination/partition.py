@@ -25,7 +25,7 @@ from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manif
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import PLANE, angle_slot
+from gauss_bench.mechanism.spaces import SIZE, angle_slot
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
@@ -216,7 +216,7 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
         return [()]
     mechanism, every = study.mechanism, range(study.mechanism.n)
     made = {spread(study.bases, study.free, every, first) for first in every}
-    angles = spread(study.bases, study.free, every[angle_slot(0) :: PLANE.size])
+    angles = spread(study.bases, study.free, every[angle_slot(0) :: SIZE])
     worst = {chosen: float(conditions(study, chosen).min()) for chosen in {*made, angles} if chosen is not None}
     best = max(worst.values(), default=0.0)
     near = sorted(chosen for chosen, x in worst.items() if x > max(USABLE, NEAR * best))

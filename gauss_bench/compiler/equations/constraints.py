@@ -1,42 +1,33 @@
-"""Constraint rows of a linkage as expressions, entry by entry: `mechanism/equations.py`, whose numbers are nodes.
+"""Constraint rows of a linkage as expressions: the rows of `mechanism/equations.py`, whose numbers are nodes.
 
-On the constraints a driven L(t) stands for the distance it is equal to, which saves a root and several products; off the
-constraints this changes the acceleration by as little as the state is off, and no row's zero. Slides do without: stages of a step
-are off by its second power, and an offset in the place of the true distance would save three operations a stage and make steps err
-otherwise than they should.
+On the constraints a driven distance equals the value L(t) of its law, which stands in its place: this saves a root and several
+products, and off the constraints it changes the acceleration in proportion to the violation, and no residual. Slides keep their
+true distance: stages of a step violate the constraints by the square of its size, and the offset of a slide in place of the
+distance would save three operations a stage and change the errors of steps.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 from gauss_bench.compiler.equations.links import Links
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism import equations
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """One constraint: name, entries of J by coordinate, bias, residual (None without a position level), explicit rate."""
-
-    name: str
-    entries: dict[int, Node]
-    gamma: Node
-    phi: Node | None
-    phi_t: Node
+from gauss_bench.mechanism.equations import Row
 
 
 def rows_of(links: Links) -> list[Row]:
-    """All rows in the file's order: joints two each, drivers, knife edges."""
-    node = links.graph.node
-    rows = []
+    """Return all rows in the file's order: joints two each, drivers, knife edges; entries of J that vanish are left out."""
+    node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):
-        entries = {k: y for k, entry in x.entries.items() if not (y := node(entry)).zero}
-        rows.append(Row(x.name, entries, node(x.gamma), None if x.phi is None else node(x.phi), node(x.phi_t)))
+        entries = {k: node(entry) for k, entry in x.entries.items()}
+        entries = {k: entry for k, entry in entries.items() if not entry.zero}
+        phi = None if x.phi is None else node(x.phi)
+        rows.append(replace(x, entries=entries, gamma=node(x.gamma), phi=phi, phi_t=node(x.phi_t)))
     return rows
 
 
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
-    """The sum of some rows, each times a factor, under the name of the first; all have a position level."""
+    """Return the sum of rows, each times a factor, with the name of the first; all must have a position level."""
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:
         for c, e in row.entries.items():
@@ -48,5 +39,6 @@ def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
 
 
 def rate_of(links: Links, row: Row) -> Node:
-    """Rate of the residual, J v + dphi/dt."""
-    return links.graph.total([*(e * links.rate(k) for k, e in row.entries.items()), row.phi_t])
+    """Return the rate of a row's residual, J v + dphi/dt."""
+    products = [e * links.rate(k) for k, e in row.entries.items()]
+    return links.graph.total([*products, row.phi_t])

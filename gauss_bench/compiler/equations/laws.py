@@ -1,6 +1,6 @@
-"""Laws of time as expressions: the formulas of `mechanism/motion_laws.py`, with switches that are numbers 0 and 1.
+"""Motion laws as expressions of time: the formulas of `mechanism/motion_laws.py`, with switches, which are 1 or 0, for branches.
 
-Numpy's sine and cosine of a node are the node's own.
+`RISE_LAWS` work on nodes, because numpy's sine and cosine call a node's methods `sin` and `cos`.
 """
 
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, maximum, minimum
@@ -11,7 +11,7 @@ Law = tuple[Node, Node, Node]  # value, rate, second rate
 
 
 def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
-    """Value, rate and second rate of a law at t.
+    """Return value, rate and second rate of a law at t.
 
     Raises:
         ValueError: a law of an unknown kind.
@@ -30,6 +30,7 @@ def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
 
 
 def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: float, time: float) -> Law:
+    """Return a rise by `travel` that takes `time` [s]; before and after it rates are switched off."""
     zero, one = graph.constant(0.0), graph.constant(1.0)
     s = minimum(maximum(t * (1.0 / time), zero), one)
     moving = at_most(zero, t) * at_most(t, graph.constant(time))
@@ -38,7 +39,7 @@ def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: floa
 
 
 def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: Array, curvatures: Array) -> Law:
-    """A cubic spline: the coefficients of the piece that t is in are picked by switches, one of which is 1."""
+    """Return a cubic spline through `values` at `knots`; one of its switches is 1, that of the piece in which t lies."""
     h = knots[1:] - knots[:-1]
     bend = (curvatures[1:] - curvatures[:-1]) / h
     slope = (values[1:] - values[:-1]) / h - h * (2 * curvatures[:-1] + curvatures[1:]) / 6
@@ -55,9 +56,10 @@ def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: 
 
 
 def _pick(switches: list[Node], values: Array) -> Node:
+    """Return the value of the piece whose switch is 1."""
     return switches[0].graph.total(s * float(x) for s, x in zip(switches, values, strict=True))
 
 
 def at_most(a: Node, b: Node) -> Node:
-    """1 where a <= b, else 0."""
+    """Return 1 where a <= b, else 0."""
     return a.graph.opaque("LE", (a, b), (a.at <= b.at).astype(float))

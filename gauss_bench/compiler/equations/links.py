@@ -1,6 +1,6 @@
 """The links of a linkage as expressions: their numbers, and positions and velocities of link-fixed points.
 
-Each number of a linkage is a constant of the program or, where it is left open, one of its inputs:
+Each number of a linkage is a constant of the program or, if it is left open, one of its inputs:
 links.LINK.mass, .inertia, .com.x, .com.y; points.LINK.POINT.x, .y, in the link's own frame, where LINK may be "ground";
 forces.NAME.value, .value.x, .value.y, .k, .c, .rest; joints.NAME.offset of slides; gravity.x, .y.
 
@@ -10,8 +10,8 @@ the angles of links together, theta_b = theta_g + turn, and the constant part is
     r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
 Tied links share one sine and cosine, and one that is tied to the ground has none: on the constraints nothing changes, and the
-motion never leaves these rows, which are linear. Sines and cosines are those of coordinates as they stand, so that a loop over
-steps can carry them on. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
+motion never leaves these rows, which are linear. The argument of a sine is a coordinate as it stands, so that a loop over steps can
+update the sine by a rotation. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
 """
 
 from collections.abc import Mapping
@@ -28,34 +28,37 @@ from gauss_bench.mechanism.equations import Given, Motion
 from gauss_bench.mechanism.frames import Direction, End, Frame, unit
 from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import Factor, MotionLaw
-from gauss_bench.mechanism.spaces import PLANE, Vec, angle_slot, slots
+from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
 
 
+def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
+    """Return name -> number or vector (2,) of everything that can be left open."""
+    numbers: dict[str, float | Array] = {"gravity": mechanism.gravity}
+    for link in mechanism.links:
+        numbers |= {f"links.{link.name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
+    for owner, points in [("ground", mechanism.ground_points), *((link.name, link.points) for link in mechanism.links)]:
+        numbers |= {f"points.{owner}.{name}": xy for name, xy in points.items()}
+    for force in mechanism.forces:
+        numbers |= {f"forces.{force.name}.{key}": x for key, x in force_numbers(force).items()}
+    return numbers | {f"joints.{j.name}.offset": j.offset for j in mechanism.slides}
+
+
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
-    """Name -> value of every number that can be left open.
+    """Return name -> value of every number that can be left open, vectors by component.
 
     Raises:
-        KernelError: a force of a kind that does not say what it comes to.
+        KernelError: a force of a kind that cannot be lowered to laws on coordinates and forces at points.
     """
     try:
         loads(f for f in mechanism.forces if not factor_of(f))
     except TypeError as error:
         raise KernelError(str(error)) from None
-    out = {f"gravity.{axis}": float(x) for axis, x in zip("xy", mechanism.gravity, strict=True)}
-    for link in mechanism.links:
-        out |= {f"links.{link.name}.mass": float(link.mass), f"links.{link.name}.inertia": float(link.inertia)}
-        out |= {f"links.{link.name}.com.{axis}": float(x) for axis, x in zip("xy", link.com, strict=True)}
-    for owner, points in [("ground", mechanism.ground_points), *((link.name, link.points) for link in mechanism.links)]:
-        for name, xy in points.items():
-            out |= {f"points.{owner}.{name}.{axis}": float(x) for axis, x in zip("xy", xy, strict=True)}
-    for force in mechanism.forces:
-        for key, x in force_numbers(force).items():
-            axes = [""] if np.ndim(x) == 0 else [".x", ".y"]
-            numbers = np.ravel(x).tolist()
-            out |= {f"forces.{force.name}.{key}{axis}": float(number) for axis, number in zip(axes, numbers, strict=True)}
-    out |= {f"joints.{j.name}.offset": float(j.offset) for j in mechanism.slides}
-    return out
+    values: dict[str, float] = {}
+    for name, number in named_numbers(mechanism).items():
+        labels = [f"{name}.x", f"{name}.y"] if np.ndim(number) else [name]
+        values |= dict(zip(labels, np.ravel(number).tolist(), strict=True))
+    return values
 
 
 def force_numbers(force: Force) -> dict[str, float | Array]:
@@ -64,26 +67,24 @@ def force_numbers(force: Force) -> dict[str, float | Array]:
 
 
 def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
-    """The mechanism with other numbers, by the names of `parameter_values`; arrays (k,) are those of as many linkages."""
+    """Return the mechanism with other numbers, by the names of `parameter_values`; arrays (k,) are those of k linkages."""
     if not numbers:
         return mechanism
-    many, known = 0.0 * next(iter(numbers.values())), parameter_values(mechanism)
+    zeros, known = 0.0 * next(iter(numbers.values())), named_numbers(mechanism)
 
-    def at(name: str, old: Any) -> Any:
-        """The number or pair of this name."""
+    def find(name: str, old: Any) -> Any:
+        """Return the new number or vector of this name; numbers that stay are repeated for every linkage."""
         if np.ndim(old) == 0:
-            return numbers.get(name, old + many)
-        return np.stack([at(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
+            return numbers.get(name, old + zeros)
+        return np.stack([find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
 
-    ground = {name: at(f"points.ground.{name}", xy) for name, xy in mechanism.ground_points.items()}
-    links = tuple(
-        replace(
-            link,
-            points={name: at(f"points.{link.name}.{name}", xy) for name, xy in link.points.items()},
-            **{key: at(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia", "com")},
-        )
-        for link in mechanism.links
-    )
+    def find_points(owner: str, points: Mapping[str, Array]) -> dict[str, Array]:
+        return {name: find(f"points.{owner}.{name}", xy) for name, xy in points.items()}
+
+    ground, links = find_points("ground", mechanism.ground_points), []
+    for link in mechanism.links:
+        masses = {key: find(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia", "com")}
+        links.append(replace(link, points=find_points(link.name, link.points), **masses))
 
     def change(x: Any) -> Any:
         """Replace named numbers and points in a value, and recursively in everything that contains such values."""
@@ -96,16 +97,15 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
         if not is_dataclass(x) or isinstance(x, (type, MotionLaw, Factor)):
             return x
         changes = {}
-        for key, old in ((f.name, getattr(x, f.name)) for f in fields(x)):
-            label = getattr(x, "name", "")
-            candidates = (f"forces.{label}.{key}", f"joints.{label}.{key}")
-            names = [name for name in candidates if name in known or f"{name}.x" in known]
-            changes[key] = at(names[0], old) if names else change(old)
+        for field in fields(x):
+            old, label = getattr(x, field.name), f"{getattr(x, 'name', '')}.{field.name}"
+            names = [name for name in (f"forces.{label}", f"joints.{label}") if name in known]
+            changes[field.name] = find(names[0], old) if names else change(old)
         return replace(x, **changes)
 
     parts = ("joints", "forces", "drivers", "observed_points", "measured")
     changed = {part: change(getattr(mechanism, part)) for part in parts}
-    return replace(mechanism, links=links, ground_points=ground, gravity=at("gravity", mechanism.gravity), **changed)
+    return replace(mechanism, links=tuple(links), ground_points=ground, gravity=find("gravity", mechanism.gravity), **changed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ class Parameters:
         return np.array([self.all[name] for name in self.names])
 
     def node(self, graph: ExpressionGraph, name: str) -> Node:
-        """Return the number `name` as a node: an entry of p, or a constant."""
+        """Return a number as a node: an entry of the input p if it is left open, else a constant."""
         value = self.all[name]
         if name not in self.names:
             return graph.constant(value)
@@ -128,10 +128,10 @@ class Parameters:
 
 
 def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
-    """The parameters of a mechanism with some left open.
+    """Return the parameters of a mechanism, those with the names left open.
 
     Raises:
-        KernelError: a name the mechanism does not have in this scenario, or one named twice.
+        KernelError: the mechanism has no number of a name in this scenario, or a name is given twice.
     """
     values = parameter_values(mechanism)
     unknown = [name for name in names if name not in values]
@@ -142,7 +142,7 @@ def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
     return Parameters(names, values)
 
 
-AXIS = 1e-14  # of a vector's length: less is rounding of a right angle
+AXIS = 1e-14  # relative to a vector's length: a smaller component is the rounding error of a right angle
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Tie:
 
 
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return for every link the `Tie` of its angle through slides."""
+    """Return the tie of every link: slides tie its angle to that of a root, which may be the ground or the link itself."""
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
         guide, block = (Tie(GROUND, 0.0) if p.link == GROUND else ties[p.link] for p in (slide.guide, slide.block))
@@ -173,20 +173,26 @@ def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Names of the inputs that hold time, positions and velocities, and their values at the samples (k,), (k, n), (k, n)."""
+    """The state that expressions depend on.
+
+    Attributes:
+        t, q, v: names of the inputs that hold time, positions and velocities.
+        times, positions, velocities: their values at the samples, (k,), (k, n), (k, n).
+    """
 
     t: str
     q: str
     v: str
-    times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
+    times: Array
+    positions: Array
+    velocities: Array
 
 
 class Links(Given):
-    """The links of one mechanism at one state; `exact` where expressions must hold off the constraints too.
+    """The links of one mechanism at one state, as `mechanism/equations.py` asks for them: its real numbers are nodes here.
 
-    They are a `Given` of `mechanism/equations.py`, whose real numbers are nodes.
+    Attributes:
+        exact: whether expressions must hold off the constraints too, so that no angle is replaced by that of another link.
     """
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
@@ -208,7 +214,7 @@ class Links(Given):
         return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
-        """Angular speed; a tied link has that of its root."""
+        """Return the angular speed of a link, which is that of its root."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(angle_slot(root))
 
@@ -236,28 +242,34 @@ class Links(Given):
         except ValueError as error:
             raise KernelError(str(error)) from None
 
-    def local(self, point: Point) -> Vec:
-        """The point in its link's frame, from the centre of mass."""
-        owner, name = point.name.split(".", 1)
-        if f"points.{owner}.{name}.x" not in self.parameters.all:
-            return self.fixed(*point.local)
-        place = Vec(*(self.number(f"points.{owner}.{name}.{axis}") for axis in "xy"))
-        return place if point.link == GROUND else place - Vec(*(self.number(f"links.{owner}.com.{axis}") for axis in "xy"))
+    def quantity(self, name: str) -> Any:
+        """Return a number as a node, or a vector as a `Vec`, by its name in `named_numbers`."""
+        if name in self.parameters.all:
+            return self.number(name)
+        return Vec(self.number(f"{name}.x"), self.number(f"{name}.y"))
 
-    def fixed(self, x: float, y: float) -> Vec:
+    def local(self, point: Point) -> Vec:
+        """Return the vector from the centre of mass of a point's link to the point, in the link's frame."""
+        if f"points.{point.name}.x" not in self.parameters.all:
+            return self.constant_vector(*point.local)
+        owner = point.name.split(".", 1)[0]
+        place: Vec = self.quantity(f"points.{point.name}")
+        return place if point.link == GROUND else place - self.quantity(f"links.{owner}.com")
+
+    def constant_vector(self, x: float, y: float) -> Vec:
         return Vec(self.graph.constant(float(x)), self.graph.constant(float(y)))
 
     def rotate(self, link: int, s: Vec) -> Vec:
-        """A link-fixed vector in world axes."""
+        """Return a link-fixed vector in world axes."""
         tie = Tie(GROUND, 0.0) if link == GROUND else self.ties[link]
-        s = PLANE.turned(self._unit(tie.offset), s)
+        s = rotate_vec(self._unit(tie.offset), s)
         if tie.root == GROUND:
             return s
         theta = self.coordinate(angle_slot(tie.root))
-        return PLANE.turned(Vec(self.graph.cos(theta), self.graph.sin(theta)), s)
+        return rotate_vec(Vec(self.graph.cos(theta), self.graph.sin(theta)), s)
 
     def _unit(self, theta: float, across: bool = False) -> Vec:
-        return self.fixed(*(0.0 if abs(x) < AXIS else x for x in unit(theta, across)))
+        return self.constant_vector(*(0.0 if abs(x) < AXIS else x for x in unit(theta, across)))
 
     def direction(self, link: int, angle: float, across: bool = False) -> Direction:
         return Direction(self.frame(link), self.rotate(link, self._unit(angle, across)))
@@ -276,15 +288,9 @@ class Links(Given):
         return loads([replace(force, **self._numbers(force)) for force in self.mechanism.forces if not factor_of(force)])
 
     def varying(self) -> list[tuple[Torque | PointForce, Factor]]:
-        """The forces that vary, as steady ones whose numbers are nodes, and what they are multiplied by."""
+        """Return every force that varies as a steady force, whose numbers are nodes, and the factor that multiplies it."""
         forces = [(f, f.factor) for f in self.mechanism.forces if isinstance(f, (Torque, PointForce)) and f.factor]
         return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in forces]
 
     def _numbers(self, force: Force) -> dict[str, Any]:
-        name = f"forces.{force.name}"
-        return {
-            key: self.number(f"{name}.{key}")
-            if np.ndim(x) == 0
-            else Vec(self.number(f"{name}.{key}.x"), self.number(f"{name}.{key}.y"))
-            for key, x in force_numbers(force).items()
-        }
+        return {key: self.quantity(f"forces.{force.name}.{key}") for key in force_numbers(force)}

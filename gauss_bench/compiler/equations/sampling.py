@@ -1,7 +1,7 @@
 """States on the constraints, spread over the motion: where pivots are chosen and programs are checked.
 
 An undriven linkage is moved along its free motion from its start, in steps of at most STEP, for a full turn or up to a position
-where it cannot be closed; a driven one is followed in time. Velocities are random within the constraints.
+beyond which it cannot be closed; a driven linkage is moved by its drivers. Velocities are random, and satisfy the constraints.
 """
 
 from functools import lru_cache
@@ -14,35 +14,35 @@ from scipy.sparse.linalg import splu
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import PLANE
+from gauss_bench.mechanism.spaces import DIMENSION
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
 STEP = 0.1  # [rad, lengths of the linkage] of a walk: Newton keeps its branch well beyond that
 WALK = 2 * np.pi + STEP  # [rad, lengths] one turn of a crank
-FARTHEST = 3.0 * STEP  # from pose to pose: beyond, another branch was closed
-TIMES = 64  # moments at which a driven linkage is closed
-DENSE = 100  # coordinates: beyond, sparse factorisations are cheaper by far
+FARTHEST = 3.0 * STEP  # from pose to pose: a pose farther away is on another branch
+TIMES = 64  # at which a driven linkage is closed
+DENSE = 100  # coordinates: of larger linkages sparse factorisations are far cheaper
 CLOSED = 1e-12  # [m, rad]
-CORRECTIONS = 12  # of a position
+CORRECTIONS = 12  # of a position, at most
 RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
 SPEED = 3.0  # [rad/s, lengths/s] of the fastest coordinate
 
 
 def typical_length(mechanism: Mechanism) -> float:
-    """Mean distance [m] of the joint points from their centres of mass: makes lengths and angles comparable."""
+    """Return the mean distance [m] of points from the centre of mass of their link: the length that is comparable with 1 rad."""
     arms = [float(np.hypot(*(p - link.com))) for link in mechanism.links for p in link.points.values()]
     arms = [x for x in arms if x > 0]
     return sum(arms) / len(arms) if arms else 1.0
 
 
 def scales(mechanism: Mechanism) -> Array:
-    """Return (n,) the unit of each coordinate: the typical length [m] for positions, 1 rad for angles."""
+    """Return the unit of each coordinate (n,): the typical length [m] for positions, 1 rad for angles."""
     length = typical_length(mechanism)
-    return np.tile([*[length] * PLANE.dimension, *[1.0] * PLANE.turns], len(mechanism.links))
+    return np.tile([*[length] * DIMENSION, 1.0], len(mechanism.links))
 
 
-@lru_cache(maxsize=64)  # a walk takes longer than many a search, and pivots, checks and engines ask for the same ones
+@lru_cache(maxsize=64)  # a walk takes longer than most searches for pivots, and several stages need the same states
 def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     """Return at most `count` states spread over the motion, the start first."""
     rng = np.random.default_rng(seed)
@@ -51,7 +51,7 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     which = np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))
     t, q = np.array([path[k][0] for k in which]), np.array([path[k][1] for k in which])
     v = np.array([_velocity(constraints, scale, path[k], rng) for k in which])
-    if mechanism.varying and not mechanism.drivers:  # whose forces may be nothing at the start
+    if mechanism.varying and not mechanism.drivers:  # forces that vary may be zero at t = 0
         t = rng.uniform(0.0, mechanism.duration, len(q))
     return States(t, q, v)
 
@@ -63,9 +63,8 @@ Path = list[Pose]
 def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: int, rng: np.random.Generator) -> Path:
     """Return poses along the free motion, forwards and, if that ends early, also backwards; ordered along the path."""
     heading = scale * rng.normal(size=mechanism.n)
-    freedom = (
-        2 if mechanism.dof > 1 else 1
-    )  # with several degrees of freedom the heading is perturbed at random, and both directions are explored
+    # with several degrees of freedom the heading drifts at random, and both directions are explored
+    wanders = mechanism.dof > 1
     steps = int(WALK / STEP) if mechanism.n <= DENSE else count
     path: Path = []
     for sign in (1.0, -1.0):
@@ -73,7 +72,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
         poses: Path = []
         for _ in range(steps):
             J = constraints(0.0, q, np.zeros_like(q)).J[: constraints.holonomic]
-            drift = 0.4 * scale * rng.normal(size=mechanism.n) * (freedom > 1)
+            drift = 0.4 * scale * rng.normal(size=mechanism.n) * wanders
             ahead = _unit(_free_part(J * scale, (ahead + drift) / scale)) * scale
             following = _close(constraints, 0.0, q + STEP * ahead, scale)
             if following is None or np.abs((following - q) / scale).max() > FARTHEST:
@@ -81,7 +80,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
             q = following
             poses.append((0.0, q))
         path = [*reversed(path), (0.0, mechanism.q0), *poses] if not path else [*reversed(poses), *path]
-        if len(poses) == steps and freedom == 1:
+        if len(poses) == steps and not wanders:
             break
     return path
 
@@ -92,7 +91,7 @@ def _unit(x: Array) -> Array:
 
 
 def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
-    """Poses at even times over the scenario's duration."""
+    """Return poses at equal distances in time over the scenario's duration, up to where the linkage cannot be closed."""
     h, scale = constraints.holonomic, scales(mechanism)
     q, path = mechanism.q0, [(0.0, mechanism.q0)]
     times = np.linspace(0.0, mechanism.duration, TIMES + 1)
@@ -115,11 +114,11 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
         rows = constraints(t, x, np.zeros_like(x))
         return rows.phi[:h], rows.J[:h]
 
-    def closed(_: Array, F: Array, __: Array) -> bool:
-        return bool(np.abs(F).max(initial=0.0) < CLOSED)
+    def is_closed(_: Array, phi: Array, __: Array) -> bool:
+        return bool(np.abs(phi).max(initial=0.0) < CLOSED)
 
-    q = project(q, residual, lambda J, F: scale * shortest(J * scale, F), CORRECTIONS, closed)
-    return q if closed(q, *residual(q)) else None
+    q = project(q, residual, lambda J, phi: scale * shortest(J * scale, phi), CORRECTIONS, is_closed)
+    return q if is_closed(q, *residual(q)) else None
 
 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:

@@ -1,15 +1,13 @@
-"""Expressions that know their values: a graph in which equal things are one thing.
+"""Expressions that know their values: a graph in which equal expressions are one node.
 
 Every node carries its values at states of the linkage, where pivots are chosen, and at a few random points off the constraints
 (but not far off, where the factors of a long chain would overflow).
 Two expressions that agree at the random points agree everywhere (an identity of analytic functions that fails, fails almost
-everywhere), so a new node is first looked for among the old ones by these values: c^2 + s^2 becomes 1, what cancels becomes 0, and
-a multiple k x of a known x becomes k times x, whatever path led there. Source of the argument: Schwartz, Fast probabilistic
-algorithms for verification of polynomial identities, J. ACM 27 (1980).
+everywhere). A new node is therefore first compared with the old ones by these values: c^2 + s^2 becomes 1, terms that cancel
+become 0, and a multiple k x of a known x becomes k times x, whatever operations it came from. Source of the argument: Schwartz,
+Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980).
 
 Signs and constant factors are kept outside: -(x y), never (-x) y, so that sums can absorb them.
-
-Vectors of the plane have nodes as components.
 """
 
 import math
@@ -24,11 +22,11 @@ from gauss_bench.terms import Array
 
 GENERIC = 3  # random points: an accidental agreement in one ratio has a chance of 1e-10, in two of 1e-20
 VANISHES = 1e-13  # of the larger summand: a few hundred rounding units
-SAME = 1e-12  # relative; values of equal expressions differ by rounding alone
+SAME = 1e-12  # relative: values of equal expressions differ by rounding alone
 
-# Cycles until a result can be used, Zen 4/5 and about the same on other machines; sin and cos turned on from an earlier stage.
+# Cycles until a result can be used, on Zen 4/5 and about the same on others; SIN and COS are mostly computed by a rotation.
 LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 25.0, "COS": 25.0, "NEG": 0.0, "INPUT": 0.0, "CONST": 0.0}
-STEP = 4.0  # of everything else
+STEP = 4.0  # [cycles] of every other operation
 
 VALUE: dict[str, Callable[..., Array]] = {
     "ADD": np.add,
@@ -44,9 +42,12 @@ Generic = tuple[float, float, float]  # values at the random points
 
 
 class Node:
-    """One expression: operation, operands, values at the random points, and when it is ready.
+    """One expression.
 
-    Most nodes are looked for at the random points alone, so that values at the samples are worked out where they are asked for.
+    Attributes:
+        op, args: operation and operands. number: the value of a constant, else None.
+        generic: values at the random points. Those at the samples (`at`) are computed when they are first needed.
+        ready: [cycles] the earliest time at which its value can be there.
     """
 
     __slots__ = ("_at", "args", "generic", "graph", "index", "number", "op", "ready")
@@ -68,20 +69,19 @@ class Node:
 
     @property
     def at(self) -> Array:
-        """Return the values at the samples, followed by those at the random points."""
-        if self._at is None:
-            left = [self]
-            while left:
-                node = left[-1]
-                missing = [x for x in node.args if x._at is None]
-                left += missing
-                if not missing:
-                    node._at = node._value()
-                    left.pop()
+        """The values at the samples, followed by those at the random points."""
+        waiting = [] if self._at is not None else [self]
+        while waiting:
+            node = waiting[-1]
+            missing = [x for x in node.args if x._at is None]
+            waiting += missing
+            if not missing:
+                node._at = node._value()
+                waiting.pop()
         return self._at  # type: ignore[return-value]
 
     def _value(self) -> Array:
-        """`at`, where the operands have theirs."""
+        """Compute `at` from that of the operands."""
         if self.number is not None:
             return np.full(self.graph.samples + GENERIC, self.number)
         return VALUE[self.op](*(x._at for x in self.args))
@@ -123,7 +123,12 @@ class Node:
 
 
 class ExpressionGraph:
-    """All expressions of one program over a number of sample states."""
+    """All expressions of one program, with their values at a number of sample states.
+
+    Attributes:
+        known: (operation, operands) -> node. ratios: the first node of those whose values have the same ratios.
+        trail: entries of both, in the order in which they were made.
+    """
 
     def __init__(self, samples: int):
         self.samples = samples
@@ -137,6 +142,7 @@ class ExpressionGraph:
         return x if isinstance(x, Node) else self.constant(float(x))
 
     def constant(self, number: float) -> Node:
+        """Return the node of a number."""
         number += 0.0  # no negative zero
         known = self.known.get(("CONST", number))
         if known is None:
@@ -144,7 +150,7 @@ class ExpressionGraph:
         return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
-        """An input with its values at the samples; the random points lie off some of these by a part of `size`."""
+        """Return an input with its values at the samples; each random point is that of a sample plus a random part of `size`."""
         known = self.known.get(("INPUT", name, index))
         if known is None:
             near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
@@ -154,7 +160,7 @@ class ExpressionGraph:
         return known
 
     def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
-        """An operation with kinks or jumps: at the random points it counts as one more input."""
+        """Return an operation with kinks or jumps, with its values; at the random points it counts as one more input."""
         key = (op, *(a.index for a in args))
         known = self.known.get(key)
         if known is None:
@@ -166,6 +172,7 @@ class ExpressionGraph:
         return known
 
     def neg(self, a: Node) -> Node:
+        """Return -a; no node is negated twice."""
         if a.number is not None:
             return self.constant(-a.number)
         if a.op == "NEG":
@@ -178,6 +185,7 @@ class ExpressionGraph:
         return known
 
     def add(self, a: Node, b: Node) -> Node:
+        """Return a + b; the operands of commutative operations are put in order, so that a + b and b + a are one node."""
         if a.zero or b.zero:
             return b if a.zero else a
         if a.number is not None and b.number is not None:
@@ -191,15 +199,16 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
+        """Return a b, its sign and constant factors outside."""
         if a.number is not None or b.number is not None:
-            return self.scaled(a.number, b) if a.number is not None else self.scaled(b.number or 0.0, a)
+            return self.scale_by(a.number, b) if a.number is not None else self.scale_by(b.number or 0.0, a)
         if a.op == "NEG" or b.op == "NEG":
             product = self.mul(a.args[0] if a.op == "NEG" else a, b.args[0] if b.op == "NEG" else b)
             return product if a.op == b.op else self.neg(product)
         return self._make("MUL", a, b) if a.index <= b.index else self._make("MUL", b, a)
 
-    def scaled(self, factor: float, x: Node) -> Node:
-        """factor x, with the factors of x multiplied out and the sign outside."""
+    def scale_by(self, factor: float, x: Node) -> Node:
+        """Return factor x, with the constant factors of x multiplied out and the sign outside."""
         if x.number is not None or factor == 0.0:
             return self.constant(factor * (x.number or 0.0))
         own, base = factor_out(x)
@@ -217,10 +226,11 @@ class ExpressionGraph:
         return product if factor > 0 else self.neg(product)
 
     def inverse(self, a: Node) -> Node:
+        """Return 1 / a, its sign and constant factor outside."""
         if a.number is not None:
             return self.constant(1.0 / a.number)
         own, base = factor_out(a)
-        return self.scaled(1.0 / own, self._make("INV", base))
+        return self.scale_by(1.0 / own, self._make("INV", base))
 
     def sqrt(self, a: Node) -> Node:
         return self._of_one("SQRT", a)
@@ -232,7 +242,7 @@ class ExpressionGraph:
         return self._of_one("COS", a)
 
     def _of_one(self, op: str, a: Node) -> Node:
-        """Apply a numpy function to all values at once: its last digit may depend on the length of the array."""
+        """Return a function of a; numpy computes it for all points at once, as its last digit may depend on the array's length."""
         old = self.known.get((op, a.index))
         if old is not None:
             return old
@@ -249,25 +259,23 @@ class ExpressionGraph:
         if None not in [a.number for a in args]:
             return self.constant(g[0] if at is None else float(at[0]))
         ratio = _ratio_key(g)
-        known = self._recognise(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
+        known = self.recognise(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
         if known is not None:
             return self._keep(known, key)
         ready = _sum_ready(*args) if op in ("ADD", "SUB") else max([a.ready for a in args]) + LATENCY.get(op, STEP)
         return self._new(op, args, g, ratio, ready, key, at)
 
-    def recognise(self, g: Generic, summand: Generic | None) -> Node | None:
-        """The node with these values at the random points, as a constant or a multiple of a known one, or None.
+    def recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
+        """Return the node with these values at the random points: a constant or a multiple of a known node; else None.
 
-        Of a sum one of the summands tells how much may be left by rounding where it cancels.
+        `summand` is one of the two terms of a sum: a sum that is tiny beside it cancels, and what is left is rounding.
         """
-        return self._recognise(g, summand, _ratio_key(g))
-
-    def _recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
         x, y, z = g
         if summand is not None:
-            least = VANISHES * abs(summand[0]), VANISHES * abs(summand[1]), VANISHES * abs(summand[2])
-            if abs(x) <= least[0] and abs(y) <= least[1] and abs(z) <= least[2]:
+            a, b, c = summand
+            if abs(x) <= VANISHES * abs(a) and abs(y) <= VANISHES * abs(b) and abs(z) <= VANISHES * abs(c):
                 return self.constant(0.0)
+        # a constant has the same value at all points, a multiple of a known node the same factor
         close = SAME * abs(x)
         if abs(y - x) <= close and abs(z - x) <= close:
             return self.constant(_round(x))
@@ -278,7 +286,7 @@ class ExpressionGraph:
         factor = x / a
         if max(abs(y / b - factor), abs(z / c - factor)) > SAME * abs(factor):
             return None
-        return self.scaled(_round(factor), base)
+        return self.scale_by(_round(factor), base)
 
     def _new(
         self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
@@ -290,18 +298,22 @@ class ExpressionGraph:
         return self._keep(made, key)
 
     def _keep(self, node: Node, key: tuple[Any, ...]) -> Node:
+        """Enter a node under a form (operation and operands)."""
         self.known[key] = node
         self.trail.append((self.known, key))
         return node
 
     def forget(self, mark: int) -> None:
-        """Forget every node made since the trail was `mark` long, so that another attempt starts from the same ground."""
+        """Forget every node made since the trail was `mark` long, so that another attempt finds the same nodes as the last."""
         while len(self.trail) > mark:
             where, key = self.trail.pop()
             del where[key]
 
     def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
-        """The sum of the terms: multiples of the same node joined, neighbours whose sum is known replaced, earliest first."""
+        """Return the sum of the terms, those that are ready earliest added first.
+
+        Multiples of the same node are joined before, and terms not more than `pairs` apart whose sum is known are replaced by it.
+        """
         joined = self._join(terms)
         if len(joined) > 2:
             joined = self._join(self._pair(joined, pairs))
@@ -314,22 +326,24 @@ class ExpressionGraph:
         return heap[0][2] if heap else self.constant(0.0)
 
     def _join(self, terms: Iterable[Node]) -> list[Node]:
+        """Return one term for each node that the terms are multiples of; terms that vanish are left out."""
         factors: dict[int, float] = {}
         bases: dict[int, Node] = {}
         for term in terms:
             own, base = (term.number, self.constant(1.0)) if term.number is not None else factor_out(term)
             factors[base.index] = factors.get(base.index, 0.0) + own
             bases[base.index] = base
-        scaled = (self.scaled(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
+        scaled = (self.scale_by(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], reach: int) -> list[Node]:
-        """Terms with every pair of near neighbours whose sum is known, zero or constant replaced by that sum."""
+        """Replace pairs of terms by their sums where these are known, zero or constant; pairs are at most `reach` terms apart."""
         left, done = list(terms), []
         while left:
             a = left.pop(0)
             for k, b in enumerate(left[:reach]):
-                known = self.recognise(sum_of(a.generic, b.generic), a.generic)
+                total = sum_of(a.generic, b.generic)
+                known = self.recognise(total, a.generic, _ratio_key(total))
                 if known is not None:
                     left[k] = known
                     break
@@ -382,30 +396,29 @@ def _generic(at: Array) -> Generic:
 
 
 def _ratio_key(g: Generic) -> str:
-    """Ratios of the values at the random points, to ten digits."""
+    """Return the ratios of the values at the random points, to ten digits: equal for multiples of the same expression."""
     first = g[0] or 1e-300
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
 def _round(x: float) -> float:
-    """Return x, or the number of few digits that it equals up to rounding."""
+    """Return the number of few digits that x equals up to rounding, or x if there is none."""
     short = float(f"{x:.12g}")
     return short if abs(short - x) <= SAME * abs(x) and len(f"{x:.12g}") < 9 else x
 
 
 def _sum_ready(a: Node, b: Node) -> float:
     """Return the time at which a + b is ready if a product among the two is fused with the addition."""
-    fused = [max(_operands_ready(x), y.ready) for x, y in ((a, b), (b, a)) if x.op == "MUL"]
-    return min([max(a.ready, b.ready), *fused]) + STEP
-
-
-def _operands_ready(x: Node) -> float:
-    return float(max(a.ready for a in x.args))
+    times = [max(a.ready, b.ready)]
+    for x, y in ((a, b), (b, a)):
+        if x.op == "MUL":
+            times.append(max(y.ready, *(operand.ready for operand in x.args)))
+    return min(times) + STEP
 
 
 @dataclass(frozen=True, eq=False)
 class Vector:
-    """A complex number x + i y; i turns by a quarter."""
+    """A vector of the plane as a complex number x + i y; multiplication by i turns it by a quarter."""
 
     x: Node
     y: Node
@@ -427,9 +440,6 @@ class Vector:
     def dot(self, other: "Vector") -> Node:
         return self.x * other.x + self.y * other.y
 
-    def cross(self, other: "Vector") -> Node:
-        return self.x * other.y - self.y * other.x
-
     def turned(self, factor: Node | float = 1.0) -> "Vector":
-        """i times the vector times a number: the velocity of an arm at an angular speed."""
+        """Return i times the vector times a number, such as the velocity of an arm at an angular speed."""
         return Vector(-self.y * factor, self.x * factor)

@@ -1,4 +1,4 @@
-"""The part of a program that is stepped under one stabilisation, for whatever machine."""
+"""The functions of a program that are needed to step under one stabilisation, independent of the machine."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ class Code:
     """The functions of one program under one stabilisation ("none", "baumgarte" or "projection").
 
     Attributes:
-        acceleration: with Baumgarte's terms where they are wanted.
-        position: correction. velocity: the nearest.
-        angles: coordinates whose sines and cosines are needed.
+        acceleration: that of the program, with Baumgarte's terms under "baumgarte".
+        position: the correction of positions. velocity: the nearest velocity that satisfies the constraints.
+        angles: coordinates whose sines and cosines these functions need.
     """
 
     program: Program
@@ -30,17 +30,21 @@ class Code:
 
     @property
     def settles(self) -> bool:
-        """True if rows are redundant and nothing takes away what they are off: then now and then a step does."""
+        """Whether rows are redundant and no stabilisation acts: then the state is projected after every so many steps."""
         return self.stabilization == "none" and bool(self.program.dropped)
 
 
 def read_code(program: Program, stabilization: str) -> Code:
-    """Read the part of a program that is stepped; its `stabilized` acceleration for Baumgarte."""
+    """Select the functions of a program that are needed to step under a stabilisation.
+
+    Raises:
+        ValueError: Baumgarte's terms are needed, and the program was generated without them.
+    """
     acceleration = program.stabilized if stabilization == "baumgarte" else program.acceleration
     if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
     position, velocity = program.position_correction, program.nearest_velocity
-    angles = acceleration.angles(1)
+    angles = acceleration.angles(1)  # of input 1, the positions; input 3 has corrected positions
     if stabilization == "projection" or program.dropped:
         angles |= position.angles(1) | position.angles(3) | velocity.angles(1)
     return Code(program, stabilization, acceleration, position, velocity, tuple(sorted(angles)))

@@ -1,39 +1,35 @@
-"""A graph of machine arithmetic in which equal expressions are one value (value numbering by hash-consing).
+"""A graph of machine arithmetic, its routines, and the base class of the emitters that write routines as text.
 
-Functions written into it at the same arguments share what they have in common: sines, entries of the Jacobian, its factors. Signs
-are moved outwards, so that a - b and b - a are one value too. Operands are always older than their users, so that the numbers of
-the values are an order in which they can be computed.
+In the graph equal expressions are one value (value numbering by hash-consing): functions written into it at the same arguments
+share sines, entries of the Jacobian and its factors. Signs are moved outwards, so that a - b and b - a are one value too. Operands
+are always older than their users, so that values can be computed in the order of their numbers.
 Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Experience 27 (1997).
 
-The time at which each value can be ready decides how sums and products are regrouped and in which order operations are written.
+`rewrite` regroups sums and products by the times at which their parts are ready, and fuses products into sums. Every rewriting is
+done here, on the graph, and none is left to a compiler: one lane and eight lanes then compute the same bits.
 
-An out-of-order processor looks a few hundred instructions ahead, fewer than a step of a linkage has. The instructions must
-therefore be written in an order that keeps the critical path moving: the most urgent first (list scheduling by
-height; Hennessy and Patterson, Computer Architecture, appendix H).
-
-Before that, sums and products are regrouped by when their parts are ready, and products fused into sums. Every rewriting is done
-here, on the graph, and none is left to a compiler: one lane and eight lanes then compute the same bits.
-
-  sums        terms meet in the order in which they are ready, two earliest first, as in Huffman's code
+  sums        two terms at a time, those that are ready earliest first, as in Huffman's code
   products    likewise
   a b + c     one operation with one rounding, wherever a product is used in sums only
   a / b       a (1/b) where b is ready long before a, or where several values are divided by b
 
-Routines: functions with loops and branches, independent of the target machine.
+`order` then puts the most urgent operations first (list scheduling by height; Hennessy and Patterson, Computer Architecture,
+appendix H): an out-of-order processor looks a few hundred instructions ahead, fewer than a step of a linkage has.
 
-A routine is a list of statements over the values of one graph. Values are computed where a statement first needs them; `Compute`
-only gives the order. Values that do not change in a loop are computed before it.
+A routine is a function with loops and branches, independent of the target machine: a list of statements over the values of one
+graph. A value is computed where a statement first needs it, or where `Compute` lists it; values that do not change in a loop are
+computed before it.
 
     Compute(values)                      values in this order
     Load(array, rows, start)             rows of an array become leaves
     Store(array, values, start)          values become rows of an array
-    Scatter(array, values, start, block, last)   each lane's values, side by side, at a place of its own
-    Loop(carried, body, again, after)    body; if again: after, and once more, with the next values of what is carried
+    Scatter(array, values, start, block, last)   the values of each lane, side by side, at a place of its own
+    Loop(carried, body, again, after)    body; if again: after, and once more, with the next values of the carried leaves
     If(condition, body, merged)          leaves that have one value after the body, and another without it
 
-A value is a double or a mask for each trajectory; the same routine serves one trajectory or a vector of them. Counts and truths are
-shared by all trajectories. An array has rows, the trajectories of a group last in memory; each group of
-trajectories has its own part of it. The emitters are `llvm.py` and `source.py`.
+A value is a double or a mask for each trajectory; the same routine serves one trajectory or a vector of them, a lane each. Counts
+and truths are shared by all trajectories. An array has rows, the trajectories of a group last in memory; each group of
+trajectories has its own part of it. The emitters are in `llvm.py` and `source.py`.
 """
 
 import heapq
@@ -96,26 +92,28 @@ class Graph:
         x = self.payload[a]
         return x if self.operation[a] == "const" and isinstance(x, float) else None
 
-    def unsigned(self, a: int) -> tuple[int, bool]:
-        """Return a value without its leading minus, and whether it had one."""
+    def split_sign(self, a: int) -> tuple[int, bool]:
+        """Return a value without its leading minus, and whether it had one; a negative constant has one too."""
         if self.operation[a] == "neg":
             return self.operands[a][0], True
         x = self.number(a)
         return (self.const(-x), True) if x is not None and x < 0 else (a, False)
 
     def neg(self, a: int) -> int:
+        """Return -a; no value is negated twice."""
         x = self.number(a)
         if x is not None:
             return self.const(-x)
         return self.operands[a][0] if self.operation[a] == "neg" else self.make("neg", a)
 
     def add(self, a: int, b: int) -> int:
+        """Return a + b, with signs moved outwards and constants added."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x + y)
         if x == 0 or y == 0:
             return b if x == 0 else a
-        (a, minus_a), (b, minus_b) = self.unsigned(a), self.unsigned(b)
+        (a, minus_a), (b, minus_b) = self.split_sign(a), self.split_sign(b)
         if minus_a != minus_b:
             return self._difference(b, a) if minus_a else self._difference(a, b)
         total = self.make("add", min(a, b), max(a, b))
@@ -130,12 +128,13 @@ class Graph:
         return self.add(a, self.neg(b))
 
     def mul(self, a: int, b: int) -> int:
+        """Return a b, with signs moved outwards and constants multiplied."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x * y)
         if x == 0 or y == 0:
             return self.const(0.0)
-        (a, minus_a), (b, minus_b) = self.unsigned(a), self.unsigned(b)
+        (a, minus_a), (b, minus_b) = self.split_sign(a), self.split_sign(b)
         if self.number(a) == 1 or self.number(b) == 1:
             product = b if self.number(a) == 1 else a
         else:
@@ -143,10 +142,11 @@ class Graph:
         return self.neg(product) if minus_a != minus_b else product
 
     def div(self, a: int, b: int) -> int:
+        """Return a / b; a constant divisor becomes a factor."""
         y = self.number(b)
         if y is not None:
             return self.mul(a, self.const(1 / y))
-        (a, minus_a), (b, minus_b) = self.unsigned(a), self.unsigned(b)
+        (a, minus_a), (b, minus_b) = self.split_sign(a), self.split_sign(b)
         ratio = self.make("div", a, b)
         return self.neg(ratio) if minus_a != minus_b else ratio
 
@@ -155,7 +155,7 @@ class Graph:
         return self.make("fma", a, b, c)
 
     def abs(self, a: int) -> int:
-        return self.make("abs", self.unsigned(a)[0])
+        return self.make("abs", self.split_sign(a)[0])
 
     def all(self, holds: bool) -> int:
         """Return the mask that is true everywhere, or false everywhere."""
@@ -170,17 +170,18 @@ class Graph:
         return every
 
     def flag(self, mask: int) -> int:
-        """1 where a mask holds, else 0."""
+        """Return 1 where a mask holds, else 0."""
         return self.make("select", mask, self.const(1.0), self.const(0.0))
 
     def count(self, name: str) -> int:
-        """A count from outside, by its name."""
+        """Return the count that the caller of the routine gives under a name."""
         return self.make("count", payload=name)
 
     def whole(self, number: int) -> int:
         return self.make("whole", payload=number)
 
     def total(self, values: Sequence[int]) -> int:
+        """Return the sum of values, in their order."""
         sum_ = self.const(0.0)
         for x in values:
             sum_ = self.add(sum_, x)
@@ -197,9 +198,9 @@ class Graph:
         return most
 
 
-def depending(g: Graph, on: Iterable[int]) -> set[int]:
-    """Return the values that depend on some leaves."""
-    dependent = set(on)
+def find_dependents(g: Graph, leaves: Iterable[int]) -> set[int]:
+    """Return the leaves and all values that depend on them."""
+    dependent = set(leaves)
     for x, operands in enumerate(g.operands):
         if not dependent.isdisjoint(operands):
             dependent.add(x)
@@ -211,20 +212,25 @@ def count_operations(g: Graph, values: list[int]) -> int:
 
 
 def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sincos: Callable[[int], Pair]) -> list[list[int]]:
-    """Write a function into a graph; `sincos` supplies sine and cosine of a value. Returns its results."""
+    """Write a function into a graph and return its outputs; `sincos` supplies sine and cosine of a value.
+
+    Raises:
+        ValueError: an operation without machine arithmetic.
+    """
     values: list[int] = []
     for operation, operands, number in function.instructions:
         match operation:
             case "INPUT":
-                values.append(arguments[operands[0]][operands[1]])
+                value = arguments[operands[0]][operands[1]]
             case "CONST":
-                values.append(g.const(number))
+                value = g.const(number)
             case "SIN" | "COS":
-                values.append(sincos(values[operands[0]])[operation == "COS"])
+                value = sincos(values[operands[0]])[operation == "COS"]
             case _ if operation in ARITHMETIC:
-                values.append(ARITHMETIC[operation](g, *(values[k] for k in operands)))
+                value = ARITHMETIC[operation](g, *(values[k] for k in operands))
             case _:
                 raise ValueError(f"no machine arithmetic for the operation {operation}")
+        values.append(value)
     return [[values[k] for k in output] for output in function.outputs]
 
 
@@ -242,7 +248,7 @@ ARITHMETIC: dict[str, Callable[..., int]] = {
 }
 
 
-LATENCY = {
+LATENCY = {  # cycles until a result can be used, on processors of today
     "const": 0, "leaf": 0, "neg": 0, "bits": 0, "real": 0, "abs": 1, "and": 1, "plus": 1, "shl": 1, "xor": 1, "both": 1, "select":
     1, "add": 3, "sub": 3, "mul": 3, "fma": 4, "lt": 3, "le": 3, "nonzero": 3, "div": 13, "sqrt": 20,
     "mask": 0, "all": 0, "not": 1, "everywhere": 1, "count": 0, "whole": 0, "sum": 1, "least": 1, "times": 3, "number": 4,
@@ -276,7 +282,7 @@ def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -
 
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     """Return the cycles per loop turn with unlimited execution units; `carried` maps a leaf's name to its next value."""
-    arrival = dict.fromkeys(carried, 0.0)
+    arrival = dict.fromkeys(carried, 0.0)  # [cycles] of the carried leaves, relative to the beginning of a turn
     turn = 0.0
     for _ in range(ROUNDS):
         times = ready_times(g, values, arrival)
@@ -289,12 +295,13 @@ def order(g: Graph, values: list[int], carried: Mapping[str, int]) -> list[int]:
     """Order the values by urgency: the length of the longest path from each to the end, through further turns of the loop."""
     leaves = {str(g.payload[x]): x for x in values if g.operation[x] == "leaf"}
     turn = period(g, values, carried)
-    late = dict.fromkeys(carried.values(), 0.0)
+    late = dict.fromkeys(carried.values(), 0.0)  # heights of the carried values
     for _ in range(ROUNDS):
         height = dict.fromkeys(values, -turn) | late
         for x in reversed(values):
             for k in g.operands[x]:
                 height[k] = max(height[k], height[x] + LATENCY[g.operation[x]])
+        # a carried value is as urgent as its leaf in the next turn
         late = dict.fromkeys(carried.values(), -turn)
         for name, x in carried.items():
             if name in leaves:
@@ -317,8 +324,12 @@ class Summand(NamedTuple):
 class _Rewriter:
     """Writes the values that the roots need from one graph into another.
 
-    A change of sign is seen through. A sum is inside another where nothing else uses it; a product is inside where sums alone
-    use it, or one product.
+    A sum is a part of the sum that alone uses it. A product is a part of the sums that alone use it, or of the one product that
+    does. Parts are regrouped together with what they belong to; a change of sign in between does not separate them.
+
+    Attributes:
+        known: old value -> new value. parts: old values that are written only as parts of others.
+        shared: old values by which several others are divided.
     """
 
     def __init__(self, old: Graph, roots: list[int], new: Graph):
@@ -329,19 +340,20 @@ class _Rewriter:
         for x in needed:
             for k in old.operands[x]:
                 users[self._strip(k)[0]].append(x)
-        self.inner = {x for x in needed if self._inside(x, [old.operation[k] for k in users[x]])}
-        self.inner -= {self._strip(x)[0] for x in roots}
+        self.parts = {x for x in needed if self._is_part(x, [old.operation[k] for k in users[x]])}
+        self.parts -= {self._strip(x)[0] for x in roots}
         divisors = Counter(old.operands[x][1] for x in needed if old.operation[x] == "div")
         self.shared = {x for x, count in divisors.items() if count > 1}
         for x in needed:
-            if x not in self.inner:
+            if x not in self.parts:
                 self.get(x)
 
     def _strip(self, x: int) -> tuple[int, bool]:
         """Return a value without its change of sign, and whether there was one."""
         return (self.old.operands[x][0], True) if self.old.operation[x] == "neg" else (x, False)
 
-    def _inside(self, x: int, users: list[str]) -> bool:
+    def _is_part(self, x: int, users: list[str]) -> bool:
+        """Tell whether a value is a part of its users, given by their operations."""
         operation, summed = self.old.operation[x], all(user in SUMS for user in users)
         if operation in SUMS:
             return len(users) == 1 and summed
@@ -355,6 +367,7 @@ class _Rewriter:
         return self.new.neg(self.known[base]) if negative else self.known[base]
 
     def _write(self, x: int) -> int:
+        """Write an old value without its sign into the new graph."""
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
             return self._sum(self._terms(x))
@@ -365,19 +378,20 @@ class _Rewriter:
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
     def _terms(self, x: int) -> list[Summand]:
+        """Return the terms of a sum, in the new graph."""
         terms, waiting = [], [(x, False)]
         while waiting:
             y, negative = waiting.pop()
             base, minus = self._strip(y)
             negative ^= minus
             operation, operands = self.old.operation[base], self.old.operands[base]
-            if operation in SUMS and (base == x or base in self.inner):
+            if operation in SUMS and (base == x or base in self.parts):  # its terms are terms of x
                 waiting += [(operands[0], negative), (operands[1], negative != (operation == "sub"))]
-            elif base in self.inner:
-                (a, minus_a), (b, minus_b) = map(self.new.unsigned, self._last_two(base))
+            elif base in self.parts:  # a product, which may be fused with the addition
+                (a, minus_a), (b, minus_b) = map(self.new.split_sign, self._last_two(base))
                 terms.append(Summand(negative ^ minus_a ^ minus_b, a, b))
             else:
-                value, minus = self.new.unsigned(self.get(base))
+                value, minus = self.new.split_sign(self.get(base))
                 terms.append(Summand(negative ^ minus, value, None))
         return terms
 
@@ -386,7 +400,7 @@ class _Rewriter:
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:
             y = waiting.pop()
-            if self.old.operation[y] == "mul" and (y == x or y in self.inner):
+            if self.old.operation[y] == "mul" and (y == x or y in self.parts):
                 waiting += self.old.operands[y]
             else:
                 factors.append(self.get(y))
@@ -398,6 +412,7 @@ class _Rewriter:
         return heap[0][1], heap[1][1]
 
     def _sum(self, terms: list[Summand]) -> int:
+        """Add the terms two at a time, those that are ready earliest first."""
         heap = [(self._ready(term), n, term) for n, term in enumerate(terms)]
         heapq.heapify(heap)
         for n in range(len(heap), 2 * len(heap) - 1):
@@ -425,6 +440,7 @@ class _Rewriter:
         return Summand(early.negative ^ minus, total, None)
 
     def _ratio(self, a: int, b: int) -> int:
+        """Divide, or multiply by the reciprocal where that is ready before a or serves several divisions."""
         g, above, below = self.new, self.get(a), self.get(b)
         if g.number(above) != 1 and (b in self.shared or g.ready[above] > g.ready[below] + EARLIER):
             return g.mul(above, g.div(g.const(1.0), below))
@@ -459,7 +475,7 @@ class Compute:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Leaf -> row of an array, behind the row `start`, a count."""
+    """Leaf -> row of an array, counted from the row `start` (a count; None for 0)."""
 
     array: str
     rows: Mapping[int, int]
@@ -468,7 +484,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """Values in neighbouring rows of an array, from the row `start` on, a count."""
+    """Values for neighbouring rows of an array, from the row `start` (a count; None for 0) on."""
 
     array: str
     values: Sequence[int]
@@ -477,7 +493,7 @@ class Store:
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Each trajectory's values side by side in an array: the k-th begins at k `block`, at most at `last`, and `start` behind it."""
+    """Values side by side in an array, those of trajectory k from min(k `block`, `last`) + `start` on (all three are counts)."""
 
     array: str
     values: Sequence[int]
@@ -488,7 +504,7 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Leaf -> its first and its next value; goes on while the truth `again` holds after `body`, and then does `after`."""
+    """A loop with leaf -> (first value, next value): does `body`, ends unless `again` (a truth) holds, does `after`, repeats."""
 
     carried: Mapping[int, tuple[int, int]]
     body: Sequence["Statement"]
@@ -498,7 +514,7 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class If:
-    """Leaf -> its value after `body`, and the one it has where the truth `condition` does not hold."""
+    """A branch with leaf -> (value after `body`, value where the truth `condition` does not hold)."""
 
     condition: int
     body: Sequence["Statement"]
@@ -513,8 +529,8 @@ class Routine:
     """A function.
 
     Attributes:
-        arrays, numbers, counts: arguments in this order, by name; numbers are the leaves "%name", counts those of their kind.
-        sound: mask where everything asked for was done; C returns 1 where it does not hold.
+        arrays, numbers, counts: arguments in this order, by name; a number or count `name` is the leaf or count "%name".
+        sound: mask that holds where the routine has done all it should; C returns 1 where it does not hold.
         operations: in one turn of its loop or in one evaluation.
     """
 
@@ -529,7 +545,7 @@ class Routine:
 
     @property
     def signature(self) -> str:
-        """Kinds of arguments as native_code.py names them; groups are the last."""
+        """The kinds of the arguments as letters (`TYPES` in llvm.py), the number of groups last."""
         return "p" * len(self.arrays) + "d" * len(self.numbers) + "i" * (len(self.counts) + 1)
 
 
@@ -560,7 +576,7 @@ def list_needed(r: Routine) -> set[int]:
     return set(live(r.graph, roots))
 
 
-def changing(g: Graph, loop: Loop) -> set[int]:
+def find_changing(g: Graph, loop: Loop) -> set[int]:
     """Return the values that may change between turns of a loop."""
     defined = set(loop.carried)
     for s in nest([*loop.body, *loop.after]):
@@ -571,15 +587,15 @@ def changing(g: Graph, loop: Loop) -> set[int]:
                 defined |= set(s.merged)
             case Load():
                 defined |= set(s.rows)
-    return depending(g, defined)
+    return find_dependents(g, defined)
 
 
 class Emitter:
     """Base class of emitters: it gives every value a name in the text, where it is first needed.
 
     Attributes:
-        graph, names: of the function that is being written. needed: values of the function.
-        first: names of the first values of what the next loop carries.
+        names: value -> its name in the text, for those written so far. needed: all values that the routine uses.
+        first: names of the first values of the leaves that the next loop carries.
     """
 
     def __init__(self, routine: Routine) -> None:
@@ -596,6 +612,7 @@ class Emitter:
         raise NotImplementedError
 
     def statements(self, body: Sequence[Statement]) -> None:
+        """Write statements in their order."""
         for s in body:
             if isinstance(s, Compute):
                 self.compute(s.values)
@@ -606,18 +623,18 @@ class Emitter:
 
     def _before(self, s: Loop) -> None:
         """Write first values and loop invariants before a loop; names that an earlier loop gave to changing values are dropped."""
-        self.first = self.compute([a for a, _ in self.carried(s).values()])
-        changed = changing(self.graph, s)
+        self.first = self.compute([a for a, _ in self.select_carried(s).values()])
+        changed = find_changing(self.graph, s)
         inner = nest([*s.body, *s.after])
         self.compute([x for c in inner if isinstance(c, Compute) for x in c.values if x not in changed])
         self.names = {x: name for x, name in self.names.items() if x not in changed}
 
-    def carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
-        """The values carried by a loop that are needed."""
+    def select_carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
+        """Return the carried leaves of a loop that are needed."""
         return {x: pair for x, pair in loop.carried.items() if x in self.needed}
 
-    def rows(self, load: Load) -> dict[int, int]:
-        """The loaded rows that are needed."""
+    def select_rows(self, load: Load) -> dict[int, int]:
+        """Return the loaded rows that are needed."""
         return {x: row for x, row in load.rows.items() if x in self.needed}
 
     def compute(self, values: Sequence[int]) -> list[str]:

@@ -1,8 +1,8 @@
-"""Text of LLVM becomes machine code of this host: parse, optimise, emit an object, load it.
+"""Machine code of this host from LLVM's text: parse it, generate object code, load that, and call it.
 
-The only file that knows llvmlite. Object code is kept in the user's cache folder (user_cache.py), so that a linkage compiles
-once on a machine. The graph has optimised the arithmetic already, so only code generation runs, without passes that could change
-rounding.
+This is the only file that imports llvmlite. Object code is kept in the user's cache folder (user_cache.py), so that a linkage is
+compiled once on a machine. The graph has optimised the arithmetic already: only code generation runs, and no pass that could
+change rounding.
 """
 
 import ctypes
@@ -24,18 +24,18 @@ from numpy.typing import NDArray
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.graph import Routine
-from gauss_bench.compiler.machine.llvm import Listing, listing
+from gauss_bench.compiler.machine.llvm import Listing, write_listing
 from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
 
 BACKENDS = ("llvm", "numpy")
-VERSION = "1"  # of what is kept in the cache
-LARGE = 10_000  # operations; beyond it the cheaper code generator, which takes a tenth of the time
-QUICK = "GAUSS_BENCH_QUICK_CODE"  # in the environment: code that is soon there and computes the same bits more slowly
-KEPT = 64  # functions that stay loaded for who asks again: of what one took, the linker gives back only a part
-_numbers = count()  # of modules
+VERSION = "1"  # of the entries in the cache
+LARGE = 10_000  # operations: longer code is generated at a lower level, which takes a tenth of the time
+QUICK = "GAUSS_BENCH_QUICK_CODE"  # environment variable that asks for code that compiles sooner, runs longer, and computes the same
+KEPT = 64  # functions that stay loaded: unloading one would free only a part of its memory
+_numbers = count()  # of modules, which makes their names unique
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}
 
 
@@ -49,10 +49,10 @@ class NativeCode:
     """A loaded function.
 
     Attributes:
-        call: takes addresses and numbers; the lock of the interpreter is free while it runs. signature: their kinds.
-        packed: takes the address of all of them, where the listing has such a function.
-        seconds: to compile or to load.
-        from_cache: whether the object code was there.
+        call: takes addresses and numbers, of the kinds in `signature`; Python's global lock is released while it runs.
+        packed: takes the address of a block with all arguments; None if the listing has no such function.
+        seconds: it took to compile or to load.
+        from_cache: whether the object code was in the cache.
         owner: keeps the machine code in memory.
     """
 
@@ -66,6 +66,7 @@ class NativeCode:
 
 @cache
 def _binding() -> Any:
+    """Import llvmlite and prepare it for this host."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -75,13 +76,13 @@ def _binding() -> Any:
 
 @cache
 def host() -> tuple[str, str]:
-    """Name and features of the processor."""
+    """Return name and features of the processor."""
     llvm = _binding()
     return str(llvm.get_host_cpu_name()), str(llvm.get_host_cpu_features().flatten())
 
 
 def best_lanes() -> int:
-    """Doubles in the widest vector of the host: 8 with AVX-512, 4 with AVX2, 2 elsewhere."""
+    """Return the number of doubles in the widest vector of the host: 8 with AVX-512, 4 with AVX2, 2 elsewhere."""
     if not available():
         return 8
     features = host()[1].split(",")
@@ -95,7 +96,7 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
     machine = _target_machine(level)
     key = _key(text, level)
     code = user_cache.load(f"{key}.o") if cached else None
-    cached_already = code is not None
+    from_cache = code is not None
     if code is None:
         module = _binding().parse_assembly(text)
         module.verify()
@@ -103,10 +104,11 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
         if cached:
             user_cache.store(f"{key}.o", code)
     call, packed, owner = (_kept if cached else _load)(code, listing.name, listing.packed, listing.signature)
-    return NativeCode(call, packed, listing.signature, time.perf_counter() - start, cached_already, owner)
+    return NativeCode(call, packed, listing.signature, time.perf_counter() - start, from_cache, owner)
 
 
 def _key(text: str, level: int) -> str:
+    """Return a hash of everything that object code depends on."""
     import llvmlite
 
     parts = (VERSION, llvmlite.__version__, str(_binding().llvm_version_info), *host(), str(level), text)
@@ -121,7 +123,7 @@ def _target_machine(level: int) -> Any:
 
 @cache
 def _linker() -> Any:
-    """The linker of object code: a module's code side by side, so that no reference is too far for the small code model."""
+    """Return the linker of object code; it puts all code of a module side by side, as the small code model needs it."""
     return _binding().create_lljit_compiler(_target_machine(1), use_jit_link=True)
 
 
@@ -130,7 +132,7 @@ def _load(code: bytes, name: str, packed: str, signature: str) -> tuple[Any, Any
     unit = _binding().JITLibraryBuilder().add_object_img(code).export_symbol(name)
     if packed:
         unit.export_symbol(packed)
-    unit.add_current_process()  # where a processor has no fused multiply-add, that of the library
+    unit.add_current_process()  # a processor without fused multiply-add calls that of the C library
     owner = unit.link(_linker(), f"{name}{next(_numbers)}")
     prototype = ctypes.CFUNCTYPE(None, *(KINDS[kind] for kind in signature))
     compact = ctypes.CFUNCTYPE(None)(owner[packed]) if packed else None  # its argument needs no conversion
@@ -155,7 +157,7 @@ def out_of_lanes(x: Array, count: int) -> Array:
 
 def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
     """Call part(low, high) for consecutive ranges of groups, one range per thread."""
-    if min(threads, groups) < 2:  # to divide nothing by numpy takes as long as following a hundred samples
+    if min(threads, groups) < 2:  # the division below takes as long as a hundred samples
         part(0, groups)
         return
     runs = list(pairwise(np.linspace(0, groups, min(threads, groups) + 1).astype(int).tolist()))
@@ -175,13 +177,13 @@ def align(size: int) -> Array:
 
 
 class Single:
-    """Arguments of one call for one state, made once: asking numpy for an address, or ctypes for a number, costs as much as steps.
+    """The arguments of calls for one state, converted once, because a conversion takes as long as several steps.
 
-    It keeps the code it calls in memory.
+    It keeps the code that it calls in memory.
 
     Attributes:
-        arrays: flat, in the order of the routine; q, v: views of the halves of the first, a state.
-        numbers, counts: views of what is given behind the arrays, set before a call; counts are 1 at first, groups the last.
+        arrays: flat, in the order of the routine; q, v: views of the halves of the first array, a state.
+        numbers, counts: views of the arguments behind the arrays, to be set before a call; counts start at 1, groups are the last.
     """
 
     __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers", "q", "v")
@@ -202,17 +204,17 @@ class Single:
 
 
 class Singles(threading.local):
-    """The memory of one thread for single states."""
+    """The arguments for single states of one thread."""
 
     one: Single | None = None
 
 
-CHUNK = 4096  # trajectories at a time on arrays: they share what a call of numpy costs, and a step has hundreds
+CHUNK = 4096  # trajectories at a time in numpy: they share the fixed cost of its calls, of which a step has hundreds
 
 
 @dataclass(frozen=True)
 class Target:
-    """The target of code: backend "llvm" or "numpy", trajectories in one vector, whether object code is kept on disk."""
+    """Where code runs: backend "llvm" or "numpy", number of trajectories in a vector, and whether object code is kept on disk."""
 
     backend: str
     lanes: int
@@ -220,17 +222,18 @@ class Target:
 
 
 def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target:
-    """The target of code: where None, the first backend that is installed, and as many lanes as vectors of the host hold.
+    """Choose the target of code; None asks for the first installed backend, and for as many lanes as vectors of the host hold.
 
     Raises:
-        KernelError: a backend that is not there, or lanes that are no power of 2.
+        KernelError: the backend is unknown or not installed, or the number of lanes is no power of 2.
     """
     if backend not in (None, *BACKENDS):
         raise KernelError(f"no backend {backend}; there are {', '.join(BACKENDS)}")
     if backend == "llvm" and not available():
         raise KernelError("the backend llvm needs the package llvmlite: pip install 'gauss-bench[kernel]'")
-    chosen, width = backend or ("llvm" if available() else "numpy"), best_lanes() if lanes is None else lanes
-    if width < 1 or (chosen == "llvm" and width & (width - 1)):
+    chosen = backend or ("llvm" if available() else "numpy")
+    width = best_lanes() if lanes is None else lanes
+    if width < 1 or (chosen == "llvm" and width & (width - 1)):  # a power of 2 has no bit in common with the number below it
         raise KernelError(f"{width} lanes are no power of 2")
     return Target(chosen, width, cache)
 
@@ -241,10 +244,11 @@ def in_plain_c(*routines: Routine) -> str:
 
 
 class Loaded:
-    """A routine as it runs on a target: one lane for a single trajectory, `lanes` of them for many.
+    """A routine on a target: one lane for a single trajectory, the target's number of lanes for many.
 
     Attributes:
-        codes: the machine code that has been compiled or loaded so far, by lanes.
+        make: writes the routine; its argument tells whether it is for several lanes.
+        codes: machine code that has been compiled or loaded so far, by number of lanes.
     """
 
     def __init__(self, make: Callable[[bool], Routine], target: Target):
@@ -255,25 +259,24 @@ class Loaded:
         self._plain = in_python(make(True)) if target.backend == "numpy" else None
 
     def lanes(self, count: int) -> int:
-        """Trajectories in one group, of so many."""
+        """Return how many of `count` trajectories make one group."""
         return min(count, CHUNK) if self._plain else 1 if count == 1 else self.target.lanes
 
     def call(self, lanes: int) -> Any:
-        """Takes arrays, numbers and counts of the routine, and groups."""
+        """Return the function that takes arrays, numbers and counts of the routine, and the number of groups."""
         if self._plain:
             return self._plain
         with self._lock:
             if lanes not in self.codes:
-                made = listing(self.make(lanes > 1), lanes)
-                self.codes[lanes] = compile_listing(made, self.target.cache)
+                self.codes[lanes] = compile_listing(write_listing(self.make(lanes > 1), lanes), self.target.cache)
             return self.codes[lanes].call
 
     def given(self, arrays: list[Array]) -> list[Any]:
-        """Arrays as `call` takes them."""
+        """Return arrays in the form in which the function of `call` takes them."""
         return list(arrays) if self._plain else [address(x) for x in arrays]
 
     def single(self, *sizes: int) -> Single:
-        """Arguments for one state, of this thread."""
+        """Return this thread's arguments for one state; `sizes` are those of the arrays."""
         one = self.singles.one
         if one is None:
             self.call(1)

@@ -1,10 +1,10 @@
 """Routines as source text: Python on arrays, for hosts without a compiler, and plain C for any other machine.
 
-Sines are left to the target's own functions. A routine in C does one trajectory and returns 0, or 1 where it is not sound:
+Sines are left to the target's own functions. A routine in C computes one trajectory; it returns 0, or 1 if it is not sound:
 
     int NAME(arrays, numbers, counts)
 
-In Python it is that of the native code, with as many trajectories in a group as arrays have columns.
+In Python it takes the arguments of the native code, with as many trajectories in a group as arrays have columns.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -33,9 +33,14 @@ C_HEADER = "#include <math.h>\n\n"
 
 @dataclass(frozen=True)
 class Language:
-    """The phrases of a language for the parts of a routine: `{0}`, `{1}` ... are operands, `{p}` a payload."""
+    """The phrases of a language for the parts of a routine.
 
-    calls: Mapping[str, str]
+    Attributes:
+        operations: by name; `{0}`, `{1}` ... are operands, `{p}` is the payload.
+        leave: leaves a loop where a condition does not hold.
+    """
+
+    operations: Mapping[str, str]
     assign: str
     forever: str
     leave: str
@@ -68,7 +73,7 @@ C = Language(
         "number": "(double){0}", "least": "{0} < {1} ? {0} : {1}", "fma": "fma({0}, {1}, {2})", "nowhere": "!{0}",
     },
     assign="{0} = {1};",
-    forever="for (;;) {{",
+    forever="for (;;) {",
     leave="if (!{0}) break;",
     branch="if ({0}) {{",
     close="}",
@@ -76,7 +81,7 @@ C = Language(
 
 
 class Source(Emitter):
-    """Lines of one function.
+    """Writes the lines of one function.
 
     Attributes:
         variables: name -> its type in C.
@@ -96,17 +101,17 @@ class Source(Emitter):
         self.lines.append("    " * self.depth + text)
 
     @contextmanager
-    def block(self, head: str, *given: str) -> Iterator[None]:
-        self.line(head.format(*given))
+    def block(self, head: str) -> Iterator[None]:
+        """Write the lines made in this context as a block below a first line."""
+        self.line(head)
         self.depth += 1
-        with self.within():
-            yield
+        yield
         self.depth -= 1
         if self.language.close:
             self.line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
-        """Assign to the variable of a value."""
+        """Assign to the variable of a value; return the variable's name."""
         name, operation = f"{letter}{x}", self.graph.operation[x]
         self.variables[name] = "long" if operation in COUNTS else "int" if operation in (*MASKS, *TRUTHS) else "double"
         self.line(self.language.assign.format(name, text))
@@ -121,22 +126,22 @@ class Source(Emitter):
         if operation == "all":
             return str(int(bool(payload))) if c else str(payload)
         operands = [self.names[k] for k in self.graph.operands[x]]
-        return self.let(x, self.language.calls[operation].format(*operands, p=payload))
+        return self.let(x, self.language.operations[operation].format(*operands, p=payload))
 
-    def moved(self, values: Mapping[int, str], letter: str) -> None:
-        """Assign to leaves, all at once."""
-        held = {x: self.let(x, name, "n") for x, name in values.items()} if len(values) > 1 else values
-        for x, name in held.items():
-            self.names[x] = self.let(x, name, letter)
+    def assign_leaves(self, values: Mapping[int, str]) -> None:
+        """Give leaves their values, all at once: new values may contain old ones, and are therefore copied first."""
+        copies = {x: self.let(x, name, "n") for x, name in values.items()} if len(values) > 1 else values
+        for x, name in copies.items():
+            self.names[x] = self.let(x, name, "v")
 
     def statement(self, s: Statement) -> None:
         match s:
             case Load():
-                for x, row in self.rows(s).items():
+                for x, row in self.select_rows(s).items():
                     self.names[x] = self.let(x, f"{s.array}[{self._row(s.start, row)}]")
             case Store():
-                held = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
-                for row, name in enumerate(held):
+                copies = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
+                for row, name in enumerate(copies):
                     self.line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
             case Scatter():
                 values, (start, block, last) = self.compute(s.values), self.compute([s.start, s.block, s.last])
@@ -145,55 +150,49 @@ class Source(Emitter):
                 for row, name in enumerate(values):
                     self.line(f"{s.array}[{place} + {row}] = {name}")
             case Loop():
-                carried = self.carried(s)
-                self.moved(dict(zip(carried, self.first, strict=True)), "v")
-                self.line(self.language.forever.format())
-                self.depth += 1
-                self.statements(s.body)
-                self.line(self.language.leave.format(self.need(s.again)))
-                with self.within():
-                    self.statements(s.after)
-                    self.compute([b for _, b in carried.values()])
-                    self.moved({x: self.names[b] for x, (_, b) in carried.items()}, "v")
-                self.depth -= 1
-                if self.language.close:
-                    self.line(self.language.close)
-            case If():
-                old = self.compute([b for _, b in s.merged.values()])
-                self.moved(dict(zip(s.merged, old, strict=True)), "v")
-                names = {x: self.names[x] for x in s.merged}
-                with self.block(self.language.branch, self.need(s.condition)):
+                carried = self.select_carried(s)
+                self.assign_leaves(dict(zip(carried, self.first, strict=True)))
+                with self.block(self.language.forever):
                     self.statements(s.body)
-                    self.compute([a for a, _ in s.merged.values()])
-                    self.moved({x: self.names[a] for x, (a, _) in s.merged.items()}, "v")
-                self.names |= names
+                    self.line(self.language.leave.format(self.need(s.again)))
+                    with self.within():
+                        self.statements(s.after)
+                        self._assign({x: new for x, (_, new) in carried.items()})
+            case If():
+                self._assign({x: old for x, (_, old) in s.merged.items()})
+                with self.block(self.language.branch.format(self.need(s.condition))), self.within():
+                    self.statements(s.body)
+                    self._assign({x: new for x, (new, _) in s.merged.items()})
+
+    def _assign(self, values: Mapping[int, int]) -> None:
+        """Compute values and give them to leaves."""
+        self.assign_leaves(dict(zip(values, self.compute([*values.values()]), strict=True)))
 
     def _row(self, start: int | None, row: int) -> str:
         return str(row) if start is None else f"{self.need(start)} + {row}"
 
 
 def in_c(routine: Routine) -> str:
-    """A routine as a function in C, for one trajectory."""
+    """Return a routine as a function in C, for one trajectory."""
     s = Source(routine, C)
     s.statements(routine.body)
     s.line(f"return !{s.need(routine.sound)};")
-    given = [f"double *{name}" for name in routine.arrays]
-    given += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
-    kinds: dict[str, list[str]] = {}
+    arguments = [f"double *{name}" for name in routine.arrays]
+    arguments += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
+    kinds: dict[str, list[str]] = {}  # type -> its variables, which C99 may declare together
     for name, kind in s.variables.items():
         kinds.setdefault(kind, []).append(name)
-    declared = [f"{kind} {', '.join(names)};" for kind, names in kinds.items()]
-    body = [f"    {x}" for x in declared] + s.lines
-    return "\n".join([f"int {routine.name}({', '.join(given)})\n{{", *body, "}\n"])
+    declarations = [f"    {kind} {', '.join(names)};" for kind, names in kinds.items()]
+    return "\n".join([f"int {routine.name}({', '.join(arguments)})\n{{", *declarations, *s.lines, "}\n"])
 
 
 def in_python(routine: Routine) -> Callable[..., None]:
-    """A routine on arrays (groups, rows, trajectories), flat where they are scattered into."""
+    """Return a routine as a function of arrays (groups, rows, trajectories); arrays that values are scattered into are flat."""
     s = Source(routine, PYTHON)
     s.statements(routine.body)
-    given = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
+    names = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
     space: dict[str, Any] = {"np": np}
-    exec("\n".join([f"def {routine.name}({given}):", *s.lines, "    return"]), space)
+    exec("\n".join([f"def {routine.name}({names}):", *s.lines, "    return"]), space)
     one: Callable[..., None] = space[routine.name]
 
     def call(*arguments: Any) -> None:

@@ -1,15 +1,15 @@
-"""Sine and cosine without branches: from nothing, or from those of a neighbouring angle.
+"""Sine and cosine without branches: from the angle, or from sine and cosine of a neighbouring angle.
 
-From nothing (Cody and Waite, Software Manual for the Elementary Functions, 1980, chapter 8): the nearest multiple k of pi/2 is
-taken off in three parts, and two short polynomials give sine and cosine of what is left; the low bits of k choose and set signs.
+From the angle (Cody and Waite, Software Manual for the Elementary Functions, 1980, chapter 8): the nearest multiple k of pi/2 is
+subtracted in three parts, and two short polynomials give sine and cosine of the rest r; the low bits of k choose one and its sign.
 
     k = round(2 x / pi),   r = ((x - k P1) - k P2) - k P3,   P1 + P2 + P3 = pi/2
     sin r = r + r z S(z),   cos r = 1 - z/2 + z^2 C(z),   z = r^2
 
-P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. The rounding adds and takes away 1.5 * 2^52, which leaves
-k in the low bits of the sum; this is why no such sum may ever be reassociated.
+P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. To round, 1.5 * 2^52 is added and subtracted: the sum has k
+in its low bits. No such sum may therefore be reassociated.
 
-From a neighbour: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
+From a neighbouring angle: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
 
     sin(x + d) = sin x + (cos x sin d - sin x (1 - cos d)),   cos(x + d) = cos x - (sin x sin d + cos x (1 - cos d))
 
@@ -20,9 +20,12 @@ from fractions import Fraction
 from functools import cache
 from math import cos, factorial, pi
 
+import numpy as np
+from numpy.polynomial import polynomial as polynomials
+
 from gauss_bench.compiler.machine.graph import Graph, Pair
 
-LARGEST = 2.0**20  # [rad] beyond it k P1 is not exact any more
+LARGEST = 2.0**20  # [rad] of an angle: beyond, k P1 is not exact
 TWO_OVER_PI = 0.6366197723675814
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 MAGIC = 1.5 * 2.0**52
@@ -47,9 +50,9 @@ SERIES_TERMS = 8
 
 
 def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
-    """Estrin's scheme: pairs first, so that the chain is as long as the logarithm of the degree."""
+    """Return a polynomial by Estrin's scheme: pairs of terms first, so that the chain is as long as the logarithm of the degree."""
     level = [g.const(c) for c in coefficients]
-    while len(level) > 1:
+    while len(level) > 1:  # each round halves the degree of the polynomial and squares its argument
         odd = level[-1:] if len(level) % 2 else []
         level = [g.fma(high, z, low) for low, high in zip(level[::2], level[1::2], strict=False)] + odd
         z = g.mul(z, z)
@@ -57,7 +60,8 @@ def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
 
 
 def sincos(g: Graph, x: int) -> Pair:
-    """Sine and cosine of a value, valid for |x| <= LARGEST."""
+    """Return sine and cosine of a value, valid for |x| <= LARGEST."""
+    # k in the low bits of x times 2 / pi + 1.5 * 2^52, and then the rest r
     shifted = g.fma(x, g.const(TWO_OVER_PI), g.const(MAGIC))
     k = g.make("bits", shifted)
     minus = g.neg(g.make("sub", shifted, g.const(MAGIC)))
@@ -67,6 +71,7 @@ def sincos(g: Graph, x: int) -> Pair:
     z = g.mul(r, r)
     s = g.fma(g.mul(r, z), polynomial(g, SINE, z), r)
     c = g.fma(g.mul(z, z), polynomial(g, COSINE, z), g.fma(z, g.const(-0.5), g.const(1.0)))
+    # each quarter turn exchanges sine and cosine; two of them change both signs
     odd = g.make("nonzero", g.make("and", k, payload=1))
     return _sign(g, odd, c, s, k), _sign(g, odd, s, c, g.make("plus", k, payload=1))
 
@@ -79,7 +84,7 @@ def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
 
 
 def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
-    """Sine and cosine at x + d from those at x, valid for |d| <= reach [rad]."""
+    """Return sine and cosine at x + d from the pair at x, valid for |d| <= reach [rad]."""
     s, c = pair
     P, Q = short_series(reach)
     z = g.mul(d, d)
@@ -95,16 +100,21 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
 
 @cache
 def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Coefficients of P and Q, as few as the reach allows."""
+    """Return the coefficients of P and Q, as few as the reach [rad] allows.
+
+    Raises:
+        ValueError: SERIES_TERMS coefficients are not enough.
+    """
     P = [Fraction((-1) ** (k + 1), factorial(2 * k + 3)) for k in range(SERIES_TERMS)]
     Q = [Fraction((-1) ** k, factorial(2 * k + 2)) for k in range(SERIES_TERMS)]
     return _economise(P, reach, reach**3), _economise(Q, reach, reach**2)
 
 
 def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
-    """Interpolation of a series in z at Chebyshev nodes of [0, reach^2], where its error times `factor` counts."""
+    """Interpolate a series in z at Chebyshev nodes of [0, reach^2], as many as keep its error times `factor` below TOLERANCE."""
     width = reach * reach
     for terms in range(SERIES_TERMS):
+        # the next term, with the Chebyshev polynomial of size width^terms / 2^(2 terms - 1) in place of z^terms
         error = abs(float(series[terms])) * width**terms / (2.0 ** (2 * terms - 1) if terms else 1.0)
         if error * factor <= TOLERANCE:
             nodes = [Fraction(width * (1 + cos(pi * (k + 0.5) / terms)) / 2) for k in range(terms)]
@@ -113,14 +123,11 @@ def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[flo
 
 
 def _interpolate(nodes: list[Fraction], values: list[Fraction | int]) -> tuple[float, ...]:
-    """Coefficients of the polynomial through the values, by Newton's divided differences in exact arithmetic."""
-    differences = [Fraction(v) for v in values]
+    """Return the coefficients of the polynomial through the values, by Newton's divided differences in exact arithmetic."""
+    x, differences = np.array(nodes, dtype=object), np.array(values, dtype=object)
     for order in range(1, len(nodes)):
-        for k in range(len(nodes) - 1, order - 1, -1):
-            differences[k] = (differences[k] - differences[k - 1]) / (nodes[k] - nodes[k - order])
-    coefficients: list[Fraction] = []
+        differences[order:] = (differences[order:] - differences[order - 1 : -1]) / (x[order:] - x[:-order])
+    coefficients = np.array([Fraction(0)])
     for node, difference in zip(reversed(nodes), reversed(differences), strict=True):
-        shifted = [Fraction(0), *coefficients]
-        coefficients = [a - node * b for a, b in zip(shifted, [*coefficients, Fraction(0)], strict=True)]
-        coefficients[0] += difference
-    return tuple(float(c) for c in coefficients)
+        coefficients = polynomials.polyadd(polynomials.polymul(coefficients, [-node, Fraction(1)]), [difference])
+    return tuple(float(c) for c in coefficients[: len(nodes)])  # without values there is no coefficient

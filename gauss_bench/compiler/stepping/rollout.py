@@ -22,8 +22,8 @@ evaluates accelerations; `out` has n_q + 1 rows, of which the last is 1 where th
 takes a state back onto the constraints; `out` has 2 n_q + 1 rows.
 
 What is stepped is a body, with all stages written out: equal expressions of different stages are one value, sines rotate from stage
-to stage, and the processor overlaps the stages. The code grows with the linkage, and beyond some hundred four-bars in a row it no
-longer fits into the processor's caches.
+to stage, and the processor overlaps the stages. The code grows with the linkage. Where the right-hand side has more than
+`steps.LONG` operations, the body of Runge and Kutta's method has it once, in a loop over the stages.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ from gauss_bench.compiler.machine.graph import (
     rewrite,
 )
 from gauss_bench.compiler.machine.trigonometry import sincos
-from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, Step, dop853
+from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Builder, Reach, Step, dop853, is_looped, rk4_looped
 
 Carried = dict[int, tuple[int, int]]  # leaf -> its first and its next value
 
@@ -63,15 +63,21 @@ class Body:
         entry: statements before the loop.
         carried: leaf -> its first and its next value, from step to step.
         settled: leaf -> its next value every SETTLED steps, in place of the one that is carried; {} where there is none.
-        values: of one step, in order; operations: among them.
+        statements: of one step; values: in order; operations: among them.
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
-        self.step = step = step if plain else step.rewritten(into)
+        self.step = step = step if plain else step.rewrite_into(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
         g, n, needed = self.graph, code.program.n, live(step.graph, step.roots())
         self.values = needed if plain else order(g, needed, step.carried)
         self.operations = count_operations(g, self.values)
+        self.statements: list[Statement] = [Compute(self.values)]
+        if step.stages:
+            following = [x for _, x in step.stages.values()]
+            again = g.make("below", g.count("%stage"), g.whole(3))
+            in_order = order(g, live(g, following), {str(k): x for k, x in enumerate(following)})
+            self.statements.insert(0, Loop(step.stages, [Compute(in_order)], again))
         self.y = [g.leaf(f"%y{k}") for k in range(self.rows)]
         self.state = [g.leaf(f"%{x}{i}") for x in "qv" for i in range(n)]
         parameters = {g.leaf(f"%p{k}"): k for k in range(code.program.n_parameters)}
@@ -84,7 +90,7 @@ class Body:
         self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
         self.settled = {g.leaf(name): x for name, x in step.settled.items()}
 
-    def ended(self, complete: int) -> Store:
+    def store_end(self, complete: int) -> Store:
         """Store the last state in y: the projected one where the mask holds, else the state before the failed step."""
         return Store("y", [self.graph.make("select", complete, x, raw) for x, raw in zip(self.step.out, self.state, strict=True)])
 
@@ -138,7 +144,7 @@ def _stepping(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Stat
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    return [Loop(carried, [Compute(body.values), sample, *settling], again), body.ended(complete), report], complete, too_far
+    return [Loop(carried, [*body.statements, sample, *settling], again), body.store_end(complete), report], complete, too_far
 
 
 def _settling(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
@@ -162,6 +168,8 @@ def _either(g: Graph, a: int, b: int) -> int:
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
     """Build the step for each of some reaches, in one graph."""
+    if is_looped(code, integrator):
+        return [Body(code, rk4_looped(code))]
     graph = Graph()
     return [Body(code, STEPS[integrator](code, reach), into=graph) for reach in reaches]
 
@@ -224,9 +232,9 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
     loads = [Load("times", {first[0]: 0, first[1]: 1}), Load("times", {g.leaf("%next"): 0}, further)]
-    loop = Loop(carried, [Compute(body.values), store, place, *settling, loads[1]], again)
+    loop = Loop(carried, [*body.statements, store, place, *settling, loads[1]], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
-    statements: list[Statement] = [*body.entry, loads[0], loop, body.ended(complete), Store("report", report)]
+    statements: list[Statement] = [*body.entry, loads[0], loop, body.store_end(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
     numbers = ("rtol", "atol", "longest", "least", "h0")
     return Routine("integrate", g, arrays, numbers, ("count", "limit"), statements, complete, body.operations)

@@ -20,7 +20,7 @@ Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wa
 (1996), section VII.2 (projection).
 
 Where rows are redundant and nothing projects, every so many steps of the loop around it the end of a step is taken back onto the
-constraints in the same way (`Builder.settled`, `rollout.SETTLED`).
+constraints in the same way (`Builder.settle`, `rollout.SETTLED`).
 
 Gauss's collocation is implicit (`gauss_legendre`): its positions and velocities at the stages follow from the accelerations there,
 which are found in a fixed number of passes. Whether that was enough is a guard like the others.
@@ -113,8 +113,19 @@ REACHES = {
 ONCE = replace(REACHES["rk4"][1], correction=2.0**-28, corrections=1)
 
 
+# operations of an acceleration: beyond, code with four of them takes long to compile and no longer fits the processor's caches
+LONG = 3_500
+
+
+def is_looped(code: Code, integrator: str) -> bool:
+    """Tell whether a step loops over its stages, because their code would be too long if each was written out."""
+    return integrator == "rk4" and code.acceleration.operations > LONG
+
+
 def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
     """Return the reaches of a program's steps, the shortest first."""
+    if is_looped(code, integrator):
+        return (EXACT,)
     first, *others = REACHES[integrator]
     return (first, ONCE, *others) if code.projected and integrator == "rk4" else (first, *others)
 
@@ -130,6 +141,7 @@ class Step:
         within: mask where the step stays within its reach and all values are finite.
         error: squared norm of the estimated local error relative to the tolerances, proportional to h^16; None if not estimated.
         settled: leaf -> its value at the next step if the state is settled onto the constraints there; empty if it never is.
+        stages: of a loop over the stages, leaf -> its value at the first stage and at the next one; empty if all are written out.
     """
 
     graph: Graph
@@ -140,13 +152,15 @@ class Step:
     within: int
     error: int | None = None
     settled: dict[str, int] = field(default_factory=dict)
+    stages: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def roots(self) -> list[int]:
         """Return all values that must be computed in every step."""
         error = [] if self.error is None else [self.error]
-        return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error]
+        of_stages = [x for pair in self.stages.values() for x in pair]
+        return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
 
-    def rewritten(self, into: Graph | None = None) -> "Step":
+    def rewrite_into(self, into: Graph | None = None) -> "Step":
         """The step with its arithmetic regrouped, in a graph that may have other steps already."""
         every = [*self.roots(), *self.settled.values()]
         graph, roots = rewrite(self.graph, every, into)
@@ -154,7 +168,11 @@ class Step:
         carried, settled = ({name: moved[x] for name, x in leaves.items()} for leaves in (self.carried, self.settled))
         regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
-        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error, settled)
+        stages = {
+            graph.make(self.graph.operation[leaf], payload=self.graph.payload[leaf]): (moved[first], moved[following])
+            for leaf, (first, following) in self.stages.items()
+        }
+        return Step(graph, carried, [moved[x] for x in self.out], regular, regular_out, within, error, settled, stages)
 
 
 class Builder:
@@ -164,14 +182,18 @@ class Builder:
         self.g = g = Graph()
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
-        self.q, self.v = ([g.leaf(f"%{letter}{i}") for i in range(self.n)] for letter in "qv")
+        self.q, self.v = self.vector("q"), self.vector("v")
         self.p = [g.leaf(f"%p{i}") for i in range(code.program.n_parameters)]
         self.t, self.h = g.leaf("%t"), g.leaf("%h")
         self.known: dict[int, Pair] = {}
         self.pivots: list[int] = []
         self.score: list[int] = []
 
-    def given(self) -> list[Pair]:
+    def vector(self, letter: str) -> list[int]:
+        """Return a leaf for each coordinate."""
+        return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
+
+    def carried_sines(self) -> list[Pair]:
         """Return leaves for sine and cosine of each angle."""
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
 
@@ -199,7 +221,7 @@ class Builder:
             self.limit([x], trigonometry.LARGEST)
         return self.known[x]
 
-    def fresh(self) -> list[Pair]:
+    def compute_sines(self) -> list[Pair]:
         """Compute sines and cosines of the angles at the beginning of the step from scratch."""
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
@@ -238,7 +260,7 @@ class Builder:
         self._watch(guard, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
-    def held(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
+    def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
         """Accelerations that the rows allow, whose independent ones are z; a are any such."""
         for k, x, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
             a = self.along(a, self.g.sub(x, a[k]), motion)
@@ -263,15 +285,15 @@ class Builder:
             return g.sub(g.const(float((i, k) == (j, l))), stiff)
 
         matrix = [[entry(*row, *column) for column in places] for row in places]
-        factors = self.eliminated(matrix)
+        factors = self.factorise(matrix)
 
-        def solved(off: list[list[int]]) -> list[list[int]]:
+        def solve(off: list[list[int]]) -> list[list[int]]:
             x = factors([y for row in off for y in row])
             return [x[i * len(free) : (i + 1) * len(free)] for i in range(len(A))]
 
-        return solved
+        return solve
 
-    def eliminated(self, matrix: list[list[int]]) -> Callable[[list[int]], list[int]]:
+    def factorise(self, matrix: list[list[int]]) -> Callable[[list[int]], list[int]]:
         """Solves with a matrix (k, k) whose pivots are those of its diagonal."""
         g, size = self.g, len(matrix)
         U, L = [list(row) for row in matrix], [[0] * size for _ in range(size)]
@@ -283,7 +305,7 @@ class Builder:
                 for j in range(k + 1, size):
                     U[i][j] = g.sub(U[i][j], g.mul(L[i][k], U[k][j]))
 
-        def solved(right: list[int]) -> list[int]:
+        def solve(right: list[int]) -> list[int]:
             x = list(right)
             for i in range(size):
                 for k in range(i):
@@ -294,7 +316,7 @@ class Builder:
                 x[i] = g.mul(x[i], inverse[i])
             return x
 
-        return solved
+        return solve
 
     def _watch(self, guard: list[int], thresholds: Array) -> None:
         g = self.g
@@ -348,7 +370,7 @@ class Builder:
         """The step whose results are q, v and sines."""
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)
-        settled = self.carried(*self.settled(q, v, pairs)) if self.code.settles else {}
+        settled = self.carried(*self.settle(q, v, pairs)) if self.code.settles else {}
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
@@ -358,7 +380,7 @@ class Builder:
             carried |= {f"%s{i}": s, f"%c{i}": c}
         return carried
 
-    def settled(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
+    def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
         """Return the end state projected onto the constraints by one correction; the guards of the next step check it."""
         g, end = self.g, self.g.add(self.t, self.h)
         dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
@@ -374,7 +396,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     g, q, u = b.g, b.q, b.v
     half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
     middle, end = g.add(b.t, half), g.add(b.t, h)
-    start = b.given() if reach.rotates else []
+    start = b.carried_sines() if reach.rotates else []
     b.share(q, start)
     v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
@@ -385,7 +407,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     q3 = b.along(q2, b.times_h(0.25, 2), a1)
     b.turn(pairs2, [g.mul(b.times_h(0.25, 2), x) for x in a1], reach.bend, q3)
     a3 = b.acceleration(middle, q3, b.along(v, half, a2))
-    pairs_B = b.turn(b.fresh() if reach.rotates else [], [g.mul(h, x) for x in v], reach.step, B)
+    pairs_B = b.turn(b.compute_sines() if reach.rotates else [], [g.mul(h, x) for x in v], reach.step, B)
     q4 = b.along(B, b.times_h(0.5, 2), a2)
     b.turn(pairs_B, [g.mul(b.times_h(0.5, 2), x) for x in a2], reach.bend, q4)
     a4 = b.acceleration(end, q4, b.along(v, h, a3))
@@ -401,18 +423,52 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
 
+def rk4_looped(code: Code) -> Step:
+    """One step of the classical Runge-Kutta method whose right-hand side is written once, in a loop over the stages.
+
+    Stage j = 0, 1, 2, 3 is at x, u and the time s. It adds w u and w a to the sums X and U, with w = 1, 2, 2, 1, and the next stage
+    is at q + c u and v + c a, with c = h/2, h/2, h. The step ends at q + h/6 X and v + h/6 U.
+    """
+    b = Builder(code, EXACT)
+    g, q, h = b.g, b.q, b.h
+    first_v = b.correct_velocity()
+    if code.projected:
+        b.acceleration(b.t, q, b.v)  # for its guards, which the corrected velocity needs
+    out_pivots, b.pivots = list(b.pivots), []
+    x, u, X, U = (b.vector(letter) for letter in "xuXU")
+    stage, s, steady = g.count("%stage"), g.leaf("%s"), g.make("mask", payload="%steady")
+    early = g.make("below", stage, g.whole(2))
+    middle = g.make("also", g.make("below", g.whole(0), stage), g.make("below", stage, g.whole(3)))
+    way = g.make("select", g.make("everywhere", early), b.times_h(0.5), h)
+    weight = g.make("select", g.make("everywhere", middle), g.const(2.0), g.const(1.0))
+    a = b.acceleration(s, x, u)
+    sum_X, sum_U = b.along(X, weight, u), b.along(U, weight, a)
+    regular = g.both([steady, *b.pivots, b.within(a)])
+    zero = [g.const(0.0)] * b.n
+    leaves = [*x, *u, *X, *U]
+    first = [*q, *first_v, *zero, *zero]
+    following = [*b.along(q, way, u), *b.along(first_v, way, a), *sum_X, *sum_U]
+    stages = dict(zip(leaves, zip(first, following, strict=True), strict=True))
+    stages |= {s: (b.t, g.add(b.t, way)), stage: (g.whole(0), g.make("sum", stage, g.whole(1))), steady: (g.all(True), regular)}
+    b.pivots, b.score = [regular, *out_pivots], []
+    sixth = b.times_h(1 / 6)
+    q_new, v_new = b.along(q, sixth, sum_X), b.along(first_v, sixth, sum_U)
+    q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
+    return replace(b.step(q_new, v_new, [], first_v, out_pivots), stages=stages)
+
+
 def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
     """One step of v' = v + h a(q, v), q' = q + h v'."""
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
-    b.share(q, b.given() if reach.rotates else [])
+    b.share(q, b.carried_sines() if reach.rotates else [])
     v = b.correct_velocity()
     a = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)
     v_new = b.along(v, b.h, a)
     q_new = b.along(q, b.h, v_new)
     b.limit([g.mul(b.h, x) for x in b.of_angles(v_new)], reach.step)
-    pairs = b.turn(b.fresh() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
+    pairs = b.turn(b.compute_sines() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
     q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
@@ -426,7 +482,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     """
     b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)
-    b.share(q, b.fresh() if reach.rotates else [])
+    b.share(q, b.compute_sines() if reach.rotates else [])
     to_middle, turned = [g.mul(b.times_h(0.5), x) for x in u], list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
@@ -507,7 +563,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
             continue
         changes = newton(off)
         z = [[g.add(x, y) for x, y in zip(row, change, strict=True)] for row, change in zip(z, changes, strict=True)]
-        stages = [b.held(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
+        stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
     b.limit([g.mul(h, x) for change in changes for x in change], CONVERGED)
     q_new, v_new = along(weights.tolist(), (weights @ A).tolist(), 1.0)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)

@@ -1,12 +1,13 @@
-"""Two linkages by equations derived on paper, in C: the code of an expert who has one linkage and wants it fast.
+"""Two kinds of linkage by equations derived on paper and written in C: the code of an expert who needs one linkage to be fast.
 
 The derivations are `crank_slider.c` and `four_bar.c`: the loop is closed by trigonometry, then Lagrange's equation is written in
 the angle of the crank, the one degree of freedom. They use no generated code. They cover these two kinds of loops and the loads
-that `loops.py` names; every other linkage is refused. Each model is compared with the linkage before it is used. The velocities and
+that `loops.py` names; every other linkage is skipped. Each model is compared with the linkage before it is used. The velocities and
 accelerations of the other links follow from those of the crank by the linkage's constraint rows.
 """
 
 import ctypes
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +26,18 @@ from gauss_bench.terms import Array
 
 FOLDER = Path(__file__).parent
 SETTINGS = {"default": {"compiler_flags": " ".join(FLAGS)}}
-AGREEMENT = 1e-9  # relative: rounding and the closure of the start leave 1e-13, a wrong term about 1
+AGREEMENT = 1e-9  # relative: rounding and the closure of the start cause about 1e-13, a wrong term about 1
 CHECKED = 0.3  # [rad] crank angle between the states that are compared
 
 
 class ByHand:
-    """The engine."""
+    """Equations derived on paper, for crank-sliders and four-bars."""
 
     name = "by_hand"
     integrators = ("rk4", "dop853_fixed")
     stabilizations = ("none",)
     settings = SETTINGS
-    resizable = True  # a model takes another step
+    resizable = True  # a built model can run with another step
     native_loop = True
     python_loop = False
 
@@ -60,7 +61,7 @@ class ByHand:
 
 
 class ByHandModel(CompiledSteps):
-    """A linkage in the angle of its crank alone."""
+    """The model of a linkage in one coordinate, the angle of its crank."""
 
     note = "one coordinate, derived by hand, in C"
 
@@ -68,6 +69,7 @@ class ByHandModel(CompiledSteps):
         self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
         self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", 1)
+        self.advance = partial(self.code.step, choice.integrator)
         self.crank = angle_slot(loop.links[0])
         self.start = np.array([mechanism.q0[self.crank] + loop.lines[0]]), mechanism.v0[[self.crank]]
         self._verify()
@@ -78,9 +80,9 @@ class ByHandModel(CompiledSteps):
         Raises:
             RunFailure: accelerations, joints or the start differ.
         """
-        th, w = self.start
-        for turn, rate in ((0.0, w), (-CHECKED, np.ones(1)), (CHECKED, -10.0 * np.ones(1))):
-            (q,), (v,), (a,) = self.motion(np.zeros(1), th[None] + turn, rate[None])
+        angle, speed = self.start
+        for turn, rate in ((0.0, speed), (-CHECKED, np.ones(1)), (CHECKED, -10.0 * np.ones(1))):
+            (q,), (v,), (a,) = self.motion(np.zeros(1), angle[None] + turn, rate[None])
             if not np.isfinite(q).all():
                 continue  # the crank does not reach this angle
             terms = self.evaluator.terms(0.0, q, v)
@@ -90,44 +92,37 @@ class ByHandModel(CompiledSteps):
             require_agreement(pairs, AGREEMENT)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        a = self.motion(np.array([t]), q[None, [self.crank]] + self.loop.lines[0], v[None, [self.crank]])[2][0]
-        return finite_acceleration(t, a, "the derivation by hand")
-
-    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
-        self.code.step(self.choice.integrator, x, dx, t, h, count)
+        _, _, a = self.motion(np.array([t]), q[None, [self.crank]] + self.loop.lines[0], v[None, [self.crank]])
+        return finite_acceleration(t, a[0], "the derivation by hand")
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
-        q = self._place(x[:, 0])
+        q = self._place_links(x[:, 0])
         second = np.array([self.code.acceleration(0.0, *state)[0] for state in zip(x, dx, strict=True)])
-        v = self._solve(q, np.zeros_like(q), dx[:, 0])[0]
-        return q, v, self._solve(q, v, second)[1]
+        at_rest = self.evaluator.constraints(0.0, q, np.zeros_like(q))
+        v = self._solve(at_rest.J, 0 * at_rest.gamma, dx[:, 0])
+        moving = self.evaluator.constraints(0.0, q, v)
+        return q, v, self._solve(moving.J, moving.gamma, second)
 
-    def _solve(self, q: Array, v: Array, given: Array) -> tuple[Array, Array]:
-        """Solve J x = 0 and J x = gamma for all links, x (k, n) each, given the crank's rate or second rate (k,)."""
-        rows = self.evaluator.constraints(0.0, q, v)
-        crank = np.broadcast_to(np.eye(self.mechanism.n)[self.crank], (len(q), 1, self.mechanism.n))
-        right = np.stack([0 * rows.gamma, rows.gamma], axis=-1)
-        ends = np.stack([given, given], axis=-1)[:, None]
-        found = np.linalg.solve(np.concatenate([rows.J, crank], axis=1), np.concatenate([right, ends], axis=1))
-        return found[..., 0], found[..., 1]
+    def _solve(self, J: Array, right: Array, crank: Array) -> Array:
+        """Solve J x = right for the rates or second rates x (k, n) of all links, given that of the crank (k,)."""
+        row = np.broadcast_to(np.eye(self.mechanism.n)[self.crank], (len(J), 1, self.mechanism.n))
+        ends = np.concatenate([right, crank[:, None]], axis=1)
+        return np.asarray(np.linalg.solve(np.concatenate([J, row], axis=1), ends[..., None])[..., 0])
 
-    def _place(self, th: Array) -> Array:
-        """Return q (k, n) at crank angles (k,), placing each link at the pin that joins it to the one before."""
+    def _place_links(self, th: Array) -> Array:
+        """Return q (k, n) at crank angles (k,): each link is placed at the pin that joins it to the one before."""
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
-        angles = self._angles(th)
-        for link, angle, (before, pin) in zip(loop.links, wind(angles, self._followed(th)).T, loop.pins, strict=True):
+        start = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
+        unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start))
+        for link, angle, pin in zip(loop.links, unwrapped.T, loop.pins, strict=True):
             q[:, angle_slot(link)] = angle
-            places(q)[:, link] = position(q, before) - rotate(pin.local, angle)
+            places(q)[:, link] = position(q, pin.before) - rotate(pin.own.local, angle)
         return q
 
     def _angles(self, th: Array) -> Array:
         """Return the angles (k, 3) [rad] of the links at crank angles (k,), up to whole turns except for the crank."""
         lines, out = np.empty((len(th), 3)), np.zeros(2)
         for row, x in zip(lines, th, strict=True):
-            self.code.library.told(ctypes.c_double(x), ctypes.c_void_p(out.ctypes.data))
+            self.code.library.line_angles(ctypes.c_double(x), ctypes.c_void_p(out.ctypes.data))
             row[:] = x, *out
         return lines - self.loop.lines
-
-    def _followed(self, th: Array) -> Array:
-        start = np.array([angle_at(self.mechanism.q0, link) for link in self.loop.links])
-        return follow(self._angles, float(self.start[0][0]), th, start)

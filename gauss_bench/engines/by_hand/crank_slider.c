@@ -43,7 +43,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
 }
 
 /* The angles of the rod's line and of the slider. */
-void told(double th, double *out)
+void line_angles(double th, double *out)
 {
     Pose o = pose(th);
     out[0] = atan2(o.sp, o.cp);

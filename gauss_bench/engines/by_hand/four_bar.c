@@ -47,7 +47,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
 }
 
 /* The angles of the lines of coupler and rocker. */
-void told(double th, double *out)
+void line_angles(double th, double *out)
 {
     Pose o = pose(th);
     out[0] = atan2(o.sp, o.cp);

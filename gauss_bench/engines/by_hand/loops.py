@@ -1,4 +1,4 @@
-"""The numbers that the two derivations by hand need, taken from a linkage, or the reason why it fits neither.
+"""The numbers of a linkage that the two derivations by hand need, or the reason why neither derivation is of this linkage.
 
 A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a second ground pin
 in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
@@ -6,6 +6,7 @@ in the slider's place. Loads: gravity, a constant torque and damping on the cran
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,13 @@ class Underived(ValueError):
     """No equation was derived by hand for this linkage; the message gives the difference."""
 
 
+class Pin(NamedTuple):
+    """The two points of a pin: on the ground or the link before, and on the link that it carries."""
+
+    before: Point
+    own: Point
+
+
 @dataclass(frozen=True, eq=False)
 class Loop:
     """A linkage as one of the two loops.
@@ -31,14 +39,14 @@ class Loop:
         numbers: name in the derivation -> value.
         links: crank, second and third link (indices).
         lines: (3,) direction [rad], in each link's frame, of the line whose angle the derivation uses; a slider's minus its angle.
-        pins: for each link the pin that joins it to the ground or to the link before: the point there, and the link's own.
+        pins: for each link the pin that joins it to the ground or to the link before.
     """
 
     source: str
     numbers: Mapping[str, float]
     links: tuple[int, int, int]
     lines: Array
-    pins: tuple[tuple[Point, Point], ...]
+    pins: tuple[Pin, Pin, Pin]
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
@@ -47,46 +55,59 @@ def loop_of(mechanism: Mechanism) -> Loop:
     Raises:
         Underived: it is neither of the two, or the derivations lack one of its loads.
     """
-    crank = mechanism.crank
-    held = mechanism.drivers or mechanism.constraints or mechanism.has_friction
-    if crank is None or held or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
+    crank, pins = mechanism.crank, mechanism.pins
+    constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
+    if crank is None or constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
         raise Underived("only loops of three links with a crank, moved by loads alone, are derived by hand")
-    pins = mechanism.pins
-    second = next((k for k in range(3) if k != crank and _pin(pins, crank, k)), 0)
+    second = next((k for k in range(3) if k != crank and _find_pin(pins, crank, k)), crank)
     third = 3 - crank - second
-    pivot, near, far = _pin(pins, GROUND, crank), _pin(pins, crank, second), _pin(pins, second, third)
-    if not (pivot and near and far) or crank == second:
+    pivot, crank_pin, far_pin = _find_pin(pins, GROUND, crank), _find_pin(pins, crank, second), _find_pin(pins, second, third)
+    if not (pivot and crank_pin and far_pin):
         raise Underived("only a crank between a ground pin and a second link is derived by hand")
-    coupler, start = far[0].local - near[1].local, position(mechanism.q0, near[0])
-    numbers = _weights("1", mechanism, crank, pivot[1], near[0]) | {"R": float(np.linalg.norm(near[0].local - pivot[1].local))}
-    at_rest = zip(("OX", "OY", "GX", "GY"), (*pivot[0].local, *mechanism.gravity), strict=True)
-    numbers |= _free(mechanism, second, near[1], coupler) | {key: float(x) for key, x in at_rest}
-    links, chain = (crank, second, third), (pivot, near, far)
-    lines = [_angle(near[0].local - pivot[1].local), _angle(coupler), -float(angle_at(mechanism.q0, third))]
+    crank_line = crank_pin.before.local - pivot.own.local
+    second_line = far_pin.before.local - crank_pin.own.local
+    numbers = {"R": float(np.linalg.norm(crank_line))}
+    numbers |= _vector("O", pivot.before.local) | _vector("G", mechanism.gravity)
+    numbers |= _weights("1", mechanism, crank, pivot.own, crank_pin.before)
+    numbers |= _second_link(mechanism, second, crank_pin.own, second_line)
+    lines = [_angle(crank_line), _angle(second_line)]
     if mechanism.slides:
-        side = np.sign(np.cos(angle_at(mechanism.q0, second) + lines[1]))
-        numbers |= _slider(mechanism, mechanism.slides[0], third, far[1]) | {"SIDE": float(side)}
-        numbers |= _loads(mechanism, crank, third, far[1])
-        return Loop("crank_slider.c", numbers, links, np.array(lines), chain)
-    other = _pin(pins, GROUND, third)
-    if other is None:
-        raise Underived("only a third link on a slide or a pin of the ground is derived by hand")
-    rocker, e, r = far[1].local - other[1].local, other[0].local - start, position(mechanism.q0, far[0]) - start
-    numbers |= _weights("3", mechanism, third, other[1], far[1]) | {"S": float(np.linalg.norm(rocker))}
-    numbers |= {"DX": float(other[0].local[0]), "DY": float(other[0].local[1])}
-    numbers |= _loads(mechanism, crank, None, far[1]) | {"SIDE": float(np.sign(e[0] * r[1] - e[1] * r[0]))}
-    lines[2] = _angle(rocker)
-    return Loop("four_bar.c", numbers, links, np.array(lines), chain)
+        source = "crank_slider.c"
+        lines.append(-float(angle_at(mechanism.q0, third)))
+        numbers |= _slider(mechanism, mechanism.slides[0], third, far_pin.own)
+        numbers |= _loads(mechanism, crank, third, far_pin.own)
+        side = np.cos(angle_at(mechanism.q0, second) + lines[1])
+    else:
+        source, ground_pin = "four_bar.c", _find_pin(pins, GROUND, third)
+        if ground_pin is None:
+            raise Underived("only a third link on a slide or a pin of the ground is derived by hand")
+        rocker_line = far_pin.own.local - ground_pin.own.local
+        lines.append(_angle(rocker_line))
+        numbers |= {"S": float(np.linalg.norm(rocker_line))} | _vector("D", ground_pin.before.local)
+        numbers |= _weights("3", mechanism, third, ground_pin.own, far_pin.own)
+        numbers |= _loads(mechanism, crank, None, far_pin.own)
+        start = position(mechanism.q0, crank_pin.before)
+        to_ground, to_far = ground_pin.before.local - start, position(mechanism.q0, far_pin.before) - start
+        side = to_ground[0] * to_far[1] - to_ground[1] * to_far[0]
+    numbers["SIDE"] = float(np.sign(side))  # which of the two closures the start is
+    return Loop(source, numbers, (crank, second, third), np.array(lines), (pivot, crank_pin, far_pin))
 
 
-def _pin(pins: Sequence[Revolute], a: int, b: int) -> tuple[Point, Point] | None:
-    """Return the points of the pin that joins links a and b, in this order, or None."""
-    ends = [pair for pin in pins for pair in ((pin.a, pin.b), (pin.b, pin.a))]
-    return next(((x, y) for x, y in ends if (x.link, y.link) == (a, b)), None)
+def _find_pin(pins: Sequence[Revolute], before: int, link: int) -> Pin | None:
+    """Return the pin that joins a link to the link before, or None."""
+    for pin in pins:
+        for a, b in ((pin.a, pin.b), (pin.b, pin.a)):
+            if (a.link, b.link) == (before, link):
+                return Pin(a, b)
+    return None
 
 
 def _angle(x: Array) -> float:
     return float(np.arctan2(x[1], x[0]))
+
+
+def _vector(name: str, x: Array) -> dict[str, float]:
+    return {f"{name}X": float(x[0]), f"{name}Y": float(x[1])}
 
 
 def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) -> dict[str, float]:
@@ -100,21 +121,32 @@ def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) 
     return {f"J{k}": inertia, f"W{k}C": float(gy * x - gx * y), f"W{k}S": float(gx * x + gy * y)}
 
 
-def _free(mechanism: Mechanism, link: int, near: Point, line: Array) -> dict[str, float]:
+def _second_link(mechanism: Mechanism, link: int, crank_pin: Point, line: Array) -> dict[str, float]:
     """Return length, mass, inertia and centre of the second link, in a frame along its line from the crank's pin."""
-    body, (x, y) = mechanism.links[link], turn_vector(-near.local, -_angle(line))
+    body, (x, y) = mechanism.links[link], turn_vector(-crank_pin.local, -_angle(line))
     return {"L": float(np.linalg.norm(line)), "M2": body.mass, "I2": body.inertia, "A2": float(x), "B2": float(y)}
 
 
 def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> dict[str, float]:
+    """Return the height of the slider's pin and the slider's mass.
+
+    Raises:
+        Underived: the slide is not level, or not on the ground.
+    """
     if slide.guide.link != GROUND or slide.block.link != link or abs(np.sin(slide.angle)) > LEVEL:
         raise Underived("only a slider on a level guide of the ground is derived by hand")
     return {"E": float(position(mechanism.q0, pin)[1]), "M3": mechanism.links[link].mass}
 
 
 def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> dict[str, float]:
-    """Return torque and damping on the crank, and stiffness, damping and rest of the slider's pin along x."""
-    coefficients = {"T": 0.0, "D": 0.0} | ({} if slider is None else {"K": 0.0, "C": 0.0, "X0": 0.0})
+    """Return torque and damping on the crank, and stiffness, damping and rest of the slider's pin along x.
+
+    Raises:
+        Underived: another load acts.
+    """
+    coefficients = {"T": 0.0, "D": 0.0}
+    if slider is not None:
+        coefficients |= {"K": 0.0, "C": 0.0, "X0": 0.0}
     for load in loads(mechanism.forces):
         match load:
             case Law(inverse_square=s) if s:

@@ -1,6 +1,6 @@
 """CasADi with SUNDIALS.
 
-`equations` writes the equations of motion in CasADi's symbols, `functions` offers them as casadi.Function objects, `adapter`
+`equations` writes the equations of motion in CasADi's symbols, `functions` makes casadi.Function objects of them, `adapter`
 integrates them with IDAS and CVODES, and `equal_steps` with fixed steps in generated C.
 """
 

@@ -6,12 +6,11 @@
     cvodes_adams  the same by Adams' method and functional iteration
     rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-with H the holonomic rows of J. The integrators of SUNDIALS choose steps and orders themselves, so `step` does not change them. With
-projection, which is the suite's, the state is projected at every sample and the method starts again there, at order 1 and with a
-small step; its steps and evaluations increase accordingly. Multipliers and accelerations are left out of the error test, as the
-documentation of IDAS advises for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of
-Euler-Lagrange equations with constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw.
-31 (2005).
+with H the holonomic rows of J. The integrators of SUNDIALS choose steps and orders themselves, so `step` does not change them.
+Projection is the suite's own: the state is projected at every sample, and there the method starts again with order 1 and a small
+step, so that it takes more steps. Multipliers and accelerations are left out of the error test, as the documentation of IDAS
+advises for algebraic variables beyond index 1. Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange
+equations with constraints, J. Comput. Appl. Math. 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
 """
 
 import re
@@ -20,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.c_code import METHODS
 from gauss_bench.engines.casadi.equal_steps import EqualSteps
-from gauss_bench.engines.casadi.functions import unfit
+from gauss_bench.engines.casadi.functions import reason_to_refuse
 from gauss_bench.engines.shared import finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate import STABILIZATIONS
@@ -33,8 +32,8 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
-# Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them. In index 2 they converge only
-# like 1/h. At a state that was just projected they are exact already, and IDAS' search for them fails.
+# Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them: in index 2 they converge only
+# like 1/h, and at a state that was just projected they are exact already, so that IDAS' iteration for them fails.
 LOOSE = 1e9
 REASONS = {
     "TOO_MUCH_WORK": "too many steps between two samples",
@@ -49,14 +48,14 @@ REASONS = {
 
 
 class Casadi:
-    """The engine."""
+    """CasADi's symbolic equations, integrated by SUNDIALS or with fixed steps in generated C."""
 
     name = "casadi"
     integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams", *METHODS)
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     adaptive = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False
@@ -71,7 +70,7 @@ class Casadi:
             return "the stabilised index 2 form keeps the constraints by itself"
         if choice.integrator in METHODS and choice.stabilization == "projection":
             return "equal steps are generated without a projection"
-        return unfit(mechanism)
+        return reason_to_refuse(mechanism)
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return "projection, at every sample" if choice.stabilization == "projection" else ""
@@ -83,7 +82,13 @@ class Casadi:
 
 
 class CasadiModel:
-    """A mechanism as a differential-algebraic system of CasADi."""
+    """A mechanism as a differential-algebraic or ordinary system, integrated by SUNDIALS.
+
+    Attributes:
+        x: (k, 2n) samples, q then v.
+        spans: lengths [s] of the intervals between samples, each of which is one call; empty if the whole run is one call.
+        integrators: length of an interval -> its integrator; the key 0 is the whole run.
+    """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import casadi
@@ -94,12 +99,12 @@ class CasadiModel:
         self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
         self.evaluator = Evaluator(mechanism)
         e = equations(mechanism)
-        self.solve = casadi.Function("solve", [e.t, e.q, e.v], [*solution(e)])
-        self.system = self._system(e, solution)
+        self.solve = casadi.Function("solve", [e.t, e.q, e.v], [*solution(e)])  # what is reported has no Baumgarte terms
+        self.system = self._write_system(e)
 
-    def _system(self, e: Any, solution: Any) -> dict[str, Any]:
+    def _write_system(self, e: Any) -> dict[str, Any]:
         """Return the system with its start time as a parameter, so that one integrator serves all intervals of the same length."""
-        from gauss_bench.engines.casadi.equations import stabilize
+        from gauss_bench.engines.casadi.equations import solution, stabilize
 
         ca, n = self.ca, self.mechanism.n
         if self.choice.stabilization == "baumgarte":
@@ -116,8 +121,8 @@ class CasadiModel:
                 system["ode"] = ca.vertcat(e.v - ca.jacobian(e.phi, e.q).T @ mu, a)
                 system["alg"] = ca.vertcat(motion, e.c, e.phi)
         begin = ca.SX.sym("begin")
-        moved = {key: ca.substitute(x, e.t, begin + e.t) for key, x in system.items()}
-        return moved | {"t": e.t, "x": ca.vertcat(e.q, e.v), "p": begin}
+        shifted = {key: ca.substitute(x, e.t, begin + e.t) for key, x in system.items()}
+        return shifted | {"t": e.t, "x": ca.vertcat(e.q, e.v), "p": begin}
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
@@ -125,15 +130,17 @@ class CasadiModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start and create one integrator for each length of interval; steps are CasADi's, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
-        self.x = np.full((len(times), 2 * self.mechanism.n), np.nan)
-        self.x[0] = np.concatenate([self.mechanism.q0, self.mechanism.v0])
+        (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
         # With projection every interval between samples is one call, and intervals of the same length share an integrator.
-        spans = np.diff(times) if self.choice.stabilization == "projection" else np.array([])
-        self.spans = [float(f"{x:.12g}") for x in spans]
-        grids = {x: [x] for x in self.spans} if self.spans else {0.0: list(times[1:] - times[0])}
-        self.integrators = {x: self._integrator(grid) for x, grid in grids.items()} if len(times) > 1 else {}
+        projects = self.choice.stabilization == "projection"
+        self.spans = [float(f"{x:.12g}") for x in np.diff(times)] if projects else []
+        grids = {x: [x] for x in self.spans}  # length of an interval -> times [s] at which its integrator gives states
+        if len(times) > 1 and not projects:
+            grids = {0.0: list(times[1:] - times[0])}
+        self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
-    def _integrator(self, grid: list[float]) -> Any:
+    def _make_integrator(self, grid: list[float]) -> Any:
+        """Return CasADi's integrator from 0 over the times of a grid [s]."""
         relative, absolute = self.choice.tolerances(self.options["reltol"], self.options["abstol"])
         options: dict[str, Any] = {"reltol": relative, "abstol": absolute}
         kind, _, method = self.choice.integrator.partition("_")
@@ -142,13 +149,13 @@ class CasadiModel:
         if method == "adams":
             options |= {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
         if method == "ggl":  # IDAS can make a start consistent in index 1 only; this start is consistent already
-            start = self._start(float(self.times[0]), self.x[0])
-            options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *start[: self.mechanism.n]]}
+            a0 = self._solve_algebraic(float(self.times[0]), self.x[0])[: self.mechanism.n]
+            options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *a0]}
         if method == "ggl" or (kind == "idas" and self.spans):
             options["abstolv"] = [options["abstol"]] * (2 * self.mechanism.n) + [LOOSE] * self.system["z"].shape[0]
         return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
 
-    def _start(self, t: float, x: Array) -> Array:
+    def _solve_algebraic(self, t: float, x: Array) -> Array:
         """Return the algebraic variables at a state: accelerations, multipliers, and velocity corrections, which are zero."""
         n, size = self.mechanism.n, self.system["z"].shape[0] if "z" in self.system else 0
         algebraic = np.concatenate([np.array(part)[:, 0] for part in self.solve(t, x[:n], x[n:])])
@@ -156,11 +163,12 @@ class CasadiModel:
 
     def run(self) -> None:
         if self.spans:
-            self._project()
+            self._run_with_projection()
         elif self.integrators:
             self.x[1:] = self._integrate(0.0, float(self.times[0]), self.x[0])
 
-    def _project(self) -> None:
+    def _run_with_projection(self) -> None:
+        """Integrate from sample to sample, and project each sample onto the constraints."""
         n = self.mechanism.n
         for k, span in enumerate(self.spans):
             x = self._integrate(span, float(self.times[k]), self.x[k])[-1]
@@ -176,11 +184,12 @@ class CasadiModel:
         """
         integrator = self.integrators[span]
         try:
-            states = integrator(x0=x, z0=self._start(t, x), p=t)["xf"]
+            states = integrator(x0=x, z0=self._solve_algebraic(t, x), p=t)["xf"]
         except RuntimeError as error:
-            raise RunFailure(Status.NOT_CONVERGED, why(str(error), self.choice.integrator)) from error
-        counted = integrator.stats()
-        self.steps, self.evaluations = self.steps + counted["nsteps"], self.evaluations + counted["nfevals"]
+            raise RunFailure(Status.NOT_CONVERGED, explain(str(error), self.choice.integrator)) from error
+        counts = integrator.stats()
+        self.steps += counts["nsteps"]
+        self.evaluations += counts["nfevals"]
         return np.array(states).T
 
     def read(self) -> Trajectory:
@@ -191,8 +200,8 @@ class CasadiModel:
         return Trajectory(self.times, q, v, a, self.steps, self.evaluations, "steps and orders are the integrator's own choice")
 
 
-def why(text: str, integrator: str) -> str:
-    """Return a sentence for the message of CasADi's exception: the meaning of SUNDIALS' code, else its last line."""
+def explain(text: str, integrator: str) -> str:
+    """Return a sentence for the message of CasADi's exception: the meaning of the error code of SUNDIALS, or else its last line."""
     code = re.search(r'"(?:IDA|CV)_(\w+)"', text)
     reason = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
     return f"{integrator} gave up: {reason}"

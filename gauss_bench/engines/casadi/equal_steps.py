@@ -1,16 +1,17 @@
-"""Fixed steps on CasADi's closed form of the accelerations: its generated C, compiled with the steps, or its virtual machine.
+"""Fixed steps with CasADi's accelerations in closed form: generated C, compiled with the steps, or CasADi's virtual machine.
 
-The equations are those of `adapter`, without an integrator of SUNDIALS, as someone who uses CasADi for speed would write them. If
-there is no C compiler, or the variant asks for it, the steps run in CasADi's virtual machine; a note of the run tells which.
+Someone who uses CasADi for speed would write it so, without an integrator of SUNDIALS. The steps run in CasADi's virtual machine if
+there is no C compiler or if the variant says so; the run's note names which of the two was used.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.c_code import NO_COMPILER, Code, CompiledSteps, compiler
+from gauss_bench.engines.c_code import NO_COMPILER, Advance, Code, CompiledSteps, compiler
 from gauss_bench.engines.shared import finite_acceleration
 from gauss_bench.integrate.fixed_step import tableau
 from gauss_bench.mechanism.model import Mechanism
@@ -34,14 +35,14 @@ class EqualSteps(CompiledSteps):
         self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])  # what is reported has no Baumgarte terms
         if choice.stabilization == "baumgarte":
             e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
-        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
+        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])  # what is integrated
         generated = options["code"] == GENERATED and compiler() is not None
-        self._advance = self._compile() if generated else self._map()
+        self.advance = self._compile_steps() if generated else self._interpret_steps()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
         if options["code"] == GENERATED and not generated:
             self.note += f": {NO_COMPILER}"
 
-    def _compile(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _compile_steps(self) -> Advance:
         """Return a call that takes steps in place, in C."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.used)
@@ -55,23 +56,22 @@ static void acceleration(double t, const double *q, const double *v, double *a)
     used(in, out, whole, work, 0);
 }}
 """
-        code = Code(generator.dump() + call, n)
-        return lambda q, v, t, h, count: code.step(self.choice.integrator, q, v, t, h, count)
+        return partial(Code(generator.dump() + call, n).step, self.choice.integrator)
 
-    def _map(self) -> Callable[[Array, Array, float, float, int], None]:
+    def _interpret_steps(self) -> Advance:
         """Return a call that takes steps in place, in CasADi's virtual machine."""
         ca, n = self.ca, self.mechanism.n
         x, h = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("h")
         step = ca.Function("step", [x, h], [self._step(x, h)])
-        several: dict[int, Any] = {}
+        chains: dict[int, Any] = {}  # number of steps -> function that takes so many
 
         def advance(q: Array, v: Array, t: float, size: float, count: int) -> None:
             state = np.concatenate([q, v, [t]])
             while count:
                 part = min(count, CHUNK)
-                if part not in several:
-                    several[part] = step.mapaccum(f"steps{part}", part)
-                state = np.array(several[part](state, np.full((1, part), size)))[:, -1]
+                if part not in chains:
+                    chains[part] = step.mapaccum(f"steps{part}", part)
+                state = np.array(chains[part](state, np.full((1, part), size)))[:, -1]
                 count -= part
             q[:], v[:] = state[:n], state[n : 2 * n]
 
@@ -92,9 +92,6 @@ static void acceleration(double t, const double *q, const double *v, double *a)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return finite_acceleration(t, np.array(self.plain(t, q, v))[:, 0], "CasADi")
-
-    def advance(self, x: Array, dx: Array, t: float, h: float, count: int) -> None:
-        self._advance(x, dx, t, h, count)
 
     def motion(self, t: Array, x: Array, dx: Array) -> tuple[Array, Array, Array]:
         return x, dx, np.array(self.plain.map(len(t))(t, x.T, dx.T)).T

@@ -1,7 +1,7 @@
-"""The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py` evaluated on expressions instead of numbers.
+"""The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py` evaluated with expressions instead of numbers.
 
-CasADi differentiates the motion laws. It could also differentiate the constraints; their Jacobian and bias are written out because
-that takes fewer instructions.
+CasADi differentiates the motion laws. It could also differentiate the constraints; but their Jacobian and bias, as
+`mechanism/equations.py` has them, take fewer instructions.
 """
 
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ class Equations:
 
 
 class Symbols(Given):
-    """The bodies of a mechanism at a state of symbols t (1), q and v (n,); a `Given` of `mechanism/equations.py`."""
+    """The state of all bodies as symbols t (1), q and v (n,), in the form that `mechanism/equations.py` takes."""
 
     def __init__(self, t: Symbol, q: Symbol, v: Symbol):
         self.t, self.q, self.v = t, q, v
@@ -58,7 +58,7 @@ class Symbols(Given):
         return q, v
 
     def law(self, law: MotionLaw) -> Motion:
-        x = prescribe(law, self.t)
+        x = write_law(law, self.t)
         rate = ca.jacobian(x, self.t)
         return x, rate, ca.jacobian(rate, self.t)
 
@@ -86,8 +86,8 @@ def equations(mechanism: Mechanism) -> Equations:
     for load in loads(mechanism.forces):
         for k, x in generalise(at, load).items():
             Q[k] += x
-        held, gained = energies(at, load)
-        potential, power = potential + held, power + gained
+        load_potential, load_power = energies(at, load)
+        potential, power = potential + load_potential, power + load_power
     mass = stack([x for link in mechanism.links for x in (link.mass, link.mass, link.inertia)])
     phi = stack([row.phi for row in every if row.phi is not None])
     c = J @ v + stack([row.phi_t for row in every])
@@ -105,8 +105,8 @@ def jacobian(every: Sequence[Row], n: int) -> Symbol:
 
 def stabilize(e: Equations, rate: float) -> Equations:
     """Return the equations with Baumgarte's terms: gamma - 2 alpha c - beta^2 phi with alpha = beta = rate [1/s]."""
-    held = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))
-    return replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * held)
+    phi = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))  # (m,): rows of knife edges have no phi
+    return replace(e, gamma=e.gamma - 2 * rate * e.c - rate**2 * phi)
 
 
 def solution(e: Equations) -> tuple[Symbol, Symbol]:
@@ -121,20 +121,20 @@ def stack(rows: list[Symbol]) -> Symbol:
     return ca.vertcat(ca.SX(0, 1), *rows)
 
 
-def prescribe(law: MotionLaw, t: Symbol) -> Symbol:
-    """Return a motion law's value at t; its rates follow by differentiation. The ends of a law belong to its motion."""
-    made = law.numbers
+def write_law(law: MotionLaw, t: Symbol) -> Symbol:
+    """Return a motion law's value at t; its rates follow by differentiation."""
+    numbers = law.numbers
     if law.name == "constant":
-        return made["start"] + made["speed"] * t
+        return numbers["start"] + numbers["speed"] * t
     if law.name == "table":
-        return made["start"] + cubic_spline(made["times"], made["angles"], t)
-    s = t / made["time"]
-    risen = {
+        return numbers["start"] + cubic_spline(numbers["times"], numbers["angles"], t)
+    s = t / numbers["time"]
+    rises = {  # as in `mechanism/motion_laws.py`, with CasADi's functions: numpy's warn about symbols
         "sine": s - ca.sin(2 * np.pi * s) / (2 * np.pi),
         "cosine": (1 - ca.cos(np.pi * s)) / 2,
         "poly345": 10 * s**3 - 15 * s**4 + 6 * s**5,
-    }[law.name]
-    return made["start"] + made["travel"] * ca.if_else(s < 0, 0, ca.if_else(s > 1, 1, risen))
+    }
+    return numbers["start"] + numbers["travel"] * ca.if_else(s < 0, 0, ca.if_else(s > 1, 1, rises[law.name]))
 
 
 def cubic_spline(times: Any, values: Any, t: Symbol) -> Symbol:
@@ -143,9 +143,8 @@ def cubic_spline(times: Any, values: Any, t: Symbol) -> Symbol:
 
     spline = CubicSpline(times, values, bc_type="clamped")
     inner = spline.x[1:-1]
-    first, *others = (ca.pw_const(t, inner, ca.DM(c)) if len(inner) else ca.SX(c[0]) for c in (*spline.c, spline.x[:-1]))
-    *others, knot = others
-    inside = first
-    for coefficient in others:
-        inside = inside * (t - knot) + coefficient
+    # the piece at t: its four coefficients, the highest power first, and the time at which it begins
+    a, b, c, d, begin = (ca.pw_const(t, inner, ca.DM(x)) if len(inner) else ca.SX(x[0]) for x in (*spline.c, spline.x[:-1]))
+    s = t - begin
+    inside = ((a * s + b) * s + c) * s + d
     return ca.if_else(t < times[0], values[0], ca.if_else(t > times[-1], values[-1], inside))

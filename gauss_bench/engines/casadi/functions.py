@@ -9,12 +9,19 @@ import numpy as np
 from gauss_bench.engines.shared import unsteady
 from gauss_bench.mechanism.model import Mechanism, loads
 
+PARAMETERS = {  # table of a linkage file -> its numbers that can be left open
+    "gravity": ("gravity.x", "gravity.y"),
+    "links": ("mass", "inertia"),
+    "forces": ("value", "value.x", "value.y", "k", "c", "rest"),
+    "joints": ("offset",),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Functions:
     """The equations M a + J^T lambda = Q subject to J a = gamma in absolute coordinates q = [x, y, theta] of every link (SI units).
 
-    If parameters were left open, every function takes them, p (k,), as its last argument.
+    If the equations have open parameters, every function takes these, p (k,), as its last argument.
 
     Attributes:
         acceleration: (t, q, v) -> a (n,), multipliers (m,).
@@ -42,8 +49,8 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
     Args:
         mechanism: a linkage in one scenario, as `gauss_bench.linkage.load.load` returns it.
-        parameters: numbers left open, by name: gravity.x, gravity.y, links.LINK.mass, links.LINK.inertia, forces.FORCE.value (or
-            .value.x, .value.y), forces.FORCE.k, .c, .rest and joints.SLIDE.offset.
+        parameters: names of the numbers to leave open: gravity.x, gravity.y, links.LINK.mass, links.LINK.inertia,
+            forces.FORCE.value (or .value.x, .value.y), forces.FORCE.k, .c, .rest and joints.SLIDE.offset.
 
     Raises:
         ImportError: the extra 'casadi' is not installed.
@@ -54,21 +61,21 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
     from gauss_bench.engines.casadi.equations import equations, solution
 
-    if reason := unfit(mechanism):
+    if reason := reason_to_refuse(mechanism):
         raise ValueError(f"{mechanism.name}: {reason}")
     if len(set(parameters)) < len(parameters):
         raise ValueError(f"{mechanism.name}: a parameter is named twice in {', '.join(parameters)}")
     p = ca.SX.sym("p", len(parameters))
     opened, values = mechanism, []
     for k, name in enumerate(parameters):
-        opened, number = put(opened, name, p[k])
-        values.append(number)
+        opened, value = replace_number(opened, name, p[k])
+        values.append(value)
     e = equations(opened)
     states = {"t": e.t, "q": e.q, "v": e.v}
 
     def function(name: str, inputs: str, **outputs: Any) -> Any:
-        symbols = [states[x] for x in inputs] + ([p] if parameters else [])
-        return ca.Function(name, symbols, [*outputs.values()], [*inputs, *(["p"] if parameters else [])], [*outputs])
+        arguments = {x: states[x] for x in inputs} | ({"p": p} if parameters else {})
+        return ca.Function(name, [*arguments.values()], [*outputs.values()], [*arguments], [*outputs])
 
     a, multipliers = solution(e)
     return Functions(
@@ -83,15 +90,15 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
     )
 
 
-def unfit(mechanism: Mechanism) -> str | None:
-    """Return why the equations have no closed solution, or None if they have one.
+def reason_to_refuse(mechanism: Mechanism) -> str | None:
+    """Return the reason why the equations have no solution in closed form, or None if they have one.
 
     Raises:
-        TypeError: a force is of a kind that cannot be lowered to loads.
+        TypeError: a force is of a kind that cannot be expressed by loads.
     """
     if reason := unsteady(mechanism, "CasADi"):
         return reason
-    loads(mechanism.forces)
+    loads(mechanism.forces)  # raises the TypeError
     if mechanism.has_friction:
         return "dry friction follows from the multipliers, and these equations do not hold it"
     if mechanism.redundant > 0:
@@ -99,37 +106,35 @@ def unfit(mechanism: Mechanism) -> str | None:
     return None
 
 
-def put(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]:
-    """Replace one number of a mechanism by a symbol; return the new mechanism and the number.
+def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]:
+    """Return the mechanism with a symbol in the place of one number, and that number.
 
     Raises:
         ValueError: the mechanism has no such number.
     """
-    fields = {
-        "gravity": ("x", "y"),
-        "links": ("mass", "inertia"),
-        "forces": ("value", "value.x", "value.y", "k", "c", "rest"),
-        "joints": ("offset",),
-    }
     table, _, rest = name.partition(".")
-    owner, _, key = ("", "", rest) if table == "gravity" else rest.partition(".")
-    if key not in fields.get(table, ()):
+    owner, _, key = ("", "", f"gravity.{rest}") if table == "gravity" else rest.partition(".")
+    if key not in PARAMETERS.get(table, ()):
         raise ValueError(f"{mechanism.name}: no parameter {name!r}; see the documentation for the names")
-    field, _, axis = (table, "", key) if table == "gravity" else key.partition(".")
-    owners = [mechanism] if table == "gravity" else [x for x in getattr(mechanism, table) if x.name == owner]
-    for item in owners:
-        old = getattr(item, field, None)
-        if old is not None and bool(axis) == isinstance(old, (list, np.ndarray)):
-            new, number = _entry(old, axis, symbol) if axis else (symbol, float(old))
-            change: dict[str, Any] = {field: new}
-            changed = replace(item, **change)
-            if item is mechanism:
-                return changed, number
-            change = {table: tuple(changed if x is item else x for x in getattr(mechanism, table))}
+    if table == "gravity":
+        return _replace_field(mechanism, key, symbol)
+    items = list(getattr(mechanism, table))
+    for k, item in enumerate(items):
+        value = getattr(item, key.partition(".")[0], None)
+        # A force at a point has a vector `value`, which is a list once a component is a symbol; a torque has a number.
+        if item.name == owner and value is not None and isinstance(value, (list, np.ndarray)) == ("." in key):
+            items[k], number = _replace_field(item, key, symbol)
+            change: dict[str, Any] = {table: tuple(items)}
             return replace(mechanism, **change), number
     raise ValueError(f"{mechanism.name}: no parameter {name!r} in scenario {mechanism.scenario}")
 
 
-def _entry(pair: Any, axis: str, symbol: Any) -> tuple[list[Any], float]:
-    k = "xy".index(axis)
-    return [symbol if i == k else x for i, x in enumerate(pair)], float(pair[k])
+def _replace_field(item: Any, key: str, symbol: Any) -> tuple[Any, float]:
+    """Return a dataclass with a symbol in a field, or in one component x or y of a vector field, and the number that was there."""
+    field, _, axis = key.partition(".")
+    old = getattr(item, field)
+    if not axis:
+        return replace(item, **{field: symbol}), float(old)
+    new, k = list(old), "xy".index(axis)
+    new[k] = symbol
+    return replace(item, **{field: new}), float(old[k])

@@ -1,4 +1,4 @@
-"""Exudyn: `adapter` runs a mechanism, `items` is its model, `accelerations` those at a given state.
+"""Exudyn: `items` builds the model, `adapter` runs it, `accelerations` computes accelerations at a given state.
 
-`library_calls` asks the library alone.
+`library_calls` times the library alone.
 """

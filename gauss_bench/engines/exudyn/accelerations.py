@@ -1,9 +1,9 @@
 """Accelerations of an Exudyn system at a given state, and the comparison of that system with its linkage.
 
-There are two ways to compute them:
+There are two ways to compute accelerations:
 
-    BuiltIn    Exudyn computes everything: these are its initial accelerations. It differentiates C_q v by one-sided differences,
-               which, not the formulation, limits the accuracy to about 1e-7. They leave out the second rate of motion laws.
+    BuiltIn    Exudyn computes them as its initial accelerations. It differentiates C_q v by one-sided differences, which limits the
+               accuracy to about 1e-7, and leaves out the second rate of motion laws.
     Readout    Exudyn computes M, f and C_q. This module computes the rate of C_q, by fourth-order differences of that C_q along v,
                adds the second rate of motion laws, and solves [M C_q^T; C_q 0].
 """
@@ -37,9 +37,10 @@ class BuiltIn:
         data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)
         data.SetODE2Coordinates_t(v, self.initial)
         alpha = self.settings.timeIntegration.generalizedAlpha
-        during_runs, alpha.computeInitialAccelerations = alpha.computeInitialAccelerations, True
+        setting_of_runs = alpha.computeInitialAccelerations
+        alpha.computeInitialAccelerations = True
         self.solver.InitializeSolverInitialConditions(self.system.mbs, self.settings)
-        alpha.computeInitialAccelerations = during_runs
+        alpha.computeInitialAccelerations = setting_of_runs
         return np.array(data.GetODE2Coordinates_tt())
 
 
@@ -53,7 +54,7 @@ class Readout:
         settings.solution.file.write = False
         self.solver.InitializeSolver(system.mbs, settings)
         self.n, self.m = self.solver.GetODE2size(), self.solver.GetAEsize()
-        self.laws = [driver.law for driver in system.mechanism.drivers]  # of the last rows
+        self.laws = [driver.law for driver in system.mechanism.drivers]  # the last constraint rows are theirs
 
     def jacobian(self, q: Array) -> Array:
         """Return Exudyn's constraint Jacobian C_q (m, n) at q (n,)."""
@@ -91,7 +92,8 @@ class Readout:
 def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
     """Solve [M J^T; J 0] [a; lambda] = [Q; gamma] for the accelerations (n,), without any formulation of the suite.
 
-    If rows are redundant the multipliers are not unique and the shortest solution is taken; a is the same for all solutions.
+    If rows are redundant the multipliers are not unique, and the least-squares solution of least norm is taken; a is the same for
+    all solutions.
     """
     n, m = len(terms.M), len(terms.J)
     K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])
@@ -107,15 +109,12 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
         RunFailure: degrees of freedom, redundant rows or terms differ.
     """
     mechanism = evaluator.mechanism
-    counted = system.mbs.ComputeSystemDegreeOfFreedom()
-    counts = (int(counted["degreeOfFreedom"]), int(counted["redundantConstraints"]))
-    expected_counts = (mechanism.dof - len(mechanism.drivers), mechanism.redundant)
-    if counts != expected_counts:
-        raise RunFailure(
-            Status.ERROR,
-            f"Exudyn counts {counts[0]} degrees of freedom and {counts[1]} redundant rows, "
-            f"the linkage has {expected_counts[0]} and {expected_counts[1]}",
-        )
+    counts = system.mbs.ComputeSystemDegreeOfFreedom()
+    dof, redundant = int(counts["degreeOfFreedom"]), int(counts["redundantConstraints"])
+    expected_dof = mechanism.dof - len(mechanism.drivers)
+    if (dof, redundant) != (expected_dof, mechanism.redundant):
+        message = f"Exudyn counts {dof} degrees of freedom and {redundant} redundant rows, "
+        raise RunFailure(Status.ERROR, f"{message}the linkage has {expected_dof} and {mechanism.redundant}")
     for q, v in states_near_the_start(evaluator):
         own, expected = readout(q, v, 0.0), evaluator.terms(0.0, q, v)
         same, opposite = (np.abs(own.J - x).max(axis=1, initial=0.0) for x in (expected.J, -expected.J))

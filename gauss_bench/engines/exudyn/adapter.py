@@ -1,17 +1,17 @@
 """Exudyn: every link a rigid body in absolute coordinates, joints as algebraic equations, Exudyn's own implicit integrators.
 
-Exudyn's state is the displacement u from reference coordinates. With the assembled start as reference the translation is short:
+Exudyn's state is the displacement u from reference coordinates. The reference is the assembled start of the linkage, so that
 
     q = q0 + u,    v = u',    a = u''
 
-Every model is compared with the terms of the linkage before it is used. If the samples lie on one grid of steps, a run is one call
-of SolveDynamic. Otherwise it is one call per sample, which carries u, v, a over but restarts the algorithmic accelerations of
-generalized-alpha; the error of that is within the method's order. Adaptive steps are off everywhere: they halve the step size
+Every model is compared with the terms of the linkage before it is used. If all steps between samples have the same size, a run is
+one call of SolveDynamic. Otherwise it is one call per sample, which carries u, v, a over but restarts the algorithmic accelerations
+of generalized-alpha; the error of that is within the method's order. Adaptive steps are off everywhere: they halve the step size
 without notice, and a benchmark compares at equal steps.
 
 Exudyn's initial accelerations ignore the second rate of a motion law, and the trapezoidal rule carries that error through the whole
-run. Driven linkages therefore start from accelerations of the KKT system, whatever the settings; so does an acceleration at a given
-state if the law's second rate is not zero there.
+run. Driven linkages therefore start from accelerations of the KKT system, whatever the settings. Accelerations at a given state are
+those of the KKT system too if the second rate of a law is not zero there.
 """
 
 import contextlib
@@ -25,8 +25,8 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
-from gauss_bench.engines.exudyn.items import System, inexpressible
-from gauss_bench.engines.shared import finite, finite_acceleration, refused
+from gauss_bench.engines.exudyn.items import System, reason_to_refuse
+from gauss_bench.engines.shared import common_refusal, finite, finite_acceleration
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator
@@ -41,7 +41,7 @@ FAR = 0.1  # gap of a joint, relative to the linkage's size (or in rad), beyond 
 
 
 def library() -> tuple[Any, Any]:
-    """Import Exudyn and its items, silent on the console.
+    """Return the modules `exudyn` and `exudyn.itemInterface`; nothing is printed on the console.
 
     Exudyn has a fast module without range checks; the flag that selects it must be set before the first import.
     """
@@ -56,7 +56,7 @@ def library() -> tuple[Any, Any]:
 
 
 class Exudyn:
-    """Builds mechanisms in Exudyn."""
+    """Exudyn with its implicit integrators, in absolute coordinates."""
 
     name = "exudyn"
     integrators: tuple[str, ...] = tuple(SOLVERS)
@@ -64,7 +64,7 @@ class Exudyn:
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = False
 
@@ -74,11 +74,12 @@ class Exudyn:
         return f"Exudyn {exu.config.Version()} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if reason := refused(mechanism, "Exudyn"):
+        if reason := common_refusal(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"
-        return next((reason for f in mechanism.forces if (reason := inexpressible(mechanism, f))), None)
+        reasons = (reason_to_refuse(mechanism, force) for force in mechanism.forces)
+        return next((reason for reason in reasons if reason), None)
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return "motion laws and varying forces, in every iteration" if mechanism.drivers or mechanism.varying else ""
@@ -88,15 +89,15 @@ class Exudyn:
 
 
 def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
-    """Return Exudyn's simulation settings for a choice; a run fills in times and numbers of steps."""
+    """Return Exudyn's simulation settings for a choice; a run sets times and numbers of steps in them."""
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
-    name = linear_solver(options["linear_solver"], mechanism.n + Constraints(mechanism).m)
+    solver = linear_solver(options["linear_solver"], mechanism.n + Constraints(mechanism).m)
     if mechanism.redundant:
-        name = options["linear_solver_where_redundant"]
+        solver = options["linear_solver_where_redundant"]
         settings.linearSolver.ignoreSingularJacobian = True
-    settings.linearSolver.solverType = getattr(exu.LinearSolverType, name)
+    settings.linearSolver.solverType = getattr(exu.LinearSolverType, solver)
     run = settings.timeIntegration
     run.verboseMode = 0
     run.adaptiveStep = options["adaptive_step"]
@@ -110,13 +111,16 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
 
 
 def linear_solver(rule: str, unknowns: int) -> str:
-    """Return the first solver of a rule "NAME to MOST, NAME to MOST, NAME" that takes that many unknowns."""
-    pairs = (part.partition(" to ") for part in rule.split(", "))
-    return next(name for name, _, most in pairs if not most or unknowns <= int(most))
+    """Return the first solver of a rule "NAME to MOST, NAME to MOST, NAME" whose MOST is at least the number of unknowns."""
+    for part in rule.split(", "):
+        name, _, most = part.partition(" to ")
+        if not most or unknowns <= int(most):
+            return name
+    raise ValueError(f"{rule}: no solver for {unknowns} unknowns")
 
 
 class Log:
-    """A log file for Exudyn's output: its warnings do not reach Python's, so the file is searched after a run."""
+    """A log file for Exudyn's output. Its warnings are no warnings of Python, so the file is searched for them after a run."""
 
     def __init__(self, exu: Any) -> None:
         self.exu = exu
@@ -127,7 +131,7 @@ class Log:
         handle, name = mkstemp(suffix=".log")
         self.file = os.fdopen(handle, errors="replace")
         self.exu.SetWriteToFile(name, True, False, True)  # flushed line by line: closing does not flush
-        os.unlink(name)  # both hold it open; a process that is killed leaves no file behind
+        os.unlink(name)  # Exudyn and Python hold it open; a process that is killed leaves no file behind
 
     def close(self) -> str | None:
         """Close the file and return its first warning, if there is one."""
@@ -140,7 +144,13 @@ class Log:
 
 
 class ExudynModel:
-    """A mechanism in Exudyn under one integrator and one set of options."""
+    """A mechanism in Exudyn under one integrator and one set of options.
+
+    Attributes:
+        q, v, a: (k, n) samples; q is Exudyn's displacement u until `read` adds q0.
+        solver_runs: the calls of SolveDynamic.
+        failure: why the run ended early.
+    """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         self.exu, items = library()
@@ -159,15 +169,15 @@ class ExudynModel:
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         try:
             self.system.last = np.inf
-            # Exudyn's own initial accelerations know neither the second rate of a law nor the time of a force.
-            uneven = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
-            kkt = uneven or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
-            a = self._kkt(t, q, v) if kkt else self.built_in(q, v)
+            # Exudyn's own initial accelerations include neither the second rate of a law nor the time of a force.
+            varies = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
+            kkt = varies or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
+            a = self._solve_kkt(t, q, v) if kkt else self.built_in(q, v)
         except (np.linalg.LinAlgError, self.exu.SolverError) as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
 
-    def _kkt(self, t: float, q: Array, v: Array) -> Array:
+    def _solve_kkt(self, t: float, q: Array, v: Array) -> Array:
         return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -185,44 +195,47 @@ class ExudynModel:
         self.failure: RunFailure | None = None
         self.log.open()
         self._reset()
-        self._record()
+        self._register_samples()
 
     def _reset(self) -> None:
-        """Go back to the start; the first sample holds Exudyn's initial accelerations, or for a driven linkage those of the KKT."""
+        """Go back to the start.
+
+        The first sample has Exudyn's initial accelerations, or, with drivers or varying forces, those of the KKT system.
+        """
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
-        given = bool(self.mechanism.drivers or self.mechanism.varying)
-        alpha.computeInitialAccelerations, alpha.resetAccelerations = not given, False
+        use_kkt = bool(self.mechanism.drivers or self.mechanism.varying)
+        alpha.computeInitialAccelerations, alpha.resetAccelerations = not use_kkt, False
         data.SetTime(float(self.times[0]), initial)
         data.SetODE2Coordinates_tt(np.zeros(self.mechanism.n), initial)
         data.SetAECoordinates(np.zeros(self.evaluator.constraints.m), initial)
         self.q[0], self.v[0] = 0.0, self.mechanism.v0
         try:
             self.a[0] = self.built_in(self.mechanism.q0, self.mechanism.v0)
-            if given:
-                self.a[0] = self._kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
+            if use_kkt:
+                self.a[0] = self._solve_kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
         except (np.linalg.LinAlgError, self.exu.ExudynError) as error:
             self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
-    def _record(self) -> None:
-        """Have Exudyn call back after each step to keep the samples inside one run; without such samples, it calls nothing."""
+    def _register_samples(self) -> None:
+        """Have Exudyn call Python after each step if there are samples inside its only call; a call for every step takes time."""
         if len(self.solver_runs) != 1 or len(self.times) == 2:
             self.system.mbs.SetPostStepUserFunction(0)
             return
         rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
         step = -1  # the first call comes before the first step
 
-        def keep(mbs: Any, t: float) -> bool:
+        def after_step(mbs: Any, t: float) -> bool:
             nonlocal step
             step += 1
             if step in rows:
-                self._keep(rows[step])
+                self._store_sample(rows[step])
             return True
 
-        self.system.mbs.SetPostStepUserFunction(keep)
+        self.system.mbs.SetPostStepUserFunction(after_step)
 
-    def _keep(self, k: int) -> None:
+    def _store_sample(self, k: int) -> None:
         data = self.system.mbs.systemData
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
 
@@ -231,11 +244,11 @@ class ExudynModel:
 
     def run(self) -> None:
         settings, mbs = self.simulation, self.system.mbs
-        clock, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
+        time, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
         for part in self.solver_runs:
             if self.failure:
                 return
-            clock.startTime, clock.endTime, clock.numberOfSteps = part.begin, self._end(part), part.steps
+            time.startTime, time.endTime, time.numberOfSteps = part.begin, self._end(part), part.steps
             self.system.last = part.last
             try:
                 done = mbs.SolveDynamic(settings, updateInitialValues=len(self.solver_runs) > 1)
@@ -246,21 +259,22 @@ class ExudynModel:
             t, steps = mbs.systemData.GetTime(), mbs.sys["dynamicSolver"].it.currentStepIndex - 1
             if not done:
                 self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn reports failure without a reason; try a smaller step")
-            elif steps != clock.numberOfSteps:
-                self._fail(Status.ERROR, f"Exudyn took {steps} steps where {clock.numberOfSteps} were asked for")
+            elif steps != part.steps:
+                self._fail(Status.ERROR, f"Exudyn took {steps} steps where {part.steps} were asked for")
             if self.failure:
                 return
             if part.row is not None:
-                self._keep(part.row)
+                self._store_sample(part.row)
             alpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
             if part.last != np.inf:
                 self._restart(part)
 
     def _end(self, part: Stretch) -> float:
+        """Return the time at the end of a part: exactly that of its sample, if it has one."""
         return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
 
     def _restart(self, part: Stretch) -> None:
-        """After a kink, where forces jump, replace the accelerations by those that hold from there on."""
+        """At a kink, where forces jump, replace the accelerations by those after the jump."""
         data = self.system.mbs.systemData
         q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
         try:
@@ -274,10 +288,10 @@ class ExudynModel:
 
     def read(self) -> Trajectory:
         warning = self.log.close()
-        self.system.mbs.SetPostStepUserFunction(0)  # it holds this object
+        self.system.mbs.SetPostStepUserFunction(0)  # the function keeps this object in memory
         q = self.mechanism.q0 + self.q
-        laws = self.mechanism.drivers or self.mechanism.varying
-        note = "the motion law is evaluated in Python in every Newton iteration" if laws else ""
+        calls_python = self.mechanism.drivers or self.mechanism.varying
+        note = "the motion law is evaluated in Python in every Newton iteration" if calls_python else ""
         trajectory = Trajectory(self.times, q, self.v, self.a, sum(x.steps for x in self.solver_runs), note=note)
         if self.failure:
             self.failure.reached = trajectory
@@ -289,14 +303,15 @@ class ExudynModel:
         return trajectory
 
     def _check_closed(self, trajectory: Trajectory) -> None:
-        """Check that joints are closed: SolveDynamic also returns True for runs that have diverged.
+        """Check that the joints are closed, because SolveDynamic also returns True for runs that have diverged.
 
         Raises:
             RunFailure: a joint is open by more than FAR.
         """
-        held = [x.unit for joint in self.mechanism.joints for x, _ in joint.held]
-        scale = np.array([self.mechanism.size if unit == "m" else 1.0 for unit in held] + [1.0] * len(self.mechanism.drivers))
-        gap = (np.abs(self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).phi) / scale).max(axis=-1, initial=0.0)
+        units = [coordinate.unit for joint in self.mechanism.joints for coordinate, _ in joint.held]
+        scale = np.array([self.mechanism.size if unit == "m" else 1.0 for unit in units] + [1.0] * len(self.mechanism.drivers))
+        phi = self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).phi  # (k, m)
+        gap = (np.abs(phi) / scale).max(axis=-1, initial=0.0)
         if (gap > FAR).any():
             k = int(np.argmax(gap > FAR))
             text = f"joints are open by {gap[k]:.1g} of the linkage's size at t = {self.times[k]:.6g} s; try a smaller step"
@@ -304,5 +319,5 @@ class ExudynModel:
 
 
 def sentence(error: Exception) -> str:
-    """Return the message of an exception in one line, without the place in the source that Exudyn appends."""
+    """Return the message of an exception on one line, without the file and line that Exudyn appends."""
     return " ".join(str(error).partition("[Python file")[0].split())

@@ -1,4 +1,4 @@
-"""A linkage as Exudyn items, and the reasons why a force has no exact counterpart among them.
+"""A linkage as Exudyn items, and the reasons why some forces have no exact counterpart among them.
 
 Links are ObjectRigidBody2D with the centre of mass as reference point, so M is diagonal and constant. Pins and slides are
 ObjectJointRevolute2D and ObjectJointPrismatic2D. Exudyn takes the normal of a slide from its second marker, so the block comes
@@ -6,16 +6,16 @@ first and the guide second, and both rows are those of the linkage with the oppo
 
     (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        u_b: direction of the line in the block's frame
 
-Forces along an axis need care on moving links. Exudyn applies the opposite force at the origin's marker, which leaves out a torque
-unless origin and point lie on one line along the axis. If a slide between the two links keeps the point at a fixed distance from
-the axis, the marker is moved by that distance and the law is exact; otherwise the mechanism is skipped.
+Trap: if the axis of a force moves with a link, Exudyn applies the opposite force at the marker of the axis' origin, which leaves
+out a torque unless origin and point lie on one line along the axis. If a slide between the two links keeps the point at a fixed
+distance from the axis, the marker is moved by that distance and the law is exact; otherwise the mechanism is skipped.
 
 A prescribed rotation is a CoordinateConstraint on the link's angle, with the law as the offset u = law(t) - theta0; a prescribed
 slide or length is a CoordinateVectorConstraint, whose equation x(q) - law(t) = 0 and Jacobian are user functions.
 
 A force that varies with time is a load with a user function. A torque that varies is a connector between two angles with a user
-function, which also gets their relative speed, so that a part of the torque may depend on the direction of motion. Exudyn
-differentiates these functions by differences.
+function. That function is also given their relative speed, so that the torque may depend on the direction of motion. Exudyn
+approximates the derivatives of these functions by differences.
 """
 
 from typing import Any, assert_never
@@ -54,8 +54,8 @@ from gauss_bench.terms import Array
 COINCIDENT = 1e-12  # [m]
 
 
-def inexpressible(mechanism: Mechanism, force: Force) -> str | None:
-    """Return why a force has no exact counterpart among Exudyn's items, or None if it has one."""
+def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
+    """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
     if factor := factor_of(force):
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point, whose speed Exudyn's loads are not given"
@@ -88,7 +88,7 @@ class System:
     Attributes:
         container: owner of the system, which must live as long as the system does.
         mbs: Exudyn's system.
-        last: time [s] after which user functions keep their value: a force that jumps at the end of a run must not jump in it.
+        last: time [s] after which user functions keep their value, so that a force that jumps at the end of a run does so after it.
     """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
@@ -98,19 +98,19 @@ class System:
         self.bodies = {GROUND: self.mbs.AddObject(self.items.ObjectGround())}
         self.nodes = {GROUND: self.mbs.AddNode(self.items.NodePointGround())}
         for i in range(len(mechanism.links)):
-            self._link(i)
+            self._add_link(i)
         for joint in mechanism.joints:
-            self._joint(joint)
+            self._add_joint(joint)
         for driver in mechanism.drivers:
-            self._driver(driver)
+            self._add_driver(driver)
         for load in loads(f for f in mechanism.forces if not factor_of(f)):
-            self._load(load)
+            self._add_load(load)
         self.last = np.inf
         for force in mechanism.varying:
-            self._varying(force)
+            self._add_varying_force(force)
         self.mbs.Assemble()
 
-    def _link(self, i: int) -> None:
+    def _add_link(self, i: int) -> None:
         add, items, link = self.mbs, self.items, self.mechanism.links[i]
         self.nodes[i] = add.AddNode(items.NodeRigidBody2D(referenceCoordinates=list(self.mechanism.q0[3 * i : 3 * i + 3])))
         body = items.ObjectRigidBody2D(mass=link.mass, inertia=link.inertia, nodeNumber=self.nodes[i])
@@ -118,55 +118,58 @@ class System:
         marker = add.AddMarker(items.MarkerBodyMass(bodyNumber=self.bodies[i]))
         add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=spatial(self.mechanism.gravity)))
 
-    def _point(self, point: Point) -> Any:
-        """Add a marker with a position at a point."""
+    def _mark_point(self, point: Point) -> Any:
+        """Add a marker with a position at a point, and return it."""
         marker = self.items.MarkerBodyPosition(bodyNumber=self.bodies[point.link], localPosition=spatial(point.local))
         return self.mbs.AddMarker(marker)
 
-    def _frame(self, link: int, local: Array) -> Any:
-        """Add a marker with a position and an orientation at the place `local` (2,) of a link."""
+    def _mark_frame(self, link: int, local: Array) -> Any:
+        """Add a marker with a position and an orientation at the place `local` (2,) of a link, and return it."""
         return self.mbs.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[link], localPosition=spatial(local)))
 
-    def _angle(self, link: int) -> Any:
-        """Add a marker of a link's angle against its reference; for the ground, of a coordinate that is always zero."""
+    def _mark_angle(self, link: int) -> Any:
+        """Add a marker of a link's angle relative to its start, or, for the ground, of a coordinate that is zero; and return it."""
         coordinate = 0 if link == GROUND else 2
         return self.mbs.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[link], coordinate=coordinate))
 
-    def _joint(self, joint: Joint) -> None:
+    def _add_joint(self, joint: Joint) -> None:
         if not isinstance(joint, Prismatic):
-            markers = [self._point(joint.a), self._point(joint.b)]
+            markers = [self._mark_point(joint.a), self._mark_point(joint.b)]
             self.mbs.AddObject(self.items.ObjectJointRevolute2D(markerNumbers=markers))
             return
+        # Exudyn takes the normal from the second marker: block first and guide second give the rows of the linkage, negated.
         normal = unit(joint.angle, across=True)
-        foot = self._frame(joint.guide.link, joint.guide.local + joint.offset * normal)
+        foot = self._mark_frame(joint.guide.link, joint.guide.local + joint.offset * normal)
         slide = self.items.ObjectJointPrismatic2D(
-            markerNumbers=[self._frame(joint.block.link, joint.block.local), foot],
+            markerNumbers=[self._mark_frame(joint.block.link, joint.block.local), foot],
             axisMarker0=spatial(unit(joint.angle - joint.turn)),
             normalMarker1=spatial(normal),
             constrainRotation=True,
         )
         self.mbs.AddObject(slide)
 
-    def _driver(self, driver: Driver) -> None:
+    def _add_driver(self, driver: Driver) -> None:
+        """Add the constraint of a driven angle, slide or length."""
         if not isinstance(driver, AngleDriver):
-            self._driven(driver)
+            self._add_driven_distance(driver)
             return
+        # Exudyn's angle is the displacement u = theta - theta0 from the start, so the law is shifted by theta0.
         start = float(value(driver.coordinate, self.mechanism.q0))
         drive = self.items.ObjectConnectorCoordinate(
-            markerNumbers=[self._angle(GROUND), self._angle(driver.link)],
+            markerNumbers=[self._mark_angle(GROUND), self._mark_angle(driver.link)],
             offsetUserFunction=self._offset(driver.law, 0, start),
             offsetUserFunction_t=self._offset(driver.law, 1, 0.0),
         )
         self.mbs.AddObject(drive)
 
-    def _driven(self, driver: SlideDriver | LengthDriver) -> None:
+    def _add_driven_distance(self, driver: SlideDriver | LengthDriver) -> None:
         """Add the constraint x(q) = law(t) of a driven slide or length."""
         pair = span(driver)
         nodes = [self.mbs.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[point.link])) for point in pair]
         equation, jacobian = self._equation(driver)
         drive = self.items.ObjectConnectorCoordinateVector(
             markerNumbers=nodes,
-            scalingMarker0=np.zeros((1, 1)),  # says that there is one equation
+            scalingMarker0=np.zeros((1, 1)),  # Exudyn takes the number of equations from its shape
             constraintUserFunction=equation,
             jacobianUserFunction=jacobian,
         )
@@ -177,9 +180,10 @@ class System:
         pair, coordinate, law = span(driver), driver.coordinate, driver.law
         columns = [3 * point.link + axis for point in pair if point.link != GROUND for axis in range(3)]
 
-        def full(given: Any) -> Array:
+        def full(of_both_links: Any) -> Array:
+            """Return the state (n,) of all links, zero for those that the coordinate does not depend on."""
             state = np.zeros(self.mechanism.n)
-            state[columns] = np.array(given)
+            state[columns] = np.array(of_both_links)
             return state
 
         def equation(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> list[float]:
@@ -196,16 +200,16 @@ class System:
         """Return a user function of time: a law's value (rate 0) or first derivative (rate 1), minus `start`."""
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
-    def _load(self, load: Load) -> None:
+    def _add_load(self, load: Load) -> None:
         match load:
             case PointForce():
-                self._point_force(load)
+                self._add_point_force(load)
             case Law():
-                self._law(load)
+                self._add_law(load)
             case _:
                 assert_never(load)
 
-    def _varying(self, force: Force) -> None:
+    def _add_varying_force(self, force: Force) -> None:
         """Add a force or torque that varies, with a user function."""
         factor = factor_of(force)
         assert factor is not None
@@ -215,51 +219,52 @@ class System:
                 def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
                     return -value * float(factor(min(t, self.last), np.sign(value) * turning))
 
-                markers = [self._angle(reaction), self._angle(link)]
+                markers = [self._mark_angle(reaction), self._mark_angle(link)]
                 self.mbs.AddObject(
                     self.items.ObjectConnectorCoordinateSpringDamper(markerNumbers=markers, springForceUserFunction=torque)
                 )
             case PointForce(_, point) if point.link != GROUND:
 
-                def pushed(mbs: Any, t: float, load: Any) -> list[float]:
+                def scale(mbs: Any, t: float, load: Any) -> list[float]:
                     return [float(x) for x in factor.of_time(min(t, self.last)) * np.array(load)]
 
-                marker, vector, fixed = self._frame(point.link, point.local), spatial(force.value), force.frame != GROUND
+                marker, vector, fixed = self._mark_frame(point.link, point.local), spatial(force.value), force.frame != GROUND
                 load = self.items.LoadForceVector(
-                    markerNumber=marker, loadVector=vector, bodyFixed=fixed, loadVectorUserFunction=pushed
+                    markerNumber=marker, loadVector=vector, bodyFixed=fixed, loadVectorUserFunction=scale
                 )
                 self.mbs.AddLoad(load)
 
-    def _law(self, law: Law) -> None:
+    def _add_law(self, law: Law) -> None:
+        """Add a spring, damper or constant force on a coordinate."""
         match law.coordinate:
             case Angle(a, b):
-                self._torque(b, law.bias)
-                self._torque(a, -law.bias)
+                self._add_torque(b, law.bias)
+                self._add_torque(a, -law.bias)
                 if law.k or law.c:
-                    self._turning(a, b, law)
+                    self._add_torsion_spring(a, b, law)
             case Along():
-                self._axis(law.coordinate, law)
+                self._add_spring_along(law.coordinate, law)
             case Distance(a, b):
-                self._spring(a, b, law)
+                self._add_spring(a, b, law)
             case Weighted():
                 raise TypeError("a law on a sum of coordinates is not given to Exudyn here")
             case _:
                 assert_never(law.coordinate)
 
-    def _torque(self, link: int, value: float) -> None:
+    def _add_torque(self, link: int, value: float) -> None:
         if link != GROUND and value:  # in the plane a torque is a load on the angle, which Exudyn evaluates faster than a vector
-            self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._angle(link), load=value))
+            self.mbs.AddLoad(self.items.LoadCoordinate(markerNumber=self._mark_angle(link), load=value))
 
-    def _point_force(self, f: PointForce) -> None:
-        """Add a constant force. One that is fixed in another link is a connector whose reaction there a second load cancels."""
+    def _add_point_force(self, f: PointForce) -> None:
+        """Add a constant force. If it is fixed in another link it is a connector, and a second load cancels its reaction there."""
         size, items = float(np.linalg.norm(f.value)), self.items
         if f.point.link == GROUND or size == 0:
             return
-        marker, value = self._frame(f.point.link, f.point.local), spatial(f.value)
+        marker, value = self._mark_frame(f.point.link, f.point.local), spatial(f.value)
         if f.frame in (GROUND, f.point.link):
             self.mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVector=value, bodyFixed=f.frame != GROUND))
             return
-        base = self._frame(f.frame, np.zeros(2))
+        base = self._mark_frame(f.frame, np.zeros(2))
         push = items.ObjectConnectorLinearSpringDamper(
             markerNumbers=[base, marker],
             axisMarker0=spatial(f.value / size),
@@ -268,8 +273,8 @@ class System:
         self.mbs.AddObject(push)
         self.mbs.AddLoad(items.LoadForceVector(markerNumber=base, loadVector=value, bodyFixed=True))
 
-    def _spring(self, a: Point, b: Point, law: Law) -> None:
-        markers = [self._point(a), self._point(b)]
+    def _add_spring(self, a: Point, b: Point, law: Law) -> None:
+        markers = [self._mark_point(a), self._mark_point(b)]
         if law.rest == law.c == law.bias == 0:  # force k times the gap: no direction, which is undefined where points meet
             spring = self.items.ObjectConnectorCartesianSpringDamper(markerNumbers=markers, stiffness=[law.k, law.k, 0.0])
         else:
@@ -278,28 +283,28 @@ class System:
             )
         self.mbs.AddObject(spring)
 
-    def _turning(self, a: int, b: int, law: Law) -> None:
+    def _add_torsion_spring(self, a: int, b: int, law: Law) -> None:
         start = float(value(Angle(a, b), self.mechanism.q0))
         spring = self.items.ObjectConnectorCoordinateSpringDamper(
-            markerNumbers=[self._angle(a), self._angle(b)], stiffness=law.k, damping=law.c, offset=law.rest - start
+            markerNumbers=[self._mark_angle(a), self._mark_angle(b)], stiffness=law.k, damping=law.c, offset=law.rest - start
         )
         self.mbs.AddObject(spring)
 
-    def _axis(self, along: Along, law: Law) -> None:
-        """Add a law along an axis: a Cartesian spring on x or y of the world, which is cheapest, else a linear spring."""
+    def _add_spring_along(self, along: Along, law: Law) -> None:
+        """Add a law along an axis: the cheaper Cartesian spring if the axis is x or y of the world, else a linear spring."""
         origin, point, u, items = along.origin, along.point, unit(along.angle, along.across), self.items
         if origin.link == GROUND and np.abs(u).min() < PARALLEL and law.bias == 0:
             axis = np.abs(u).round()
             spring = items.ObjectConnectorCartesianSpringDamper(
-                markerNumbers=[self._point(origin), self._point(point)],
+                markerNumbers=[self._mark_point(origin), self._mark_point(point)],
                 stiffness=spatial(law.k * axis),
                 damping=spatial(law.c * axis),
                 offset=spatial(law.rest * u.round()),
             )
         else:
-            foot = origin.local + self._beside(along) * np.array([-u[1], u[0]])
+            foot = origin.local + self._lateral_distance(along) * np.array([-u[1], u[0]])
             spring = items.ObjectConnectorLinearSpringDamper(
-                markerNumbers=[self._frame(origin.link, foot), self._frame(point.link, point.local)],
+                markerNumbers=[self._mark_frame(origin.link, foot), self._mark_frame(point.link, point.local)],
                 axisMarker0=spatial(u),
                 stiffness=law.k,
                 damping=law.c,
@@ -308,8 +313,8 @@ class System:
             )
         self.mbs.AddObject(spring)
 
-    def _beside(self, along: Along) -> float:
-        """Return the distance of the point to the left of the axis [m] at the start; a slide keeps it constant where it matters."""
+    def _lateral_distance(self, along: Along) -> float:
+        """Return the distance of the point to the left of the axis [m]; if the axis moves, a slide keeps it as at the start."""
         left = along.angle + (np.pi if along.across else np.pi / 2)
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))
 

@@ -1,6 +1,6 @@
 """Exudyn's closest counterpart to one evaluation of the right-hand side: a step of generalized-alpha with its sparse solver.
 
-A step solves the equations at least once. The accelerations are Exudyn's initial ones, which are computed by differences.
+A step solves the equations of motion at least once. The accelerations are Exudyn's initial ones, which it computes by differences.
 """
 
 import numpy as np
@@ -15,11 +15,12 @@ STEP = 1e-3  # [s]
 STEPS = 20  # steps in one call
 
 
-def sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
+def step_sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
+    """Prepare a call of STEPS steps from the mechanism's start; the accelerations are those at the state q, v (n,)."""
     model = ExudynModel(mechanism, Choice("tuned", "generalized_alpha", "none", STEP))
     model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse
     times = np.array([0.0, STEPS * STEP])
     return LibraryCall(model.run, model.built_in(q, v), lambda: model.prepare(times), STEPS)
 
 
-CALLS = {"sparse": sparse}
+CALLS = {"sparse": step_sparse}

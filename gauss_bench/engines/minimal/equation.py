@@ -1,6 +1,6 @@
-"""The equation of motion of a linkage in one coordinate q, written out as expressions.
+"""The equation of motion of a linkage in one coordinate q, as expressions.
 
-Each link and point is described by its place and the place's first two derivatives by q, written with primes. A link has the
+Each link and point is described by its place and the first two derivatives of the place by q, denoted by primes. A link has the
 direction e = exp(i theta), omega = theta' and alpha = theta''; its point at the arm r from a point p0 has
 
     p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
@@ -10,19 +10,20 @@ so that velocities are v = p' q', accelerations p' q'' + p'' q'^2. With the kine
     m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
 
 where Q is the power of the loads at q' = 1. A link between two pins A, B with its centre at A + kappa (B - A), kappa = k + i j, is
-replaced by masses at its pins and an inertia: neighbours share the pins, and a pin next to the ground needs no more than omega.
+replaced by masses at its pins and a moment of inertia. This saves operations, because neighbouring links share the pins:
 
     M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s,    s = B - A
 
 A dyad's place follows from elementary geometry, with one square root. Its derivatives follow from two linear equations whose
 determinant is that root again, so the root also measures how far the dyad is from its dead centre.
 
-A force may need the angle of a link. The geometry gives angles only up to whole turns, so such an angle is integrated beside q from
-its rate omega q', unless it is the coordinate itself or slides tie it to the coordinate.
+A torsion spring needs the angle of a link. The geometry gives angles only up to whole turns, so such an angle is integrated beside
+q from its rate omega q', unless it is the coordinate itself, or slides fix it relative to the coordinate or the ground.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,38 +44,38 @@ NOTHING = Function((), (), ())
 
 @dataclass(frozen=True, eq=False)
 class Equation:
-    """The equation of motion for one coordinate (`way`) on one branch.
+    """The equation of motion for one coordinate on one branch.
 
     Attributes:
-        way: the coordinate and the order in which dyads close.
-        signs: for each dyad, which of its two solutions is taken.
-        followed: links whose angles are integrated beside the coordinate.
-        program: the acceleration as the compiler steps it; its q are the coordinate and the angles of `followed`.
-        angles: link whose angle a force needs -> index of the program's q from which it differs by a constant, and that [rad].
-        told: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
+        way: the coordinate and the dyads that close the other links.
+        signs: for each dyad the sign that selects one of its two solutions.
+        integrated: links whose angles are integrated beside the coordinate.
+        program: the acceleration for the compiler's integrators; its q are the coordinate and the angles of `integrated`.
+        angles: link whose angle a spring needs -> index of the program's q from which it differs by a constant, and that [rad].
+        motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega; x'', y'', alpha; and q''.
     """
 
     way: Way
     signs: tuple[float, ...]
-    followed: tuple[int, ...]
+    integrated: tuple[int, ...]
     angles: Mapping[int, tuple[int, float]]
     program: Program
-    told: Function
+    motion: Function
 
     def state(self, at: Links, angles: Mapping[int, float]) -> Array:
-        """Return the program's state (2n,), q then v, at a state of the links, given the angles that forces need."""
+        """Return the program's state (2n,), q then v, at a state of the links; `angles` [rad] are those that springs need."""
         value, rate = self.way.state(at)
         q, v = np.full(self.program.n, value), np.full(self.program.n, rate)
         for link, (k, turn) in self.angles.items():
             q[k], v[k] = angles[link] - turn, at.w[link]
         return np.concatenate([q, v])
 
-    def known(self, q: Array) -> dict[int, float]:
-        """Return the angles [rad] that forces need, by link, at the program's q (n,)."""
+    def spring_angles(self, q: Array) -> dict[int, float]:
+        """Return the angles [rad] that springs need, by link, at the program's q (n,)."""
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 
-def needed_angles(mechanism: Mechanism) -> list[int]:
+def links_of_springs(mechanism: Mechanism) -> list[int]:
     """List the links whose angles torsion springs need, in the file's order."""
     links: set[int] = set()
     for load in loads(mechanism.forces):
@@ -83,19 +84,26 @@ def needed_angles(mechanism: Mechanism) -> list[int]:
     return sorted(links - {GROUND})
 
 
-def _roots(way: Way) -> dict[int, tuple[int, float]]:
-    """Return for every link the link to which slides fix its angle (itself if none do), and the constant difference [rad]."""
-    roots = {GROUND: (GROUND, 0.0), way.link: (way.link, 0.0)}
+class Root(NamedTuple):
+    """A link relative to which slides fix the angle of another link, and the constant difference of both angles [rad]."""
+
+    link: int
+    turn: float
+
+
+def _roots(way: Way) -> dict[int, Root]:
+    """Return link -> its root; a link whose angle no slide fixes is its own root."""
+    roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
-        roots[way.link] = (GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
+        roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
     for dyad in way.dyads:
         first, second = dyad.links
-        roots[first] = first, 0.0
+        roots[first] = Root(first, 0.0)
         if dyad.kind == "RRR":
-            roots[second] = second, 0.0
+            roots[second] = Root(second, 0.0)
         else:
-            root, turn = roots[dyad.second.other.link if dyad.kind == "RRP" else first]
-            roots[second] = root, turn + dyad.turn
+            fixed_to = roots[dyad.second.other.link if dyad.kind == "RRP" else first]
+            roots[second] = Root(fixed_to.link, fixed_to.turn + dyad.turn)
     return roots
 
 
@@ -103,31 +111,33 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
     """Write the equation of motion in the coordinate of a way.
 
     Args:
-        way: the coordinate and the order in which dyads close.
-        signs: which of its two solutions each dyad has.
+        way: the coordinate and the dyads that close the other links.
+        signs: for each dyad the sign that selects one of its two solutions.
         q: (k, n) positions on this branch, away from its dead centres, in absolute coordinates.
         least: (dyads,) opening of each dyad below which the equation must not be used.
     """
-    needed, roots = needed_angles(mechanism), _roots(way)
-    followed = tuple(sorted({roots[link][0] for link in needed} - {GROUND, way.link}))
-    place = {way.link: 0, **{link: 1 + k for k, link in enumerate(followed)}}
-    angles = {link: (place[roots[link][0]], roots[link][1]) for link in needed if roots[link][0] != GROUND}
+    roots = {link: root for link, root in _roots(way).items() if link in links_of_springs(mechanism) and root.link != GROUND}
+    integrated = tuple(sorted({root.link for root in roots.values()} - {way.link}))
+    slots = {link: k for k, link in enumerate((way.link, *integrated))}  # root -> index of its angle in the program's q
+    angles = {link: (slots[roots[link].link], roots[link].turn) for link in sorted(roots)}
     value, _ = way.state(Links.of(q, np.zeros_like(q)))
-    states = np.column_stack([value, *(angle_at(q, link) for link in followed)])
-    motion = _Motion(mechanism, way, signs, followed, states)
+    states = np.column_stack([value, *(angle_at(q, link) for link in integrated)])
+    motion = _Motion(mechanism, way, signs, integrated, states)
     a, guards = motion.acceleration(), motion.openings
-    at: Inputs = (("t", 1), ("q", 1 + len(followed)), ("v", 1 + len(followed)), ("p", 0))
+    roots_of_dyads = [root for root, _ in guards]
+    n = 1 + len(integrated)
+    inputs: Inputs = (("t", 1), ("q", n), ("v", n), ("p", 0))
     program = Program(
         name=mechanism.name,
         formulation="minimal",
-        n=1 + len(followed),
+        n=n,
         m=0,
         independent=(0,),
         parameters=(),
         values=np.zeros(0),
         dropped=(),
         thresholds=np.array([size * x for (_, size), x in zip(guards, least, strict=True)]),
-        acceleration=function(at, [a, [x for x, _ in guards]], uses([*a, *(x for x, _ in guards)])),
+        acceleration=function(inputs, [a, roots_of_dyads], uses([*a, *roots_of_dyads])),
         position_correction=NOTHING,
         nearest_velocity=NOTHING,
         correcting_thresholds=np.zeros(0),
@@ -138,12 +148,12 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
         residual=NOTHING,
         stabilized=None,
     )
-    return Equation(way, tuple(signs), followed, angles, program, function(at, [*motion.told(), a[:1]], None))
+    return Equation(way, tuple(signs), integrated, angles, program, function(inputs, [*motion.links(), a[:1]], None))
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A point: its position p [m], and the first and second derivative of that by the coordinate (d, b)."""
+    """A point: its position p [m], and the first and second derivatives d and b of the position by the coordinate."""
 
     p: Vector
     d: Vector
@@ -154,9 +164,9 @@ class Place:
 
 
 class Body:
-    """A moving link: its direction and angular derivatives, and the motion `place` of its point `at` (own frame).
+    """A link: its direction, the derivatives of its angle, and the motion `place` of its point `at` (in the link's frame).
 
-    `pin` is a second pin of the link in its own frame, if it has one: its inertia is then carried by masses at both.
+    `pin` is a second pin of the link in its own frame, or None: with two pins, masses at both replace the link's mass.
     """
 
     def __init__(self, e: Vector, omega: Node, alpha: Node, at: Array, place: Place, pin: Array | None = None):
@@ -164,8 +174,8 @@ class Body:
         self.square, self.change = omega * omega, omega * alpha
 
     def arm(self, to: Array) -> Vector:
-        """Return the vector from the known point to another point of the link, in world axes."""
-        return self.e * _fix(self.omega.graph, *(to - self.at))
+        """Return the vector from the point `at` to another point of the link, in world axes."""
+        return self.e * _constant(self.omega.graph, *(to - self.at))
 
     def point(self, local: Array) -> Place:
         """Return the motion of a point of the link: p' = p0' + i omega r,  p'' = p0'' + i alpha r - omega^2 r."""
@@ -173,14 +183,14 @@ class Body:
         return Place(o.p + r, o.d + r.turned(self.omega), o.b + r.turned(self.alpha) - r * self.square)
 
 
-def _fix(graph: ExpressionGraph, x: float, y: float) -> Vector:
-    """Return a constant vector; a component that is only rounding becomes an exact zero, so that its terms vanish."""
+def _constant(graph: ExpressionGraph, x: float, y: float) -> Vector:
+    """Return a constant vector; a component that is only a rounding error becomes an exact zero, so that its terms vanish."""
     size = AXIS * max(abs(x), abs(y))
     return Vector(*(graph.constant(0.0 if abs(z) < size else float(z)) for z in (x, y)))
 
 
 def _unit(graph: ExpressionGraph, angle: float) -> Vector:
-    return _fix(graph, float(np.cos(angle)), float(np.sin(angle)))
+    return _constant(graph, float(np.cos(angle)), float(np.sin(angle)))
 
 
 class _Motion:
@@ -190,8 +200,8 @@ class _Motion:
         openings: for each dyad its square root, and the root's value at an opening of 1.
     """
 
-    def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], followed: tuple[int, ...], states: Array):
-        self.mechanism, self.followed, self.roots = mechanism, followed, _roots(way)
+    def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], integrated: tuple[int, ...], states: Array):
+        self.mechanism, self.integrated, self.roots = mechanism, integrated, _roots(way)
         self.graph = graph = ExpressionGraph(len(states))
         self.q = [graph.input("q", k, states[:, k], NEAR) for k in range(states.shape[1])]
         self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(states)), 1.0)
@@ -199,28 +209,28 @@ class _Motion:
         still = Vector(self.zero, self.zero)
         rest = Place(still, still, still)
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
-        self.bodies[way.link] = self._input(way)
+        self.bodies[way.link] = self._place_input_link(way)
         self.openings: list[tuple[Node, float]] = []
         for dyad, sign in zip(way.dyads, signs, strict=True):
-            {"RRR": self._rrr, "RRP": self._rrp, "RPR": self._rpr}[dyad.kind](dyad, sign)
+            {"RRR": self._close_rrr, "RRP": self._close_rrp, "RPR": self._close_rpr}[dyad.kind](dyad, sign)
 
-    def _input(self, way: Way) -> Body:
-        """Return the motion of the link that carries the coordinate: it turns by q, or it slides by q."""
+    def _place_input_link(self, way: Way) -> Body:
+        """Return the motion of the link whose motion is the coordinate: it turns by q, or it slides by q."""
         graph, joint, q = self.graph, way.joint, self.q[0]
         still = Vector(self.zero, self.zero)
         if not isinstance(joint, Prismatic):
-            at = Place(_fix(graph, *way.fixed.local), still, still)
+            at = Place(_constant(graph, *way.fixed.local), still, still)
             return Body(Vector(graph.cos(q), graph.sin(q)), self.one, self.zero, way.moved.local, at)
         guided = joint.guide.link == GROUND  # else the guide moves, in the direction opposite to that of the block in it
         turn = joint.turn if guided else -joint.turn
         along = _unit(graph, joint.angle + (0.0 if guided else turn)) * (1.0 if guided else -1.0)
-        place = _fix(graph, *way.fixed.local) + along * q + along.turned(joint.offset)
+        place = _constant(graph, *way.fixed.local) + along * q + along.turned(joint.offset)
         return Body(_unit(graph, turn), self.zero, self.zero, way.moved.local, Place(place, along, still))
 
     def at(self, point: Point) -> Place:
         return self.bodies[point.link].point(point.local)
 
-    def _rrr(self, dyad: Dyad, sign: float) -> None:
+    def _close_rrr(self, dyad: Dyad, sign: float) -> None:
         """Close two links on pins A and C: B lies on circles of radii r1 and r2 about them.
 
         With a = B - A and c = B - C: a' = i omega1 a, c' = i omega2 c, and a - c = C - A is known with its derivatives. The
@@ -241,16 +251,16 @@ class _Motion:
         alpha1 = (way.b.dot(c) + s1 * both - s2 * (r2 * r2)) * inverse
         alpha2 = (way.b.dot(a) + s1 * (r1 * r1) - s2 * both) * inverse
         ends = ((dyad.first, a, A, omega1, alpha1), (dyad.second, c, C, omega2, alpha2))
-        for (held, arm, place, omega, alpha), pin in zip(ends, dyad.middle, strict=True):
-            e = arm * self._backwards(pin.local - held.own.local)
-            self.bodies[held.link] = Body(e, omega, alpha, held.own.local, place, pin.local)
+        for (outer, arm, place, omega, alpha), pin in zip(ends, dyad.middle, strict=True):
+            e = arm * self._reciprocal(pin.local - outer.own.local)
+            self.bodies[outer.link] = Body(e, omega, alpha, outer.own.local, place, pin.local)
         self.openings.append((root, 2 * r1 * r2))
 
-    def _backwards(self, s: Array) -> Vector:
+    def _reciprocal(self, s: Array) -> Vector:
         """Return 1 / s as a complex number: a vector that is s in the link's frame, times this, is the link's direction e."""
-        return _fix(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
+        return _constant(self.graph, float(s[0] / (s @ s)), float(-s[1] / (s @ s)))
 
-    def _rrp(self, dyad: Dyad, sign: float) -> None:
+    def _close_rrp(self, dyad: Dyad, sign: float) -> None:
         """Close a rod on pin A and a slide: B lies on a circle about A and on a line at `height` beside R.
 
         With u along the line and n across it, B = A + x u + y n = R + s u + height n; u and n turn with the line's link.
@@ -270,13 +280,13 @@ class _Motion:
         alpha = (n.dot(way.b) + turning + omega * omega * y) * inverse
         rod, own = dyad.first, dyad.first.own.local
         pins = [pin.local for pin in dyad.middle]
-        self.bodies[rod.link] = Body(a * self._backwards(pins[0] - own), omega, alpha, own, A, pins[0])
+        self.bodies[rod.link] = Body(a * self._reciprocal(pins[0] - own), omega, alpha, own, A, pins[0])
         B = self.bodies[rod.link].point(pins[0])
         e = guide.e * _unit(self.graph, dyad.turn)
         self.bodies[dyad.second.link] = Body(e, guide.omega, guide.alpha, pins[1], Place(A.p + a, B.d, B.b))
         self.openings.append((root, r))
 
-    def _rpr(self, dyad: Dyad, sign: float) -> None:
+    def _close_rpr(self, dyad: Dyad, sign: float) -> None:
         """Close a guide on pin C and its block on pin A: A - C = (x + i height) u, with u along the guide."""
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
         way, height = A - C, dyad.height
@@ -297,19 +307,19 @@ class _Motion:
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
-        """Return q'' = (Q - h q'^2) / m, and the second derivatives by time of the followed angles."""
+        """Return q'' = (Q - h q'^2) / m, and the second derivatives by time of the integrated angles."""
         m, h, Q = list[Node](), list[Node](), list[Node]()
         for k, link in enumerate(self.mechanism.links):
             masses, halves, moment = _inertia(self.bodies[k], link.mass, link.inertia)
             m, h = [*m, *masses], [*h, *halves]
-            Q.append(_fix(self.graph, *self.mechanism.gravity).dot(moment))
+            Q.append(_constant(self.graph, *self.mechanism.gravity).dot(moment))
         for load in loads(self.mechanism.forces):
-            Q.append(self._law(load) if isinstance(load, Law) else self._push(load))
+            Q.append(self._power_of_law(load) if isinstance(load, Law) else self._power_of_force(load))
         total, square = self.graph.total, self.v * self.v
         a = (total(Q) - total(h) * square) / total(m)
-        return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.followed)]
+        return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.integrated)]
 
-    def _law(self, law: Law) -> Node:
+    def _power_of_law(self, law: Law) -> Node:
         """Return the power of a law's force at q' = 1: its strength times the rate of its coordinate."""
         # The rate of a distance has a root in its denominator: half the rate of its square avoids dividing by it.
         unit = state(law.coordinate, _Rates(self, self.one))
@@ -318,9 +328,9 @@ class _Motion:
         self.graph.mul(known, self.v)  # enters the graph first, so that the state's own rate is recognised as this product
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * known
 
-    def _push(self, force: PointForce) -> Node:
+    def _power_of_force(self, force: PointForce) -> Node:
         """Return the power of a force at a point at q' = 1."""
-        F = self.bodies[force.frame].e * _fix(self.graph, *force.value)
+        F = self.bodies[force.frame].e * _constant(self.graph, *force.value)
         return F.dot(self.at(force.point).d)
 
     def angle(self, link: int) -> Node:
@@ -328,11 +338,11 @@ class _Motion:
         root, turn = self.roots[link]
         if root == GROUND:
             return self.graph.constant(turn)
-        k = 1 + self.followed.index(root) if root in self.followed else 0
+        k = 1 + self.integrated.index(root) if root in self.integrated else 0
         return self.q[k] + turn
 
-    def told(self) -> list[list[Node]]:
-        """Return the links' part of `Equation.told`: places and directions, first derivatives, second derivatives."""
+    def links(self) -> list[list[Node]]:
+        """Return the links' part of `Equation.motion`: places and directions, first derivatives, second derivatives."""
         rows: list[list[Node]] = [[], [], []]
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
@@ -346,15 +356,11 @@ class _Motion:
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vector]:
     """Return the terms that a link adds to m and to h, and its mass times the derivative of its centre.
 
-    A link with two pins is replaced by masses at them, as the head of this file derives; any other is taken at its centre.
+    A link with two pins is replaced by masses at them, by the equation at the head of this file.
     """
     if body.pin is None:
         z = body.point(np.zeros(2))
-        return (
-            [z.d.dot(z.d) * mass, body.square * inertia],
-            [z.d.dot(z.b) * mass, body.change * inertia],
-            z.d * mass,
-        )
+        return ([z.d.dot(z.d) * mass, body.square * inertia], [z.d.dot(z.b) * mass, body.change * inertia], z.d * mass)
     s = body.pin - body.at
     kappa = complex(*-body.at) / complex(*s)
     k, j = kappa.real, (0.0 if abs(kappa.imag) < AXIS else kappa.imag)
@@ -373,7 +379,10 @@ def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[
 
 
 class _Rates(Placement):
-    """The links as the coordinates of forces need them, at a given speed q'; every point is its own frame, without an arm."""
+    """The links at a given speed q', in the form in which `mechanism/frames.py` evaluates coordinates of forces.
+
+    Every point is the origin of a frame of its own, so that no arm from the centre of mass is needed.
+    """
 
     def __init__(self, motion: _Motion, speed: Node):
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
@@ -391,7 +400,7 @@ class _Rates(Placement):
         return End(self._frame(point.link, _parts(place.p), _parts(place.d * self.speed)), self.still)
 
     def vector(self, link: int, value: Array) -> Direction:
-        return Direction(self.frame(link), _parts(self.motion.bodies[link].e * _fix(self.motion.graph, *value)))
+        return Direction(self.frame(link), _parts(self.motion.bodies[link].e * _constant(self.motion.graph, *value)))
 
 
 def _parts(x: Vector) -> Vec:

@@ -1,7 +1,6 @@
-"""One equation as machine code: steps by the compiler's own rollouts, and the links' motion, which a change of coordinate needs."""
+"""One equation as machine code: steps by the compiler's own rollouts, and functions of a state, such as the motion of the links."""
 
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 
@@ -31,11 +30,11 @@ class Machine:
         self.equation, self.n, self.adaptive = equation, equation.program.n, integrator == "dop853"
         code = read_code(equation.program, "none")
         if self.adaptive:
-            self._chosen = Adaptive(Loaded(lambda many: adaptive(code), TARGET))
-            self._chosen.loaded.call(1)
+            self._adaptive = Adaptive(Loaded(lambda many: adaptive(code), TARGET))
+            self._adaptive.loaded.call(1)  # compiles
         else:
             self._steps = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
-            self._steps.call(1)
+            self._steps.call(1)  # compiles
         self._rooms: dict[int, Single] = {}
 
     def room(self, slots: int) -> Single:
@@ -47,8 +46,8 @@ class Machine:
     def steps(self, y: Array, t: float, h: float, count: int, every: int) -> tuple[Array, int, Array]:
         """Take up to `count` steps of h [s] from y at time t [s], with a sample after each `every` steps.
 
-        Returns samples (k, 2n), the number of valid steps and the state after them. A step is invalid if a dyad opens by less than
-        its threshold; stepping ends before it.
+        Return the samples (k, 2n), the number of valid steps and the state after them. A step is invalid if a dyad opens by less
+        than its threshold; stepping ends before it. All results are views of memory that the next call overwrites.
         """
         slots = max(1, -(-count // every))
         one = self.room(slots)
@@ -65,26 +64,21 @@ class Machine:
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
         """Integrate adaptively over the times, as far as the dyads are open wide enough."""
-        return self._chosen.run(y, np.zeros(0), times, tolerances)
-
-    @cached_property
-    def told(self) -> Callable[[Array], list[Array]]:
-        """The equation's `told` as machine code: state (2n,) -> its results."""
-        return compile_machine(self.equation.told)
+        return self._adaptive.run(y, np.zeros(0), times, tolerances)
 
 
-def compile_machine(function: Function) -> Callable[[Array], list[Array]]:
+def compile_function(function: Function) -> Callable[[Array], list[Array]]:
     """Compile a function (t, q, v, p) that depends on neither t nor p into a call: state y (2n,) -> its results (components,)."""
-    g, n = Graph(), function.sizes[1]
-    leaves = [g.leaf(f"%y{k}") for k in range(2 * n)]
-    results = inline(g, function, ([g.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(g, x))
-    new, roots = rewrite(g, [x for row in results for x in row])
-    values = order(new, live(new, roots), {})
-    load = Load("y", {new.leaf(f"%y{k}"): k for k in range(2 * n)})
-    rows, steps = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
-    routine = Routine("evaluate", new, rows, (), (), steps, new.all(True), count_operations(new, values))
+    raw, n = Graph(), function.sizes[1]
+    leaves = [raw.leaf(f"%y{k}") for k in range(2 * n)]
+    results = inline(raw, function, ([raw.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(raw, x))
+    graph, roots = rewrite(raw, [x for row in results for x in row])
+    values = order(graph, live(graph, roots), {})
+    load = Load("y", {graph.leaf(f"%y{k}"): k for k in range(2 * n)})
+    arrays, steps = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
+    routine = Routine("evaluate", graph, arrays, (), (), steps, graph.all(True), count_operations(graph, values))
     loaded = Loaded(lambda many: routine, TARGET)
-    loaded.call(1)
+    loaded.call(1)  # compiles
     cuts = np.cumsum([len(row) for row in results])[:-1]
 
     def evaluate(y: Array) -> list[Array]:

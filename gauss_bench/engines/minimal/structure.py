@@ -1,31 +1,32 @@
-"""The order in which a linkage closes from one coordinate, dyad after dyad; the geometry of each dyad, before any motion.
+"""The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
 
-A dyad is two links and three joints: one joint connects the two links, the others connect each of them to a link that is placed
-already. With pins R and slides P there are three kinds that linkages commonly have,
+A dyad is two links and three joints: the inner joint connects the two links, and the outer joints connect each of them to a link
+that is placed already. With pins R and slides P there are three kinds that linkages commonly have,
 
     RRR   two pins and a pin between:       B on two circles about A and C
     RRP   a pin, a pin between, a slide:    B on a circle about A and on a line
-    RPR   two pins and a slide between:     a line at a given distance of A passes C
+    RPR   two pins and a slide between:     a line through C at a given distance from A
 
-each with two solutions (branches); a sign, taken from the start, selects one. A way is the choice of the link whose motion is the
-coordinate; it decides which dyads close the rest.
-Source: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
+Each has two solutions (branches), of which a sign, taken from the start, selects one. A way is a choice of the link whose motion is
+the coordinate, together with the dyads that close the other links from there. Source: Assur, Issledovanie ploskikh sterzhnevykh
+mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
 import cmath
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.tree import exponential, states_of
+from gauss_bench.engines.tree import exponential
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
 from gauss_bench.mechanism.numbers import turn_vector
+from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.terms import Array
 
-Complex = Any  # of one state, or an array of them
+Complex = Any  # a complex number for one state, or an array of them for many
 
 
 class NoWay(ValueError):
@@ -34,7 +35,7 @@ class NoWay(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """All links at one state or many, by index, as complex numbers.
+    """All links at one state or many, as complex numbers; the last entry of every list is the ground, whose index is -1.
 
     Attributes:
         z: centres of mass [m].
@@ -43,17 +44,26 @@ class Links:
         w: angular velocities [rad/s], real.
     """
 
-    z: Mapping[int, Complex]
-    e: Mapping[int, Complex]
-    u: Mapping[int, Complex]
-    w: Mapping[int, Complex]
+    z: Sequence[Complex]
+    e: Sequence[Complex]
+    u: Sequence[Complex]
+    w: Sequence[Complex]
 
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
         """Return the links at states q, v (..., n)."""
-        exp, places, rates = exponential(q), states_of(q), states_of(v)
-        e = {link: exp(1j * angle) for link, (_, angle) in places.items()}
-        return Links({k: x for k, (x, _) in places.items()}, e, *({k: x[i] for k, x in rates.items()} for i in range(2)))
+        exp, z, e, u, w = exponential(q), [], [], [], []
+        for (x, y, angle), (dx, dy, spin) in zip(_by_body(q), _by_body(v), strict=True):
+            z.append(x + 1j * y)
+            e.append(exp(1j * angle))
+            u.append(dx + 1j * dy)
+            w.append(spin)
+        return Links.with_ground(z, e, u, w)
+
+    @staticmethod
+    def with_ground(z: Iterable[Complex], e: Iterable[Complex], u: Iterable[Complex], w: Iterable[Complex]) -> "Links":
+        """Build it from the moving links; the ground is added."""
+        return Links([*z, 0j], [*e, 1.0 + 0j], [*u, 0j], [*w, 0.0])
 
     def point(self, point: Point) -> Complex:
         return self.z[point.link] + self.e[point.link] * complex(*point.local)
@@ -66,8 +76,13 @@ class Links:
         return self.e[link] * cmath.exp(1j * angle)
 
 
+def _by_body(x: Array) -> Any:
+    """Return a state by bodies: numbers (bodies, 3) of a single state (n,), or an array (bodies, 3, ...) of a batch (..., n)."""
+    return bodies(x).tolist() if x.ndim == 1 else np.moveaxis(bodies(x), (-2, -1), (0, 1))
+
+
 @dataclass(frozen=True, eq=False)
-class Held:
+class OuterJoint:
     """A joint that connects a link of a dyad to a link that is placed already.
 
     Attributes:
@@ -103,8 +118,8 @@ class Dyad:
     """
 
     kind: str
-    first: Held
-    second: Held
+    first: OuterJoint
+    second: OuterJoint
     middle: tuple[Point, Point]
     line: Point
     angle: float = 0.0
@@ -118,13 +133,12 @@ class Dyad:
     @property
     def lengths(self) -> tuple[float, float]:
         """Lengths |AB| and |CB| of the two links [m]."""
-        a, b = (
-            float(np.hypot(*(pin.local - held.own.local))) for pin, held in zip(self.middle, (self.first, self.second), strict=True)
-        )
-        return a, b
+        inner_on_first, inner_on_second = self.middle
+        a, c = inner_on_first.local - self.first.own.local, inner_on_second.local - self.second.own.local
+        return float(np.hypot(*a)), float(np.hypot(*c))
 
     def opening(self, at: Links) -> Any:
-        """Return the distance from the dead centre, whose sign tells the branch.
+        """Return a number that is zero at the dead centre and has opposite signs on the two branches.
 
         RRR: sine of the angle between the links. RRP: cosine of the angle between rod and line. RPR: distance of A from C along
         the guide [m].
@@ -135,7 +149,9 @@ class Dyad:
             return (along * (at.point(b) - at.point(a))).real
         r1, r2 = self.lengths
         arm = at.arm(self.first.own, a)
-        return (arm.conjugate() * at.arm(self.second.own, b)).imag / (r1 * r2) if self.kind == "RRR" else (along * arm).real / r1
+        if self.kind == "RRP":
+            return (along * arm).real / r1
+        return (arm.conjugate() * at.arm(self.second.own, b)).imag / (r1 * r2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,13 +182,15 @@ class Way:
         along = at.direction(a.link, self.joint.angle).conjugate()
         return (along * (at.point(b) - at.point(a))).real, (along * (at.u[b.link] - at.u[a.link])).real
 
-    def openings(self, at: Links) -> Sequence[Any]:
-        """Return the opening of every dyad, in order."""
-        return [dyad.opening(at) for dyad in self.dyads]
+    def openings(self, at: Links) -> Array:
+        """Return the openings (..., dyads) of all dyads, in order."""
+        if not self.dyads:
+            return np.zeros((*np.shape(at.w[self.link]), 0))
+        return np.stack([dyad.opening(at) for dyad in self.dyads], axis=-1)
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the way of every link on the ground from which dyads close the whole linkage, the crank's first.
+    """Return the ways of a linkage, one for each link on the ground from which dyads close the whole linkage; the crank's is first.
 
     Raises:
         NoWay: there is none, or the linkage has forces or constraints that an equation in one coordinate does not cover.
@@ -192,7 +210,7 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
     complete, left = [], "no link of one degree of freedom is held to the ground by a pin or slide"
     on_ground = [(joint, a, b) for joint in mechanism.joints for a, b in permutations(joint.ends) if a.link == GROUND]
     for joint, fixed, moved in sorted(on_ground, key=lambda x: x[2].link != mechanism.crank):
-        dyads, open_links = closed_from(mechanism, {moved.link})
+        dyads, open_links = close_from(mechanism, {moved.link})
         if not open_links:
             complete.append(Way(joint, fixed, moved, tuple(dyads)))
         elif not complete:
@@ -203,11 +221,12 @@ def ways(mechanism: Mechanism) -> tuple[Way, ...]:
     return tuple(complete)
 
 
-def closed_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
+def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
     """Return the dyads in the order in which they close from the given links, and the links that no dyad reaches."""
-    pins: dict[str, dict[int, Point]] = {}  # joint: link: its point
+    pins: dict[str, dict[int, Point]] = {}  # name of a joint, which may pin more than two links -> link -> its point
     for pin in mechanism.pins:
-        pins.setdefault(pin.joint, {}).update({point.link: point for point in pin.ends})
+        for point in pin.ends:
+            pins.setdefault(pin.joint, {})[point.link] = point
     placed = {GROUND, *given}
     left, dyads = set(range(len(mechanism.links))) - placed, list[Dyad]()
     while left:
@@ -224,19 +243,20 @@ def closed_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[
 def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
     """Return the dyad that two links form in this order, or None."""
     one, two = pair
-    held = [_holds(pins, slides, link, placed) for link in pair]
+    firsts, seconds = (_outer_joints(pins, slides, link, placed) for link in pair)
     between = next((pin for pin in pins if one in pin and two in pin and not placed & pin.keys()), None)
     # Each link has just one joint with a placed link; a slide may only be at the second, so that each pair matches in one order.
-    if [len(x) for x in held] != [1, 1] or held[0][0].slide:
+    if len(firsts) != 1 or len(seconds) != 1 or firsts[0].slide:
         return None
-    first, second = held[0][0], held[1][0]
+    first, second = firsts[0], seconds[0]
     if between is None:
         slide = next((s for s in slides if {p.link for p in s.ends} == {*pair}), None)
         if slide is None or second.slide or slide.guide.link != one:
             return None
-        # in the guide's frame, from its pin C: block point on the line, and from it to the block's pin A
-        block = turn_vector(second.own.local - slide.block.local, slide.turn)
-        height = slide.offset + _beside(block, slide.angle) + _beside(slide.guide.local - first.own.local, slide.angle)
+        # in the guide's frame: from the block's point on the line to the block's pin A, and from the guide's pin C to the line
+        to_pin = turn_vector(second.own.local - slide.block.local, slide.turn)
+        to_line = slide.guide.local - first.own.local
+        height = slide.offset + _left_of(slide.angle, to_pin) + _left_of(slide.angle, to_line)
         return Dyad("RPR", first, second, (first.own, second.own), slide.guide, slide.angle, height, slide.turn)
     middle = between[one], between[two]
     slide = second.slide
@@ -244,19 +264,28 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
         return Dyad("RRR", first, second, middle, middle[0])
     if slide.guide.link == second.other.link:  # the line rests in the placed link
         arm = turn_vector(middle[1].local - slide.block.local, slide.turn)
-        return Dyad("RRP", first, second, middle, slide.guide, slide.angle, slide.offset + _beside(arm, slide.angle), slide.turn)
+        return Dyad("RRP", first, second, middle, slide.guide, slide.angle, slide.offset + _left_of(slide.angle, arm), slide.turn)
     arm = middle[1].local - slide.guide.local  # the line moves with the second link, whose angle is known
-    height = _beside(arm, slide.angle) - slide.offset
+    height = _left_of(slide.angle, arm) - slide.offset
     return Dyad("RRP", first, second, middle, slide.block, slide.angle - slide.turn, height, -slide.turn)
 
 
-def _holds(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]) -> list[Held]:
-    """Return all joints between a link and the links that are placed."""
-    by_pins = [Held(pin[link], pin[min(there)]) for pin in pins if link in pin and (there := placed & pin.keys())]
-    ends = [Held(own, other, slide) for slide in slides for own, other in permutations(slide.ends)]
-    return by_pins + [x for x in ends if x.link == link and x.other.link in placed]
+def _outer_joints(
+    pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]
+) -> list[OuterJoint]:
+    """Return all joints between a link and the links that are placed; a pin of several placed links counts once."""
+    joints = []
+    for pin in pins:
+        others = placed & pin.keys()
+        if link in pin and others:
+            joints.append(OuterJoint(pin[link], pin[min(others)]))
+    for slide in slides:
+        for own, other in permutations(slide.ends):
+            if own.link == link and other.link in placed:
+                joints.append(OuterJoint(own, other, slide))
+    return joints
 
 
-def _beside(x: Array, angle: float) -> float:
+def _left_of(angle: float, x: Array) -> float:
     """Return the distance of x (2,) to the left of the direction `angle` [rad]."""
     return float(np.cos(angle) * x[1] - np.sin(angle) * x[0])

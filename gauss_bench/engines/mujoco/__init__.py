@@ -1,4 +1,4 @@
-"""MuJoCo: `adapter` runs a mechanism, `draft` is its model, `forces` the form that MuJoCo has for each force.
+"""MuJoCo: `forces` finds an element for each force, `draft` builds the model, `adapter` runs it, `mjcf` writes it as a document.
 
-`library_calls` asks the library alone.
+`compiled` reads documents of others. `library_calls` times the library alone.
 """

@@ -1,11 +1,11 @@
 """MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
 
 The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
-of the open joints, at the start and at random tree states. Only the softness of the closures is not checked, because the settings
-vary it.
+of the loops, at the start and at random tree states. Only the softness of the closures is not checked, because the settings vary
+it.
 
-MuJoCo has no prescribed motion of a joint. A driven hinge on the ground, or slide, gets an armature (rotor inertia) A far larger
-than all masses and the torque or force A law''(t). It then follows the law, up to an error of the size load / A:
+Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
+A far larger than all masses, and the torque or force A law''(t). It then follows the law, with an error of the size load / A:
 
     (A + m) theta'' = A law''(t) + load
 
@@ -14,14 +14,14 @@ A driven length is a tendon between two sites with such an armature (in kg), and
 
 import contextlib
 import copy
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import native_forces
 from gauss_bench.engines.shared import (
@@ -40,14 +40,14 @@ from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import LengthDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
-AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or factor about 1
+AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
 
 
 VARIANTS = read_variants(Path(__file__).parent)
@@ -63,21 +63,24 @@ FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be 
 
 
 def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
-    """Set the options of a compiled model that takes steps of `step` [s]; only once, because it scales the inverse weights."""
+    """Set the options of a newly compiled model that takes steps of `step` [s].
+
+    A second call would scale the inverse weights twice, unless mj_setConst has computed them anew in between.
+    """
     unit = step if options["solref_unit"] == "step" else 1.0
     model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
     model.eq_solimp[:] = options["solimp"]
     model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
     model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{options['solver'].upper()}")
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
-    model.body_invweight0[:] *= options["body_invweight0_factor"]  # mj_setConst computes them anew and would undo this
+    model.body_invweight0[:] *= options["body_invweight0_factor"]
     if options["unused_features"] == "off":
         unused = (flag for flag, uses in FLAGS.items() if not uses(model))
         model.opt.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, flag)) for flag in unused)
 
 
 class Mujoco:
-    """MuJoCo under settings of how rigid its closures are."""
+    """MuJoCo, with settings that make its closures softer or more rigid."""
 
     name = "mujoco"
     integrators = tuple(INTEGRATORS)
@@ -94,8 +97,7 @@ class Mujoco:
         return f"mujoco {mujoco.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        reason = beyond_a_tree(mechanism, "MuJoCo")
-        if reason:
+        if reason := beyond_a_tree(mechanism, "MuJoCo"):
             return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         if None in driven_coordinates(mechanism, tree):
@@ -113,6 +115,38 @@ class Mujoco:
         return MujocoModel(mechanism, choice)
 
 
+@dataclass(frozen=True)
+class Drive:
+    """A driven joint coordinate, or a driven length, with its armature.
+
+    Attributes:
+        armature: of a hinge [kg m^2], of a slide or length [kg].
+        at: index of the joint coordinate, or of the tendon.
+        motor: index of the tendon's motor; None for a joint coordinate.
+    """
+
+    law: MotionLaw
+    armature: float
+    at: int
+    motor: int | None = None
+
+    def push(self, data: Any, t: float) -> None:
+        """Add the force armature * law''(t) to the joint coordinate, or set it at the motor."""
+        force = self.armature * float(self.law(t)[2])
+        if self.motor is None:
+            data.qfrc_applied[self.at] += force
+        else:
+            data.ctrl[self.motor] = force
+
+
+def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
+    """Set the armatures of drives in a compiled model, and compute anew the constants that depend on them."""
+    for drive in drives:
+        armatures = model.dof_armature if drive.motor is None else model.tendon_armature
+        armatures[drive.at] = drive.armature
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
 class MujocoModel:
     """A mechanism in MuJoCo under one integrator and setting.
 
@@ -121,6 +155,9 @@ class MujocoModel:
         still, still_data: a copy that evaluates accelerations at given states. It has the Euler integrator, because under
             `discrete` MuJoCo's qacc is a difference of velocities, and no warm start, so that a result does not depend on the
             state evaluated before.
+        torque: (n,) constant generalised force.
+        bodies: indices of the links' bodies.
+        drives: the driven coordinates.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
@@ -139,7 +176,7 @@ class MujocoModel:
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
         self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
-        # Without this flag MuJoCo resets a diverging run to the start, and the reset would pass for a motion.
+        # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.still: Any = copy.copy(self.model)
         self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -147,55 +184,48 @@ class MujocoModel:
         self.data: Any = mujoco.MjData(self.model)
         self.still_data: Any = mujoco.MjData(self.still)
         self.still_data.qfrc_applied[:] = self.torque
-        self.drives: list[tuple[int, float, MotionLaw]] = []
-        self.cylinders: list[tuple[int, float, MotionLaw]] = []
-        self.drawn = [(tendon.id, motor.id) for tendon, motor in draft.cylinders]
-        self.varying = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
+        self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
+        self.drives: list[Drive] = []
         verify(self)
-        self._drive()
+        self.drives = self._find_drives(draft)
+        if self.drives:
+            for model in (self.model, self.still):
+                set_armatures(mujoco, model, self.drives)
+                configure(mujoco, model, self.options, choice.step)  # scales the inverse weights just computed anew
 
-    def _drive(self) -> None:
-        """Set the armatures of driven hinges, slides and lengths in the compiled models."""
-        laws = [d.law for d in jointed(self.mechanism)]
-        at = [k for k in driven_coordinates(self.mechanism, self.tree) if k is not None]
-        lengths = [d.law for d in self.mechanism.drivers if isinstance(d, LengthDriver)]
-        if not (laws or lengths):
-            return
+    def _find_drives(self, draft: Draft) -> list[Drive]:
+        """Return the drives of all hinges, slides and lengths that follow a law."""
         share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
-        self.drives = [(k, share * float(self.model.dof_M0[k]), law) for k, law in zip(at, laws, strict=True)]
-        masses = [share / float(self.model.tendon_invweight0[tendon]) for tendon, _ in self.drawn]
-        self.cylinders = [(motor, mass, law) for (_, motor), mass, law in zip(self.drawn, masses, lengths, strict=True)]
-        for model in (self.model, self.still):
-            for k, armature, _ in self.drives:
-                model.dof_armature[k] = armature
-            for (tendon, _), mass in zip(self.drawn, masses, strict=True):
-                model.tendon_armature[tendon] = mass
-            self.mujoco.mj_setConst(model, self.mujoco.MjData(model))
-            configure(self.mujoco, model, self.options, self.choice.step)  # scales the inverse weights just computed anew
+        drives = []
+        for k, driver in zip(driven_coordinates(self.mechanism, self.tree), jointed(self.mechanism), strict=True):
+            if k is not None:
+                drives.append(Drive(driver.law, share * float(self.model.dof_M0[k]), k))
+        for cylinder, tendon, motor in draft.cylinders:
+            mass = share / float(self.model.tendon_invweight0[tendon.id])
+            drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
+        return drives
 
     @property
-    def pushed(self) -> bool:
+    def sets_forces(self) -> bool:
         """Whether Python sets forces at every stage of a step."""
-        return bool(self.drives or self.cylinders or self.varying.varying)
+        return bool(self.drives or self.varying_forces.varying)
 
-    def _push(self, data: Any, t: float) -> None:
+    def _set_forces(self, data: Any, t: float) -> None:
         """Set the driving torques and the forces that vary at time t [s]."""
-        if self.varying.varying:
+        data.qfrc_applied[:] = self.torque
+        if self.varying_forces.varying:
             y, dy = np.array(data.qpos), np.array(data.qvel)
             q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
-            data.qfrc_applied[:] = self.torque + self.tree.forces(q, self.varying.generalised(q, v, t))
-        for k, armature, law in self.drives:
-            at_rest = data.qfrc_applied[k] if self.varying.varying else self.torque[k]
-            data.qfrc_applied[k] = at_rest + armature * float(law(t)[2])
-        for motor, mass, law in self.cylinders:
-            data.ctrl[motor] = mass * float(law(t)[2])
+            data.qfrc_applied[:] += self.tree.forces(q, self.varying_forces.generalised(q, v, t))
+        for drive in self.drives:
+            drive.push(data, t)
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
         """Evaluate the model at a tree state y, dy (n,) and time t [s], and return MuJoCo's data."""
         data = self.still_data
         data.qpos[:], data.qvel[:] = y, dy
-        self._push(data, t)
+        self._set_forces(data, t)
         self.mujoco.mj_forward(self.still, data)
         return data
 
@@ -209,8 +239,7 @@ class MujocoModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.native = times, native
         self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
-        self.y, self.dy = np.full((2, len(times), self.tree.n), np.nan)
-        self.y[0], self.dy[0] = self.y0, self.dy0
+        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
         self.data.time = times[0]
@@ -219,20 +248,21 @@ class MujocoModel:
 
     def run(self) -> None:
         control = self.mujoco.get_mjcb_control()
-        if self.pushed:  # called at every stage of a step, with the time of that stage
-            self.mujoco.set_mjcb_control(lambda model, data: self._push(data, min(data.time, self.last)))
+        if self.sets_forces:  # called at every stage of a step, with the time of that stage
+            self.mujoco.set_mjcb_control(lambda model, data: self._set_forces(data, min(data.time, self.last)))
         try:
-            with heard(self.mujoco, self.complaints):
+            with collect_warnings(self.mujoco, self.complaints):
                 self._run()
         finally:
             self.mujoco.set_mjcb_control(control)
 
     def _run(self) -> None:
+        """Take the steps of every stretch in one call of MuJoCo's loop, or in one call from Python for each step."""
         step, model, data = self.mujoco.mj_step, self.model, self.data
         for begin, count, size, last, row in self.plan:
             model.opt.timestep, self.last = size, last
             if self.mechanism.kinks:
-                data.time = begin  # MuJoCo sums up steps: with rounding it would still be before the kink where this stretch begins
+                data.time = begin  # MuJoCo adds up steps: with rounding its time could still be before the kink at `begin`
             if self.native:
                 step(model, data, nstep=count)
             else:
@@ -251,34 +281,35 @@ class MujocoModel:
         """
         from mujoco import rollout
 
-        if self.pushed:
+        if self.sets_forces:
             raise RunFailure(Status.SKIP, "MuJoCo's rollout cannot set forces that vary with time at every stage")
         kinds, data = self.mujoco.mjtState, self.mujoco.MjData(self.model)
         initial = np.zeros((len(q), self.mujoco.mj_stateSize(self.model, kinds.mjSTATE_FULLPHYSICS)))
-        here = slice(1, 1 + 2 * self.tree.n)  # of a full state of MuJoCo: time, qpos, qvel, then what else the model has
-        initial[:, here] = np.hstack(self.tree.relative(q, v))
+        tree_state = slice(1, 1 + 2 * self.tree.n)  # MuJoCo's full state is time, qpos, qvel, then activations and the like
+        initial[:, tree_state] = np.hstack(self.tree.relative(q, v))
         states = np.empty((len(q), count, initial.shape[1]))
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
 
-        def go() -> Array:
+        def step_all() -> Array:
             with rollout.Rollout(nthread=0) as pool:
                 pool.rollout(self.model, [data], initial, self.torque[None, None], **options)
-            return states[:, -1, here].reshape(len(q), 2, -1)
+            return states[:, -1, tree_state].reshape(len(q), 2, -1)
 
-        return go
+        return step_all
 
     def read(self) -> Trajectory:
         complaint = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
-        subject = "the motion law is" if self.drives or self.cylinders else "forces that vary are"
-        note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.pushed else ""
+        subject = "the motion law is" if self.drives else "forces that vary are"
+        note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.sets_forces else ""
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
         steps = sum(stretch.steps for stretch in self.plan)
 
-        def at(k: int) -> Array:
+        def acceleration_of_sample(k: int) -> Array:
             return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
 
-        with heard(self.mujoco, []):  # warnings about samples of a run that has diverged are dropped: the judge finds such a run
-            trajectory = with_accelerations(self.times, q, v, at, steps, note="; ".join(filter(None, (note, complaint))))
+        with collect_warnings(self.mujoco, []):  # those about samples of a diverged run are dropped: the judge finds such a run
+            note = "; ".join(filter(None, (note, complaint)))
+            trajectory = with_accelerations(self.times, q, v, acceleration_of_sample, steps, note=note)
         if finite(q, v) == len(q) and (complaint or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
             message = f"MuJoCo warned before t = {self.times[-1]:.6g} s{complaint and '; '}{complaint}; {advice}"
@@ -287,7 +318,7 @@ class MujocoModel:
 
 
 @contextlib.contextmanager
-def heard(mujoco: Any, complaints: list[str]) -> Iterator[None]:
+def collect_warnings(mujoco: Any, complaints: list[str]) -> Iterator[None]:
     """Collect MuJoCo's warnings in a list; otherwise MuJoCo writes them to a file in the current folder."""
     usual = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(complaints.append)
@@ -298,7 +329,7 @@ def heard(mujoco: Any, complaints: list[str]) -> Iterator[None]:
 
 
 def verify(built: MujocoModel) -> None:
-    """Compare a built model with the suite's own terms at tree states whose open joints need not be closed.
+    """Compare a built model with the suite's own terms at tree states at which loops are open.
 
     Raises:
         RunFailure: a quantity of `comparison` differs.
@@ -309,9 +340,9 @@ def verify(built: MujocoModel) -> None:
 
 
 def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) -> dict[str, tuple[Array, Array, float]]:
-    """Return the quantities to compare at a tree state y, dy (n,): MuJoCo's value, the suite's, and the scale of a difference.
+    """Return quantity -> MuJoCo's value, the suite's, and the scale of a difference, at a tree state y, dy (n,).
 
-    They determine the model, except for the softness of its closures.
+    Together they determine the model, except for the softness of its closures.
     """
     data, own = built.forward(y, dy), open_tree(evaluator, built.tree, y, dy)
     forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias

@@ -1,4 +1,4 @@
-"""An MJCF document as MuJoCo's compiler resolves it (defaults, classes, frames, masses of shapes), as plain data."""
+"""An MJCF document with its defaults, classes, frames and masses resolved by MuJoCo's compiler, as plain data."""
 
 import tomllib
 from collections.abc import Callable
@@ -60,17 +60,10 @@ def describe_model(mujoco: Any, compiler: Callable[[], Any]) -> dict[str, Any]:
     except (MemoryError, RuntimeError) as error:  # a RuntimeError says only "an unknown exception"
         raise DoesNotCompile("its compiler failed, as it does where memory does not suffice") from error
     mujoco.mj_kinematics(model, data)
-    turns = np.array(data.ximat).reshape(-1, 3, 3)
-    placed = {
-        "xpos": np.array(data.xpos),
-        "xmat": np.array(data.xmat).reshape(-1, 3, 3),
-        "xipos": np.array(data.xipos),
-        "inertia": np.einsum("kij,kj,klj->kil", turns, np.array(model.body_inertia), turns),
-        "xanchor": np.array(data.xanchor),
-        "xaxis": np.array(data.xaxis),
-        "site_xpos": np.array(data.site_xpos),
-        "site_xmat": np.array(data.site_xmat).reshape(-1, 3, 3),
-    }
+    poses = {key: np.array(getattr(data, key)) for key in ("xpos", "xipos", "xanchor", "xaxis", "site_xpos")}
+    poses |= {key: np.array(getattr(data, key)).reshape(-1, 3, 3) for key in ("xmat", "site_xmat")}
+    turns = np.array(data.ximat).reshape(-1, 3, 3)  # from the principal axes of each body
+    poses["inertia"] = np.einsum("kij,kj,klj->kil", turns, np.array(model.body_inertia), turns)
 
     def name(kind: str, k: int) -> str:
         return mujoco.mj_id2name(model, int(getattr(mujoco.mjtObj, READ["counted"][kind][1])), k) or ""
@@ -82,7 +75,7 @@ def describe_model(mujoco: Any, compiler: Callable[[], Any]) -> dict[str, Any]:
     return {
         **{key: np.array(getattr(model, key)) for key in READ["fields"].split()},
         **{key: int(getattr(model, key)) for key in (*(x for x, _ in READ["counted"].values()), *READ["others"])},
-        **placed,
+        **poses,
         "names": {kind: [name(kind, k) for k in range(getattr(model, count))] for kind, (count, _) in READ["counted"].items()},
         "types": {kind: words(enumeration) for kind, enumeration in READ["types"].items()},
         "gravity": np.array(model.opt.gravity),

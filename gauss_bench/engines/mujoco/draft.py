@@ -1,11 +1,11 @@
-"""A linkage as a MuJoCo model under construction: bodies, joints, closures and forces.
+"""A linkage as a MuJoCo specification: bodies, joints, closures and forces, before MuJoCo compiles it.
 
 Every link is a body whose frame lies at its centre of mass; joint coordinates are the tree coordinates y. MuJoCo's reference pose
 is the start of the mechanism, so that the loops are closed where the compiler computes body_invweight0. Names are those of the
 linkage.
 """
 
-from itertools import count
+from collections import defaultdict
 from typing import Any, assert_never
 
 import numpy as np
@@ -24,7 +24,7 @@ class Draft:
     Attributes:
         spec: the MjSpec that MuJoCo compiles.
         torque: (n,) constant generalised force; MuJoCo keeps it in the data (qfrc_applied), not in the model.
-        cylinders: tendon and motor of every driven length.
+        cylinders: for every driven length the driver, its tendon, and the motor whose control is the force.
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
@@ -39,14 +39,14 @@ class Draft:
         self.sites: dict[tuple[Any, ...], str] = {}
         y, _ = tree.relative(mechanism.q0, mechanism.v0)
         for b in tree.branches:
-            self._link(b, mechanism.links[b.link], y)
+            self._add_link(b, mechanism.links[b.link], y)
         for pin in closing_pins(tree):
-            self._closure(*pin)
-        springs = [self._force(x) for x in native_forces(mechanism, tree)]
-        self._joint_springs([x for x in springs if x is not None])
-        self.cylinders = [self._cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
+            self._add_closure(*pin)
+        springs = [self._add_force(x) for x in native_forces(mechanism, tree)]
+        self._set_joint_springs([x for x in springs if x is not None])
+        self.cylinders = [self._add_cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
 
-    def _link(self, b: Branch, link: Link, y: Array) -> None:
+    def _add_link(self, b: Branch, link: Link, y: Array) -> None:
         """Add a link as a body without geometry, placed at the tree coordinates y (n,), with its joints."""
         origin, angle = rest_pose(b, y)
         quaternion = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
@@ -56,20 +56,22 @@ class Draft:
         self.bodies[b.link] = body
         hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
-        def joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
+        def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
             self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
-        free: list[Array] = list(np.eye(2)) if b.kind == "free" else []
-        slides = [b.axis] if b.kind == "prismatic" else free
+        slides = {"revolute": [], "prismatic": [b.axis], "free": [*np.eye(2)]}[b.kind]
         names = [b.joint.name] if b.joint else [f"{link.name} {x}" for x in ("x", "y", "theta")]
-        for i, axis in enumerate(slides):  # axes are given in the child's frame
-            joint(b.at + i, names[i], slide, spatial(rotate(axis, np.array(-angle))), np.zeros(2))
+        for i, axis in enumerate(slides):  # MuJoCo takes axes in the child's frame
+            add_joint(b.at + i, names[i], slide, spatial(rotate(axis, np.array(-angle))), np.zeros(2))
         if b.kind != "prismatic":
-            joint(b.at + len(slides), names[-1], hinge, [0.0, 0.0, 1.0], b.anchor)
+            add_joint(b.at + len(slides), names[-1], hinge, [0.0, 0.0, 1.0], b.anchor)
 
     def _name(self, kind: str, wanted: str) -> str:
         """Return the wanted name, with a number after it if another element of that kind has it already."""
-        name = next(x for k in count(1) if (kind, x := f"{wanted} {k}" if k > 1 else wanted) not in self.names)
+        name, k = wanted, 1
+        while (kind, name) in self.names:
+            k += 1
+            name = f"{wanted} {k}"
         self.names.add((kind, name))
         return name
 
@@ -81,29 +83,29 @@ class Draft:
             self.bodies[point.link].add_site(name=self.sites[key], pos=spatial(point.local))
         return self.sites[key]
 
-    def _closure(self, a: Point, b: Point) -> None:
+    def _add_closure(self, a: Point, b: Point) -> None:
         connect, site = self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtObj.mjOBJ_SITE
         self.spec.add_equality(type=connect, objtype=site, name1=self._site(a), name2=self._site(b))
 
-    def _force(self, f: Native) -> OnJoints | None:
-        """Add a force; one on a single joint is returned instead, because a joint has one spring, in which all must be summed."""
+    def _add_force(self, f: Native) -> OnJoints | None:
+        """Add a force, or return it if it acts on a single joint: a joint has one spring, in which all of them must be summed."""
         match f:
             case Steady():
                 self.torque += f.force
             case Tendon():
-                self._spatial_tendon(f)
+                self._add_spatial_tendon(f)
             case AtSite():
-                self._site_force(f)
+                self._add_site_force(f)
             case OnJoints() if np.count_nonzero(f.row) == 1:
                 return f
             case OnJoints():
                 if f.row.any():
-                    self._fixed_tendon(f)
+                    self._add_fixed_tendon(f)
             case _:
                 assert_never(f)
         return None
 
-    def _spatial_tendon(self, f: Tendon) -> None:
+    def _add_spatial_tendon(self, f: Tendon) -> None:
         """Add a spring and damper on a distance; the constant part of its law becomes an actuator without control."""
         tendon = self.spec.add_tendon(name=self._name("tendon", f"{f.a.name} to {f.b.name}"))
         tendon.wrap_site(self._site(f.a))
@@ -111,42 +113,42 @@ class Draft:
         set_spring(tendon, f.law.k, f.law.c)
         tendon.springlength = [f.law.rest] * 2
         if f.law.bias:
-            self._actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+            self._add_actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
 
-    def _cylinder(self, driver: LengthDriver) -> tuple[Any, Any]:
-        """Add a tendon whose length is driven, and return it with the motor whose control is the force."""
+    def _add_cylinder(self, driver: LengthDriver) -> tuple[LengthDriver, Any, Any]:
+        """Add a tendon whose length is driven, and its motor."""
         tendon = self.spec.add_tendon(name=self._name("tendon", driver.name))
         tendon.wrap_site(self._site(driver.a))
         tendon.wrap_site(self._site(driver.b))
-        motor = self._actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+        motor = self._add_actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
         motor.gainprm = [1.0, *np.zeros(len(motor.gainprm) - 1)]
-        return tendon, motor
+        return driver, tendon, motor
 
     def hold_torque(self) -> None:
         """Move the constant generalised forces into the model as actuators, for a document that is used without this suite."""
         for at in np.flatnonzero(self.torque):
             name = self.joints[int(at)].name
             target = {"trntype": self.mujoco.mjtTrn.mjTRN_JOINT, "target": name}
-            self._actuator((float(self.torque[at]), 0.0, 0.0), name=self._name("actuator", f"torque on {name}"), **target)
+            self._add_actuator((float(self.torque[at]), 0.0, 0.0), name=self._name("actuator", f"torque on {name}"), **target)
 
-    def _actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
+    def _add_actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
         """Add an actuator with the force bias . [1, L, dL/dt] on the length L of a transmission."""
         actuator = self.spec.add_actuator(**transmission)
-        actuator.gainprm = np.zeros_like(actuator.gainprm)  # no control enters
+        actuator.gainprm = np.zeros_like(actuator.gainprm)  # the control has no effect
         actuator.biastype = self.mujoco.mjtBias.mjBIAS_AFFINE
         actuator.biasprm = [*bias, *np.zeros(len(actuator.biasprm) - 3)]
         return actuator
 
-    def _site_force(self, f: AtSite) -> None:
-        actuator = self._actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=self._site(f.point))
+    def _add_site_force(self, f: AtSite) -> None:
+        actuator = self._add_actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=self._site(f.point))
         if f.frame is not None:
             actuator.refsite = self._site(f.frame)
         actuator.gear = [*f.direction, 0.0, 0.0, 0.0, 0.0]
 
-    def _fixed_tendon(self, f: OnJoints) -> None:
+    def _add_fixed_tendon(self, f: OnJoints) -> None:
         """Add a spring and damper on a sum of joint coordinates.
 
-        The sum is signed so that the spring's rest length is not negative: MuJoCo takes -1 for "the length at qpos0".
+        Trap: MuJoCo reads a rest length of -1 as "the length at qpos0". The sum is negated if its rest length would be negative.
         """
         rest = f.rest - f.constant
         sign = -1.0 if rest < 0 else 1.0
@@ -156,15 +158,16 @@ class Draft:
         set_spring(tendon, f.k, f.c)
         tendon.springlength = [sign * rest] * 2
 
-    def _joint_springs(self, springs: list[OnJoints]) -> None:
+    def _set_joint_springs(self, springs: list[OnJoints]) -> None:
         """Sum the springs and dampers on each joint into one: stiffnesses add up, and so do the springs' forces at y = 0."""
-        at = [int(np.flatnonzero(f.row)[0]) for f in springs]
-        for joint in set(at):
-            here = [f for f, place in zip(springs, at, strict=True) if place == joint]
-            k = sum(f.k for f in here)
-            pull = sum(f.k * (f.rest - f.constant) * f.row[joint] for f in here)
-            set_spring(self.joints[joint], k, sum(f.c for f in here))
-            self.joints[joint].springref = pull / k if k else 0.0
+        by_joint: defaultdict[int, list[OnJoints]] = defaultdict(list)
+        for f in springs:
+            by_joint[int(np.flatnonzero(f.row)[0])].append(f)
+        for at, forces in by_joint.items():
+            k, joint = sum(f.k for f in forces), self.joints[at]
+            force_at_zero = sum(f.k * (f.rest - f.constant) * f.row[at] for f in forces)
+            set_spring(joint, k, sum(f.c for f in forces))
+            joint.springref = force_at_zero / k if k else 0.0
 
 
 def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
@@ -177,5 +180,5 @@ def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
 
 
 def set_spring(item: Any, k: float, c: float) -> None:
-    """Set the stiffness and damping of a joint or tendon; MuJoCo holds polynomials, whose higher coefficients are zero here."""
+    """Set the stiffness and damping of a joint or tendon: MuJoCo takes polynomials, whose higher coefficients are zero here."""
     item.stiffness, item.damping = [k, 0.0, 0.0], [c, 0.0, 0.0]

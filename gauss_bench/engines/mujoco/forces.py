@@ -1,6 +1,6 @@
 """The forces of a linkage as elements of MuJoCo. This module does not import MuJoCo.
 
-The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is given to MuJoCo only if one of these elements
+The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is modelled only if one of these elements
 represents it exactly; otherwise the linkage is skipped:
 
     torque                                                            constant generalised force on the hinges of the chain
@@ -17,7 +17,8 @@ from typing import assert_never
 import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL
-from gauss_bench.engines.tree import Tree
+from gauss_bench.engines.tree import Tree, Turning
+from gauss_bench.engines.tree import turning as turning  # where plug-ins look for it
 from gauss_bench.mechanism.coordinates import rate, rotate, value
 from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, Weighted, factor_of
@@ -69,41 +70,6 @@ class AtSite:
 Native = Steady | OnJoints | Tendon | AtSite
 
 
-@dataclass(frozen=True, eq=False)
-class Turning:
-    """The angles of all links as theta = rows . y + constants.
-
-    Attributes:
-        rows: (links + 1, n) of zeros and ones; the last row is the ground.
-        constants: (links + 1,) [rad].
-    """
-
-    rows: Array
-    constants: Array
-
-    def together(self, a: int, b: int) -> bool:
-        """Tell whether two links never turn relative to each other."""
-        return bool((self.rows[a] == self.rows[b]).all())
-
-    def turns_with(self, a: int, b: int) -> bool:
-        """Tell whether every hinge that turns link a turns b as well."""
-        return bool((self.rows[a] <= self.rows[b]).all())
-
-    def apart(self, a: int, b: int) -> bool:
-        """Tell whether no hinge turns both links."""
-        return not (self.rows[a] * self.rows[b]).any()
-
-
-def turning(tree: Tree) -> Turning:
-    """Return the links' angles as functions of the tree coordinates, from the ground outwards."""
-    rows, constants = np.zeros((tree.links + 1, tree.n)), np.zeros(tree.links + 1)
-    for b in tree.branches:
-        rows[b.link], constants[b.link] = rows[b.parent], constants[b.parent] + b.turn
-        if b.kind != "prismatic":
-            rows[b.link, b.at + (2 if b.kind == "free" else 0)] = 1.0
-    return Turning(rows, constants)
-
-
 def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
     """Return all forces that do not vary with time as elements of MuJoCo.
 
@@ -112,7 +78,7 @@ def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
-    return [x for f in steady for load in f.lowered() for x in native(f.name, load, mechanism, tree, turns)]
+    return [x for f in steady for load in f.to_loads() for x in native(f.name, load, mechanism, tree, turns)]
 
 
 def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
@@ -138,16 +104,20 @@ def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turni
 
 
 def on_joints(row: Array, constant: float, law: Law) -> list[Native]:
-    """Return the elements for a law on L = row . y + constant: its constant part is a generalised force."""
-    steady: list[Native] = [Steady(law.bias * row)] if law.bias else []
-    return [*steady, OnJoints(row, constant, law.k, law.c, law.rest)] if law.k or law.c else steady
+    """Return the elements for a law on L = row . y + constant; the constant part of the law is a generalised force."""
+    elements: list[Native] = []
+    if law.bias:
+        elements.append(Steady(law.bias * row))
+    if law.k or law.c:
+        elements.append(OnJoints(row, constant, law.k, law.c, law.rest))
+    return elements
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
     """Return the elements for a constant force that is fixed in the world, in its own link, or in another link.
 
-    In another link it is exact only if that link's hinges do not move the point. A second force then cancels the reaction on that
-    link, which only gives the direction.
+    If it is fixed in another link, it is exact only if that link's hinges do not move the point. That link only gives the
+    direction: a second force cancels the reaction on it.
 
     Raises:
         RunFailure: the force is fixed in a link whose hinges move the point (status SKIP).
@@ -165,10 +135,10 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
 
 
 def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
-    """Return the elements for a law along an axis: on a slide's own coordinate where one fits, else a site transmission.
+    """Return the elements for a law along an axis: on the coordinate of a parallel slide, or else a site transmission.
 
-    A site transmission leaves out the torque that belongs to the turning of the reference site. It is exact only if every hinge
-    that turns the reference site also turns the other site, because such a hinge does not change the coordinate.
+    Trap: a site transmission leaves out the torque that acts when the reference site turns. It is exact only if every hinge that
+    turns the reference site also turns the other site, because such a hinge does not change the coordinate.
 
     Raises:
         RunFailure: neither is exact (status SKIP).
@@ -198,7 +168,8 @@ def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Ar
     sliding = np.zeros(tree.n)
     sliding[branch.at] = 1.0
     q, v, _ = tree.absolute(y, sliding, np.zeros(tree.n))
-    cosine, sine = (rate(x, q, v) for x in (along, replace(along, across=not along.across)))  # sliding at unit speed
+    # as the slide moves at unit speed, the rates along and across the axis are cosine and sine of the angle between both
+    cosine, sine = rate(along, q, v), rate(replace(along, across=not along.across), q, v)
     if abs(sine) > PARALLEL:
         return None
     sign = float(np.sign(cosine))

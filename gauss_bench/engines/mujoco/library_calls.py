@@ -1,7 +1,7 @@
 """One evaluation of the right-hand side by MuJoCo alone: mj_forward, with sparse and with dense Jacobians.
 
 The closures are as soft as MuJoCo ships them, which causes most of the error. Features that the model does not use are off. The
-tree is the one of least depth: with a deep one a chain of N loops costs about N^2 instead of N.
+tree is the one of least depth: with a deep one the cost of a chain of N loops grows with N^2, not with N.
 """
 
 from functools import partial
@@ -14,10 +14,10 @@ from gauss_bench.engines.shared import LibraryCall
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-LEAN = "lean/rk4"  # of the variants
+LEAN = "lean/rk4"  # a variant
 
 
-def forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
+def prepare_forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
     """Prepare a call of mj_forward with `jacobian` "SPARSE" or "DENSE" at a state q, v (n,)."""
     built = MujocoModel(mechanism, Choice(LEAN, "rk4"))
     mujoco, model = built.mujoco, built.model
@@ -29,4 +29,4 @@ def forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryC
     return LibraryCall(lambda: mujoco.mj_forward(model, data), built.tree.absolute(y, dy, np.array(data.qacc))[2])
 
 
-CALLS = {"sparse": partial(forward, "SPARSE"), "dense": partial(forward, "DENSE")}
+CALLS = {"sparse": partial(prepare_forward, "SPARSE"), "dense": partial(prepare_forward, "DENSE")}

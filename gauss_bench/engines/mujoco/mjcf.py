@@ -1,35 +1,27 @@
 """The adapter's model as an MJCF document that runs in MuJoCo without this suite.
 
-MuJoCo's own writer keeps six digits, too few for closed loops, so every number is written here in full. MuJoCo reads the document
-back, and its accelerations are compared with those of the adapter's model.
+Trap: MuJoCo's own writer keeps six digits, too few for closed loops, so this module writes every number in full. Then MuJoCo reads
+the document, and its accelerations are compared with those of the adapter's model.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.adapter import MujocoModel
+from gauss_bench.engines.mujoco.adapter import MujocoModel, set_armatures
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.shared import require_agreement, size, spatial, tree_states
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-AGREEMENT = 1e-9  # relative, of accelerations: both are MuJoCo's, of the same numbers
+AGREEMENT = 1e-9  # relative, of accelerations: MuJoCo computes both from the same numbers
 THICKNESS = 0.02  # thickness of a drawn bar, relative to the longest bar
 START = "start"  # name of the keyframe
-SPELT = {  # MuJoCo's name of an integrator or solver -> its spelling in a document
-    "mjINT_RK4": "RK4",
-    "mjINT_EULER": "Euler",
-    "mjINT_IMPLICITFAST": "implicitfast",
-    "mjINT_DISCRETE": "discrete",
-    "mjSOL_NEWTON": "Newton",
-    "mjSOL_CG": "CG",
-    "mjSOL_PGS": "PGS",
-}
+INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # spelling in a document, where it differs from the adapter's
 
 
 def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
@@ -48,34 +40,19 @@ def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
     built = MujocoModel(mechanism, choice)
     if built.options["body_invweight0_factor"] != 1.0 and not edited:
         raise RunFailure(Status.SKIP, "MJCF cannot scale the compiled inverse weights, as these settings do")
-    draft = Draft(built.mujoco, mechanism, built.tree)
-    draft.hold_torque()
     root = Element("mujoco", model=mechanism.name)
     SubElement(root, "compiler", angle="radian", autolimits="true")
-    root.append(_option(built))
-    world = SubElement(root, "worldbody")
-    lines = {link: draw(mechanism, link) for link in range(GROUND, len(mechanism.links))}
-    thickness = THICKNESS * max((float(np.linalg.norm(b - a)) for pairs in lines.values() for a, b in pairs), default=1.0)
-    links = {draft.bodies[i].name: i for i in range(len(mechanism.links))}
-
-    def decorate(node: Element) -> None:
-        link = links.get(node.get("name", ""), GROUND)
-        _points(node, mechanism, link)
-        for a, b in lines[link]:
-            look = {"size": said(thickness), "contype": "0", "conaffinity": "0", "group": "1"}
-            SubElement(node, "geom", look, type="capsule", fromto=said([*spatial(a), *spatial(b)]))
-
-    _body(world, draft.spec.worldbody, built.mujoco, decorate)
-    _list(root, "equality", _closures(draft.spec, built.model))
-    _list(root, "tendon", _tendons(draft.spec, built.mujoco))
-    _list(root, "actuator", _actuators(draft.spec, built.mujoco))
-    key = {"qpos": said(built.y0), "qvel": said(built.dy0)}
-    SubElement(SubElement(root, "keyframe"), "key", key, name=START)
+    _add_option(root, built)
+    draft = Draft(built.mujoco, mechanism, built.tree)
+    draft.hold_torque()
+    _Writer(built, draft).add_model(root)
+    start = {"qpos": write_numbers(built.y0), "qvel": write_numbers(built.dy0)}
+    SubElement(SubElement(root, "keyframe"), "key", start, name=START)
     _verify(root, built)
     return root
 
 
-def said(x: Any) -> str:
+def write_numbers(x: Any) -> str:
     """Write numbers in full precision, separated by spaces."""
     return " ".join(repr(float(value)) for value in np.atleast_1d(x))
 
@@ -86,85 +63,96 @@ def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]
 
 
-def _points(node: Element, mechanism: Mechanism, link: int) -> None:
-    """Add the named points of a link as sites, except those that a force or closure has added already."""
-    there = {site.get("name") for site in node.findall("site")}
-    names = mechanism.ground_points if link == GROUND else mechanism.links[link].points
-    for name in names:
-        point: Point = mechanism.point(link, name)
-        if point.name not in there:
-            SubElement(node, "site", name=point.name, pos=said(spatial(point.local)))
-
-
-def _option(built: MujocoModel) -> Element:
-    """Return the <option> element with the options that the adapter has set in the compiled model."""
-    mujoco, opt = built.mujoco, built.model.opt
-    option = Element(
+def _add_option(root: Element, built: MujocoModel) -> None:
+    """Add the <option> element with the options that the adapter has set in the compiled model."""
+    mujoco, opt, integrator = built.mujoco, built.model.opt, built.choice.integrator or "rk4"
+    option = SubElement(
+        root,
         "option",
-        timestep=said(opt.timestep),
-        gravity=said(opt.gravity),
-        integrator=SPELT[mujoco.mjtIntegrator(opt.integrator).name],
-        solver=SPELT[mujoco.mjtSolver(opt.solver).name],
-        jacobian=mujoco.mjtJacobian(opt.jacobian).name.removeprefix("mjJAC_").lower(),
-        tolerance=said(opt.tolerance),
+        timestep=write_numbers(opt.timestep),
+        gravity=write_numbers(opt.gravity),
+        integrator=INTEGRATORS.get(integrator, integrator),
+        solver=built.options["solver"],
+        jacobian=built.options["jacobian"],
+        tolerance=write_numbers(opt.tolerance),
         iterations=str(opt.iterations),
     )
-    bits = {name: int(bit) for name, bit in mujoco.mjtDisableBit.__members__.items() if name.startswith("mjDSBL_")}
-    off = {name.removeprefix("mjDSBL_").lower(): "disable" for name, bit in sorted(bits.items()) if opt.disableflags & bit}
-    SubElement(option, "flag", off)
-    return option
+    flags = {name: int(bit) for name, bit in mujoco.mjtDisableBit.__members__.items() if name.startswith("mjDSBL_")}
+    disabled = [name for name, bit in flags.items() if opt.disableflags & bit]
+    SubElement(option, "flag", {name.removeprefix("mjDSBL_").lower(): "disable" for name in sorted(disabled)})
 
 
-def _body(node: Element, body: Any, mujoco: Any, decorate: Callable[[Element], None]) -> None:
-    """Write a body of the specification into `node`: its joints and sites, the geometry for viewers, and its child bodies."""
-    kinds = {mujoco.mjtJoint.mjJNT_HINGE: "hinge", mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
-    for joint in body.joints:
-        more = {"stiffness": said(joint.stiffness[0]), "springref": said(joint.springref)} if joint.stiffness[0] else {}
-        more |= {"damping": said(joint.damping[0])} if joint.damping[0] else {}
-        where = {"axis": said(joint.axis), "pos": said(joint.pos), "ref": said(joint.ref)}
-        SubElement(node, "joint", where | more, name=joint.name, type=kinds[joint.type])
-    for site in body.sites:
-        SubElement(node, "site", name=site.name, pos=said(site.pos))
-    decorate(node)
-    for child in body.bodies:
-        inner = SubElement(node, "body", name=child.name, pos=said(child.pos), quat=said(child.quat))
-        SubElement(inner, "inertial", pos=said(child.ipos), mass=said(child.mass), diaginertia=said(child.inertia))
-        _body(inner, child, mujoco, decorate)
+class _Writer:
+    """Writes the parts of a draft as elements of a document; what the compiler computes is taken from the built model."""
 
+    def __init__(self, built: MujocoModel, draft: Draft):
+        self.mujoco, self.mechanism, self.model, self.spec = built.mujoco, built.mechanism, built.model, draft.spec
+        self.links = {draft.bodies[i].name: i for i in range(len(self.mechanism.links))}
+        bars = [bar for link in range(len(self.mechanism.links)) for bar in draw(self.mechanism, link)]
+        longest = max((float(np.linalg.norm(b - a)) for a, b in bars), default=1.0)
+        self.look = {"size": write_numbers(THICKNESS * longest), "contype": "0", "conaffinity": "0", "group": "1"}
 
-def _closures(spec: Any, model: Any) -> Iterator[Element]:
-    for k, closure in enumerate(spec.equalities):
-        softness = {"solref": said(model.eq_solref[k]), "solimp": said(model.eq_solimp[k])}
-        yield Element("connect", softness, site1=closure.name1, site2=closure.name2)
+    def add_model(self, root: Element) -> None:
+        self._add_body(SubElement(root, "worldbody"), self.spec.worldbody)
+        lists = {"equality": self._closures(), "tendon": self._tendons(), "actuator": self._actuators()}
+        for name, elements in lists.items():
+            found = list(elements)
+            if found:
+                SubElement(root, name).extend(found)
 
+    def _add_body(self, node: Element, body: Any) -> None:
+        """Write a body into `node`: its joints and sites, the geometry for viewers, and its child bodies."""
+        kinds = {self.mujoco.mjtJoint.mjJNT_HINGE: "hinge", self.mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
+        for joint in body.joints:
+            written = {"axis": write_numbers(joint.axis), "pos": write_numbers(joint.pos), "ref": write_numbers(joint.ref)}
+            if joint.stiffness[0]:
+                written |= {"stiffness": write_numbers(joint.stiffness[0]), "springref": write_numbers(joint.springref)}
+            if joint.damping[0]:
+                written["damping"] = write_numbers(joint.damping[0])
+            SubElement(node, "joint", written, name=joint.name, type=kinds[joint.type])
+        sites = {site.name: site.pos for site in body.sites}  # those that a force or closure uses
+        link = self.links.get(body.name, GROUND)
+        names = self.mechanism.ground_points if link == GROUND else self.mechanism.links[link].points
+        for point in (self.mechanism.point(link, name) for name in names):
+            sites.setdefault(point.name, spatial(point.local))
+        for name, place in sites.items():
+            SubElement(node, "site", name=name, pos=write_numbers(place))
+        for a, b in draw(self.mechanism, link):
+            SubElement(node, "geom", self.look, type="capsule", fromto=write_numbers([*spatial(a), *spatial(b)]))
+        for child in body.bodies:
+            inner = SubElement(node, "body", name=child.name, pos=write_numbers(child.pos), quat=write_numbers(child.quat))
+            moments = write_numbers(child.inertia)
+            SubElement(inner, "inertial", pos=write_numbers(child.ipos), mass=write_numbers(child.mass), diaginertia=moments)
+            self._add_body(inner, child)
 
-def _tendons(spec: Any, mujoco: Any) -> Iterator[Element]:
-    for tendon in spec.tendons:
-        fixed = tendon.path[0].type == mujoco.mjtWrap.mjWRAP_JOINT
-        force = {"stiffness": said(tendon.stiffness[0]), "damping": said(tendon.damping[0])}
-        node = Element("fixed" if fixed else "spatial", force, springlength=said(tendon.springlength))
-        node.attrib |= {"name": tendon.name} if tendon.name else {}
-        for part in tendon.path:
-            if fixed:
-                SubElement(node, "joint", joint=part.target.name, coef=said(part.coef))
-            else:
-                SubElement(node, "site", site=part.target.name)
-        yield node
+    def _closures(self) -> Iterator[Element]:
+        for closure, solref, solimp in zip(self.spec.equalities, self.model.eq_solref, self.model.eq_solimp, strict=True):
+            softness = {"solref": write_numbers(solref), "solimp": write_numbers(solimp)}
+            yield Element("connect", softness, site1=closure.name1, site2=closure.name2)
 
+    def _tendons(self) -> Iterator[Element]:
+        for tendon in self.spec.tendons:
+            fixed = tendon.path[0].type == self.mujoco.mjtWrap.mjWRAP_JOINT
+            force = {"stiffness": write_numbers(tendon.stiffness[0]), "damping": write_numbers(tendon.damping[0])}
+            node = Element("fixed" if fixed else "spatial", force, springlength=write_numbers(tendon.springlength))
+            if tendon.name:
+                node.set("name", tendon.name)
+            for part in tendon.path:
+                if fixed:
+                    SubElement(node, "joint", joint=part.target.name, coef=write_numbers(part.coef))
+                else:
+                    SubElement(node, "site", site=part.target.name)
+            yield node
 
-def _actuators(spec: Any, mujoco: Any) -> Iterator[Element]:
-    """Yield the actuators: force gain u + bias . [1, L, dL/dt], where the gain is zero unless a length is driven."""
-    on = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon", mujoco.mjtTrn.mjTRN_SITE: "site"}
-    for actuator in spec.actuators:
-        where = {on[actuator.trntype]: actuator.target, "gear": said(actuator.gear)}
-        where |= {key: x for key, x in (("name", actuator.name), ("refsite", actuator.refsite)) if x}
-        yield Element("general", where, gainprm=said(actuator.gainprm[0]), biastype="affine", biasprm=said(actuator.biasprm[:3]))
-
-
-def _list(root: Element, name: str, items: Iterator[Element]) -> None:
-    elements = list(items)
-    if elements:
-        SubElement(root, name).extend(elements)
+    def _actuators(self) -> Iterator[Element]:
+        """Yield the actuators: force gain u + bias . [1, L, dL/dt], where the gain is zero unless a length is driven."""
+        kinds = self.mujoco.mjtTrn
+        targets = {kinds.mjTRN_JOINT: "joint", kinds.mjTRN_TENDON: "tendon", kinds.mjTRN_SITE: "site"}
+        for actuator in self.spec.actuators:
+            written = {targets[actuator.trntype]: actuator.target, "gear": write_numbers(actuator.gear)}
+            written |= {key: getattr(actuator, key) for key in ("name", "refsite") if getattr(actuator, key)}
+            gain, bias = write_numbers(actuator.gainprm[0]), write_numbers(actuator.biasprm[:3])
+            yield Element("general", written, gainprm=gain, biastype="affine", biasprm=bias)
 
 
 def _verify(root: Element, built: MujocoModel) -> None:
@@ -176,20 +164,14 @@ def _verify(root: Element, built: MujocoModel) -> None:
     mujoco = built.mujoco
     # Settings that a document cannot hold are repeated on the compiled model, as the exported script does.
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
-    for k, armature, _ in built.drives:
-        model.dof_armature[k] = armature
-    for (tendon, _), (_, mass, _) in zip(built.drawn, built.cylinders, strict=True):
-        model.tendon_armature[tendon] = mass
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    set_armatures(mujoco, model, built.drives)
     model.body_invweight0[:] *= built.options["body_invweight0_factor"]
     model.opt.integrator, model.opt.disableflags = built.still.opt.integrator, built.still.opt.disableflags
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     require_agreement({"start": (np.concatenate([data.qpos, data.qvel]), np.concatenate([built.y0, built.dy0]), 1.0)}, 0.0)
-    for k, armature, law in built.drives:
-        data.qfrc_applied[k] = armature * float(law(0.0)[2])
-    for motor, mass, law in built.cylinders:
-        data.ctrl[motor] = mass * float(law(0.0)[2])
+    for drive in built.drives:
+        drive.push(data, 0.0)
     for y, dy in tree_states(built.tree, built.y0, built.dy0):
         data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)

@@ -1,4 +1,5 @@
-"""Pinocchio: `adapter` runs a mechanism, `tree` is its model, `forces` what Pinocchio does not have.
+"""Pinocchio: `tree` builds the model, `forces` computes the forces that Pinocchio does not have, `adapter` runs the model.
 
-`library_calls` asks the library alone.
+`dynamics` calls Pinocchio's solver from Python, `compiled` calls it from C++ (`loop.cpp`, built by `build`). `library_calls` times
+the library alone.
 """

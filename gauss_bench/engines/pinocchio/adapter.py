@@ -4,13 +4,13 @@ Its proximal iterations solve
 
     M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
 
-so that mu times the last change of the forces f is the remaining residual of the constraints. f itself is never read: its sign and
-frame do not matter here. A prescribed rotation is imposed by a torque, which takes one further solution for each driver.
+so that mu times the last change of the forces f is the remaining residual of the constraints. f itself is not used, so its sign and
+frame do not matter. A prescribed motion is imposed by a torque or force, which takes one further solution for each driver.
 
 Pinocchio has no springs and dampers, and no integrator for constrained systems: forces other than gravity reach it as tau, and the
 steps are the suite's, in tree coordinates. Baumgarte's terms are Pinocchio's own. Projection is the suite's, in absolute
-coordinates; mapped back to the tree it closes the open pins. Redundant rows that have drifted apart contradict each other: the
-iterations then do not converge, and the run ends with that reason. Projection keeps such rows together.
+coordinates; mapped back to the tree, the projected state has closed loops. Redundant rows that have drifted apart contradict
+each other: the iterations then do not converge, and the run ends with that reason. Projection keeps such rows consistent.
 """
 
 from collections.abc import Callable
@@ -38,14 +38,14 @@ VARIANTS = read_variants(Path(__file__).parent)
 
 
 class Pinocchio:
-    """The engine."""
+    """Pinocchio's constrained dynamics with the suite's integrators."""
 
     name = "pinocchio"
     integrators = ("rk4", "semi_implicit_euler", "dop853", "dop853_fixed")
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
-    resizable = True  # a model takes another step or tolerance
+    resizable = True  # a built model can run with another step or tolerance
     native_loop = False
     python_loop = True
 
@@ -60,22 +60,20 @@ class Pinocchio:
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
             return "projection between steps needs a fixed-step integrator"
-        return (
-            (beyond_the_loop(mechanism, choice, VARIANTS.options(choice.settings)) or building.missing())
-            if is_compiled(choice.settings)
-            else None
-        )
+        if is_compiled(choice.settings):
+            return beyond_the_loop(mechanism, choice, VARIANTS.options(choice.settings)) or building.missing()
+        return None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
         return PinocchioModel(mechanism, choice)
 
     def unbuilt(self, settings: str) -> str:
-        """Name the part that these settings need and that must still be built, once for a user; an empty text if there is none."""
-        wanted = is_compiled(settings) and not building.missing() and building.absent()
-        return "Pinocchio's compiled loop (about 2 minutes, once)" if wanted else ""
+        """Name the library that these settings need and that must still be built; an empty text if there is none."""
+        must_build = is_compiled(settings) and not building.missing() and building.absent()
+        return "Pinocchio's compiled loop (about 2 minutes, once)" if must_build else ""
 
     def build_once(self) -> None:
-        """Build the part that `unbuilt` names."""
+        """Build the library that `unbuilt` names; it is kept for all later runs of this user."""
         building.build_loop()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -83,12 +81,17 @@ class Pinocchio:
 
 
 def is_compiled(settings: str) -> bool:
-    """Tell whether settings step in the compiled loop instead of Python."""
+    """Tell whether steps under these settings are taken in the compiled loop, not in Python."""
     return bool(VARIANTS.options(settings)["loop"] == "compiled")
 
 
 class PinocchioModel(OwnSteps):
-    """A mechanism in Pinocchio under one integrator and stabilisation of the suite."""
+    """A mechanism in Pinocchio under one integrator and stabilisation of the suite.
+
+    Attributes:
+        plain: the dynamics that are reported, without Baumgarte's terms.
+        stabilized: the dynamics that are integrated.
+    """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import pinocchio
@@ -101,11 +104,12 @@ class PinocchioModel(OwnSteps):
         self.tolerances = self.options["dop853_rtol"], self.options["dop853_atol"]
         body = Multibody(pinocchio, mechanism, self.tree)
         verify(body, mechanism, self.tree)
-        self.forces, corrector = TreeForces(mechanism, self.tree, body), ("baumgarte_Kp_per_s2", "baumgarte_Kd_per_s")
-        proportional, rate = (float(self.options[x]) if choice.stabilization == "baumgarte" else 0.0 for x in corrector)
+        self.forces, gains = TreeForces(mechanism, self.tree, body), (0.0, 0.0)
+        if choice.stabilization == "baumgarte":
+            gains = float(self.options["baumgarte_Kp_per_s2"]), float(self.options["baumgarte_Kd_per_s"])
         dynamics = CompiledDynamics if is_compiled(choice.settings) else ConstrainedDynamics
-        self.plain = dynamics(body, self.forces, self.options, (0.0, 0.0))  # what is reported has no Baumgarte terms
-        self.stabilized = dynamics(body, self.forces, self.options, (proportional, rate))
+        self.plain = dynamics(body, self.forces, self.options, (0.0, 0.0))
+        self.stabilized = dynamics(body, self.forces, self.options, gains)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -113,17 +117,17 @@ class PinocchioModel(OwnSteps):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.plain(t, y, dy))[2], "Pinocchio")
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """Return two calls at the start: constraintDynamics alone, and a trivial function of Pinocchio, the cost of a call."""
+        """Return two calls at the start: Pinocchio's solver alone, and a trivial function, to time the call itself."""
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
         self.stabilized.evaluations = 0
         super().run()
 
-    def _adapt(self, rtol: float, atol: float) -> int:
+    def _run_adaptive(self, rtol: float, atol: float) -> int:
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance_adaptive(self.times, self.x, self.dx, rtol, atol)
-        return super()._adapt(rtol, atol)
+        return super()._run_adaptive(rtol, atol)
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
         if isinstance(self.stabilized, CompiledDynamics):
@@ -142,27 +146,27 @@ class PinocchioModel(OwnSteps):
         note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
         q, v, _ = self.tree.absolute(self.x, self.dx, np.zeros_like(self.x))
 
-        def at(k: int) -> Array:
+        def acceleration_of_sample(k: int) -> Array:
             ddy = self.plain(float(self.times[k]), self.x[k], self.dx[k])
             return np.asarray(self.tree.absolute(self.x[k : k + 1], self.dx[k : k + 1], ddy[None])[2][0])
 
-        trajectory = with_accelerations(self.times, q, v, at, self.steps, self.stabilized.evaluations, note)
+        evaluations = self.stabilized.evaluations
+        trajectory = with_accelerations(self.times, q, v, acceleration_of_sample, self.steps, evaluations, note)
         if finite(q, v, trajectory.a) == len(q):
-            self._check(trajectory)
+            self._check_constraints(trajectory)
         return trajectory
 
-    def _check(self, x: Trajectory) -> None:
+    def _check_constraints(self, x: Trajectory) -> None:
         """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma.
 
         Raises:
             RunFailure: they do not; it carries the samples before.
         """
-        a = x.a
         rows = self.evaluator.constraints(x.t, x.q, x.v)
-        missed = np.abs(np.einsum("kij,kj->ki", rows.J, a) - rows.gamma).max(axis=1, initial=0.0)
-        missed /= np.maximum(1.0, np.abs(a).max(axis=1))
-        if (missed > SOLVED).any():
-            k = int(np.argmax(missed > SOLVED))
-            text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {missed[k]:.1e} of their size"
-            before = Trajectory(x.t[:k], x.q[:k], x.v[:k], a[:k], x.steps, x.evaluations, x.note)
+        residual = np.abs(np.einsum("kij,kj->ki", rows.J, x.a) - rows.gamma).max(axis=1, initial=0.0)
+        residual /= np.maximum(1.0, np.abs(x.a).max(axis=1))
+        if (residual > SOLVED).any():
+            k = int(np.argmax(residual > SOLVED))
+            text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {residual[k]:.1e} of their size"
+            before = Trajectory(x.t[:k], x.q[:k], x.v[:k], x.a[:k], x.steps, x.evaluations, x.note)
             raise RunFailure(Status.NOT_CONVERGED, text, before)

@@ -1,8 +1,8 @@
 """Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for a user.
 
-The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it: a search does, or a user who asks for
+The build takes about 75 s of a processor and 2.2 GB of memory, so a run never starts it: only a search does, or a user who names
 these settings. One process builds at a time. The library is kept in the user's cache under a name made of its sources, flags,
-compiler and libraries, and moved there only when it is complete.
+compiler and libraries; it is moved there only when it is complete.
 """
 
 import fcntl
@@ -23,18 +23,20 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 SOURCE = Path(__file__).parent / "loop.cpp"
-# No -march: Eigen's objects cross into a library that was built for any processor. Definitions are those of Pinocchio's targets.
+# No -march, which changes the alignment of Eigen's objects: they are passed to a library that was built for any processor. The
+# definitions are those of Pinocchio's own build targets.
 DEFINED = "PINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION BOOST_MPL_LIMIT_LIST_SIZE=30 BOOST_MPL_LIMIT_VECTOR_SIZE=30"
 DEFINED += " BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS BOOST_FUSION_INVOKE_MAX_ARITY=12 NDEBUG"
 FLAGS = ("-std=c++17", "-O2", *(f"-D{x}" for x in DEFINED.split()), "-shared", "-fPIC", "-w")
 COMPILERS = ("c++", "g++", "clang++")
 LIBRARIES = ("pin", "libpinocchio", "cmeel-eigen", "cmeel-boost")
-MEMORY = 3 << 30  # bytes that the compiler may take
-LONGEST = 1800.0  # [s] after which a build is given up; long, for a busy machine
+MEMORY = 3 << 30  # [bytes] limit of the compiler
+LONGEST = 1800.0  # [s] limit of the build; long, for a busy machine
 NEEDED = {
     "include/pinocchio/multibody.hpp": "the headers of Pinocchio's wheel are missing",
     "include/eigen3/Eigen/Core": "Eigen's headers are missing; pip install 'gauss-bench[pinocchio-compiled]'",
 }
+NOT_INSTALLED = "Pinocchio's compiled loop is not installed"
 HOW = "gauss-bench simulate four_bar --engine pinocchio --settings 'compiled/rk4/least depth'"
 
 
@@ -52,22 +54,23 @@ def compiler() -> str | None:
 
 
 def missing() -> str | None:
-    """Return why the loop cannot be built on this machine, or None if it can."""
-    root, reason = prefix(), None
+    """Return the reason why the loop cannot be built on this machine, or None if it can."""
+    root = prefix()
     if root is None:
-        reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
-    elif compiler() is None:
-        reason = f"there is no C++ compiler ({', '.join(COMPILERS)})"
-    else:
-        reason = next((why for path, why in NEEDED.items() if not (root / path).is_file()), None)
-    return reason and f"Pinocchio's compiled loop is not installed: {reason}"
+        return f"{NOT_INSTALLED}: Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
+    if compiler() is None:
+        return f"{NOT_INSTALLED}: there is no C++ compiler ({', '.join(COMPILERS)})"
+    for path, reason in NEEDED.items():
+        if not (root / path).is_file():
+            return f"{NOT_INSTALLED}: {reason}"
+    return None
 
 
 def absent() -> str | None:
-    """Return why the loop cannot be loaded yet, although it could be built, or None if it can."""
-    if (user_cache.folder() / _name()).is_file():
+    """Return a sentence that says that the loop was not built yet, or None if it was built."""
+    if (user_cache.folder() / _cache_name()).is_file():
         return None
-    return f"Pinocchio's compiled loop is not installed: it was not built yet, which takes about 2 minutes: {HOW}"
+    return f"{NOT_INSTALLED}: it was not built yet, which takes about 2 minutes: {HOW}"
 
 
 def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
@@ -85,9 +88,9 @@ def loop_library() -> bytes:
     """
     if reason := missing():
         raise RunFailure(Status.SKIP, reason)
-    content = user_cache.load(_name())
+    content = user_cache.load(_cache_name())
     if content is None:
-        raise RunFailure(Status.SKIP, absent() or "Pinocchio's compiled loop is not installed: what is kept of it is broken")
+        raise RunFailure(Status.SKIP, absent() or f"{NOT_INSTALLED}: its file in the cache is broken")
     return content
 
 
@@ -102,20 +105,20 @@ def build_loop() -> None:
     folder = user_cache.is_trusted()
     if folder is None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
-    with _alone(folder / "pinocchio-loop.lock"):
-        name = _name()
+    with _hold_lock(folder / "pinocchio-loop.lock"):
+        name = _cache_name()
         if user_cache.load(name) is None and not user_cache.store(name, _compile()):
             raise RunFailure(Status.ERROR, f"{folder}: Pinocchio's compiled loop cannot be kept there")
 
 
 def _compile() -> bytes:
-    program, root = _tools()
+    """Return the content of a newly built library."""
+    program, root = _find_tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"
-        asked = command(program, root, SOURCE, target)
         try:
             done = subprocess.run(
-                asked,
+                command(program, root, SOURCE, target),
                 capture_output=True,
                 text=True,
                 timeout=LONGEST,
@@ -137,33 +140,40 @@ def _limit_memory() -> None:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Hold a lock that one process has at a time; the system releases it if the holder dies."""
+def _hold_lock(path: Path) -> Iterator[None]:
+    """Hold a lock that only one process can have at a time; the system releases it if that process dies."""
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
-def _name() -> str:
-    """Return the name of the loop in the cache, which changes with everything that it is built from."""
-    program, root = _tools()
+def _cache_name() -> str:
+    """Return the name of the loop in the cache: a hash of everything that it is built from."""
+    program, root = _find_tools()
     parts = [
         SOURCE.read_text(encoding="utf-8"),
-        *command(program, root, Path(SOURCE.name), Path("loop.so")),  # wherever the package lies
+        *command(program, root, Path(SOURCE.name), Path("loop.so")),  # without the folder of the package
         platform.machine(),
-        _says(program),
+        _describe_compiler(program),
+        *map(_describe_package, LIBRARIES),
     ]
-    return f"pinocchio-loop-{hashlib.sha256(chr(0).join([*parts, *map(_version, LIBRARIES)]).encode()).hexdigest()[:32]}.so"
+    return f"pinocchio-loop-{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()[:32]}.so"
 
 
-def _version(package: str) -> str:
+def _describe_package(package: str) -> str:
+    """Return the name of a package, and its version if it is installed."""
     try:
         return f"{package} {version(package)}"
     except PackageNotFoundError:
         return package
 
 
-def _tools() -> tuple[str, Path]:
+def _find_tools() -> tuple[str, Path]:
+    """Return the compiler and the folder of Pinocchio's headers.
+
+    Raises:
+        RunFailure: one of them is missing.
+    """
     program, root = compiler(), prefix()
     if program is None or root is None:
         raise RunFailure(Status.SKIP, str(missing()))
@@ -171,6 +181,6 @@ def _tools() -> tuple[str, Path]:
 
 
 @lru_cache
-def _says(program: str) -> str:
-    """A compiler's name and version."""
+def _describe_compiler(program: str) -> str:
+    """Return a compiler's name and version."""
     return subprocess.run([program, "--version"], capture_output=True, text=True, timeout=60.0, check=False).stdout

@@ -1,4 +1,4 @@
-"""The adapter's dynamics and steps in C++: `loop.cpp` with the numbers of the model that Python has built and verified."""
+"""The adapter's dynamics and steps in C++: `loop.cpp`, with the numbers of the model that Python has built and verified."""
 
 import ctypes
 from collections.abc import Mapping
@@ -24,12 +24,25 @@ from gauss_bench.trajectory import RunFailure, Status
 
 METHODS = ("rk4", "semi_implicit_euler", "dop853_fixed")  # in the order of the numbers that `advance` of loop.cpp takes
 KINDS = {"JointModelRZ": b"z", "JointModelPX": b"x", "JointModelPY": b"y"}
-AGREEMENT = 1e-9  # relative: rounding leaves about 1e-13; headers whose layout differs from the library's give any number
-VANISHING, ENDLESS, FAILED = -1, -2, -3  # returned by `advance_adaptive` instead of the number of steps
+AGREEMENT = 1e-9  # relative: rounding causes about 1e-13; a memory layout that differs from the library's causes errors of any size
+VANISHING, FAILED = -1, -3  # returned by `advance_adaptive` instead of the number of steps, as is -2 for too many steps
+ARRAY, INT, LONG, DOUBLE = np.ctypeslib.ndpointer(float, flags="C_CONTIGUOUS"), ctypes.c_int, ctypes.c_long, ctypes.c_double
+ARGUMENTS = {  # of the functions of loop.cpp that take a linkage: the types after it
+    "add_joint": (INT, ctypes.c_char, ARRAY, DOUBLE, ARRAY, ARRAY),
+    "add_closure": (INT, ARRAY, INT, ARRAY, ARRAY),
+    "add_spring": (INT, ARRAY, INT, ARRAY, ARRAY, ARRAY),
+    "add_push": (INT, ARRAY, INT, ARRAY),
+    "finish": (ARRAY, ARRAY, ARRAY, ARRAY, DOUBLE, INT, DOUBLE),
+    "accelerate": (ARRAY, ARRAY, ARRAY),
+    "advance": (INT, ARRAY, DOUBLE, LONG, ARRAY, ARRAY),
+    "advance_adaptive": (ARRAY, ARRAY, ARRAY, LONG, LONG, ARRAY, ARRAY, ARRAY, ARRAY),
+    "evaluations": (),
+    "destroy": (),
+}
 
 
 def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
-    """Return why the compiled loop cannot run this mechanism or choice, although the adapter in Python can, or None."""
+    """Return the reason why the compiled loop cannot run this mechanism or choice, although the adapter in Python can, or None."""
     if choice.stabilization == "projection":
         return "Pinocchio's compiled loop has no projection: it is the suite's own"
     if mechanism.drivers:
@@ -41,7 +54,7 @@ def beyond_the_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, 
 
 
 class CompiledDynamics(ConstrainedDynamics):
-    """A call (t, y, dy) -> tree accelerations (n,), and the steps, in C++.
+    """A call (t, y, dy) -> tree accelerations (n,), and whole steps, both computed in C++.
 
     Raises:
         RunFailure: the loop is not built, or its accelerations at the start differ from those of Python's calls.
@@ -51,62 +64,63 @@ class CompiledDynamics(ConstrainedDynamics):
         super().__init__(body, forces, options, gains)
         self.n, self.library = forces.tree.n, _library()
         self.tableau = _tableau()  # imports scipy, which must not happen inside a run
-        self.linkage = ctypes.c_void_p(self.library.create(_numbers(body.model.gravity.linear)))
-        self._add_joints(body)
+        self.linkage = self.library.create(_numbers(body.model.gravity.linear))
+        self._add_joints(body.model)
         for row in self.rows:
-            ends = (row.joint1_id, _placement(row.joint1_placement), row.joint2_id, _placement(row.joint2_placement))
-            self.library.add_closure(self.linkage, *ends, _numbers(gains))
+            first, second = _placement(row.joint1_placement), _placement(row.joint2_placement)
+            self.library.add_closure(self.linkage, row.joint1_id, first, row.joint2_id, second, _numbers(gains))
         for force in forces.others:
-            for load in force.lowered():
+            for load in force.to_loads():
                 self._add_load(body, load)
         tables = [_numbers(x) for x in (forces.constant, forces.stiffness, forces.damping)]
         accuracies = _numbers([options["absolute_accuracy"], options["relative_accuracy"]])
-        mu, most = (ctypes.c_double(options["mu"]), int(options["max_iter"]))
-        self.library.finish(self.linkage, *tables, accuracies, mu, most, ctypes.c_double(SOLVED))
+        self.library.finish(self.linkage, *tables, accuracies, options["mu"], int(options["max_iter"]), SOLVED)
         self._compare(forces)
 
     def __del__(self) -> None:
         if linkage := getattr(self, "linkage", None):
             self.library.destroy(linkage)
 
-    def _add_joints(self, body: Multibody) -> None:
-        model = body.model
+    def _add_joints(self, model: Any) -> None:
+        """Add the joints of Pinocchio's model, each with the mass, centre and moments of inertia of the body that it carries."""
         for j in range(1, model.njoints):
-            own = model.inertias[j]
-            numbers = ctypes.c_double(own.mass), _numbers(own.lever), _numbers(own.inertia)
-            kind = ctypes.c_char(KINDS[model.joints[j].shortname()])
-            self.library.add_joint(self.linkage, int(model.parents[j]), kind, _placement(model.jointPlacements[j]), *numbers)
+            kind, placement, body = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j]), model.inertias[j]
+            lever, inertia = _numbers(body.lever), _numbers(body.inertia)
+            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, body.mass, lever, inertia)
 
     def _add_load(self, body: Multibody, load: Law | PointForce) -> None:
-        def at(point: Point) -> tuple[int, Any]:
-            joint, own = body.placed(point)
-            return int(joint), _numbers(own.translation[:2])
+        def place(point: Point) -> tuple[int, Array]:
+            joint, placement = body.place(point)
+            return int(joint), _numbers(placement.translation[:2])
 
-        def direction(link: int, x: Array) -> tuple[int, Any]:
-            joint, own = body.carriers[link]
-            return int(joint), _numbers(own.rotation[:2, :2] @ x)
+        def direction(link: int, x: Array) -> tuple[int, Array]:
+            joint, placement = body.carriers[link]
+            return int(joint), _numbers(placement.rotation[:2, :2] @ x)
 
         match load:
             case PointForce():
-                self.library.add_push(self.linkage, *at(load.point), *direction(load.frame, load.value))
+                self.library.add_push(self.linkage, *place(load.point), *direction(load.frame, load.value))
             case Law(coordinate=Along() as x):
                 axis = direction(x.origin.link, unit(x.angle, x.across))[1]
-                self.library.add_spring(self.linkage, *at(x.origin), *at(x.point), axis, _law(load))
+                self.library.add_spring(self.linkage, *place(x.origin), *place(x.point), axis, _law(load))
             case Law(coordinate=Distance() as x):
-                self.library.add_spring(self.linkage, *at(x.a), *at(x.b), _numbers([0.0, 0.0]), _law(load))
+                self.library.add_spring(self.linkage, *place(x.a), *place(x.b), np.zeros(2), _law(load))
             case _:
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
     def _compare(self, forces: TreeForces) -> None:
-        """Check the loop's accelerations at the start against Python's calls: Eigen's headers must have the library's layout."""
+        """Compare accelerations at the start with those of calls from Python.
+
+        If Eigen's headers have another memory layout than Pinocchio's library, the loop computes nonsense.
+        """
         start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
         require_agreement({"accelerations of the compiled loop": (own, expected, size(expected))}, AGREEMENT)
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        state, a = [np.array(x, dtype=float) for x in (y, dy)], np.empty(self.n)
-        if not self.library.accelerate(self.linkage, *map(_pointer, (*state, a))):
-            self._fail(t, *state)
+        y, dy, a = np.array(y, dtype=float), np.array(dy, dtype=float), np.empty(self.n)
+        if not self.library.accelerate(self.linkage, y, dy, a):
+            self._fail(t, y, dy)
         self.evaluations += self.library.evaluations(self.linkage)
         return a
 
@@ -117,8 +131,7 @@ class CompiledDynamics(ConstrainedDynamics):
             RunFailure: the accelerations have no solution at some stage.
         """
         y, dy = y.copy(), dy.copy()
-        numbers = METHODS.index(integrator), _pointer(self.tableau), ctypes.c_double(h), ctypes.c_long(count)
-        done = self.library.advance(self.linkage, *numbers, _pointer(y), _pointer(dy))
+        done = self.library.advance(self.linkage, METHODS.index(integrator), self.tableau, h, count, y, dy)
         self.evaluations += self.library.evaluations(self.linkage)
         if not done:
             self._fail(t, y, dy)
@@ -131,20 +144,21 @@ class CompiledDynamics(ConstrainedDynamics):
             StepFailure: the error control could not continue.
             RunFailure: the accelerations have no solution at some stage.
         """
-        last, times = [y[0].copy(), dy[0].copy()], np.ascontiguousarray(times, dtype=float)
-        limits = _numbers([rtol, atol]), _pointer(times), ctypes.c_long(len(times)), ctypes.c_long(MOST)
-        steps: int = self.library.advance_adaptive(self.linkage, _pointer(self.tableau), *limits, *map(_pointer, (*last, y, dy)))
+        y_last, dy_last, times = y[0].copy(), dy[0].copy(), _numbers(times)
+        steps: int = self.library.advance_adaptive(
+            self.linkage, self.tableau, _numbers([rtol, atol]), times, len(times), MOST, y_last, dy_last, y, dy
+        )
         self.evaluations += self.library.evaluations(self.linkage)
         if steps == FAILED:
-            self._fail(float(times[0]), *last)
+            self._fail(float(times[0]), y_last, dy_last)
+        if steps == VANISHING:
+            raise StepFailure("Required step size is less than spacing between numbers.")
         if steps < 0:
-            raise StepFailure(
-                {VANISHING: "Required step size is less than spacing between numbers."}.get(steps, f"more than {MOST} steps")
-            )
+            raise StepFailure(f"more than {MOST} steps")
         return steps
 
     def _fail(self, t: float, y: Array, dy: Array) -> None:
-        """Raise the failure for the state at which the loop stopped; Python's call usually finds a more precise reason.
+        """Raise the failure for the state at which the loop stopped; calling Pinocchio from Python usually gives a precise reason.
 
         Raises:
             RunFailure: always.
@@ -153,21 +167,16 @@ class CompiledDynamics(ConstrainedDynamics):
         raise RunFailure(Status.NOT_CONVERGED, f"after t = {t:.6g} s: Pinocchio's compiled loop misses the constraints")
 
 
-def _numbers(x: Any) -> Any:
-    """Return numbers as a C array, which owns its memory."""
-    flat = np.ascontiguousarray(x, dtype=float).ravel()
-    return (ctypes.c_double * len(flat))(*flat)
+def _numbers(x: Any) -> Array:
+    """Return numbers as one flat array, row by row, which a C function can read."""
+    return np.ascontiguousarray(x, dtype=float).ravel()
 
 
-def _pointer(x: Array) -> ctypes.c_void_p:
-    return ctypes.c_void_p(x.ctypes.data)
+def _placement(x: Any) -> Array:
+    return np.concatenate([x.translation, _numbers(x.rotation)])
 
 
-def _placement(x: Any) -> Any:
-    return _numbers([*x.translation, *np.asarray(x.rotation).ravel()])
-
-
-def _law(law: Law) -> Any:
+def _law(law: Law) -> Array:
     return _numbers([law.k, law.c, law.rest, law.bias])
 
 
@@ -194,7 +203,9 @@ def _library() -> ctypes.CDLL:
         path = Path(folder) / "loop.so"
         path.write_bytes(loop_library())
         library = ctypes.CDLL(str(path))
-    library.create.restype = ctypes.c_void_p
+    library.create.restype, library.create.argtypes = ctypes.c_void_p, [ARRAY]
+    for name, types in ARGUMENTS.items():
+        getattr(library, name).argtypes = [ctypes.c_void_p, *types]
     library.accelerate.restype = library.advance.restype = ctypes.c_bool
     library.advance_adaptive.restype = library.evaluations.restype = ctypes.c_long
     return library

@@ -1,4 +1,4 @@
-"""Accelerations of Pinocchio's constrained tree, called from Python: tau by the suite's forces, solved by Pinocchio."""
+"""Accelerations of Pinocchio's constrained tree, called from Python: the suite computes tau, Pinocchio the accelerations."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -47,21 +47,21 @@ class ConstrainedDynamics:
 
     def _solve(self, t: float, y: Array, dy: Array, tau: Array) -> Array:
         a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
-        if not self.prox.relative_residual <= self.limit:
-            self._doubt(t, a)
+        if not self.prox.relative_residual <= self.limit:  # NaN fails too
+            self._check_residual(t, a)
         return a
 
-    def _doubt(self, t: float, a: Array) -> None:
-        """Judge a solution whose residual is large, now relative to the accelerations (n,).
+    def _check_residual(self, t: float, a: Array) -> None:
+        """Check the residual of a solution relative to its accelerations (n,).
 
         `relative_residual` is the last change of the forces f. `absolute_residual` cannot be used: at exact accelerations it is as
-        large as they are (Pinocchio 4.1). Nor can `iter`: with redundant rows f keeps changing in directions that move nothing.
+        large as they are (Pinocchio 4.1). Nor can `iter`: with redundant rows f keeps changing in directions without any effect.
 
         Raises:
             RunFailure: the accelerations are not finite, or miss the constraints.
         """
         finite_acceleration(t, a, "Pinocchio")
-        missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))
+        missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))  # [m/s^2]
         if not missed <= SOLVED * size:
             raise RunFailure(
                 Status.NOT_CONVERGED,

@@ -1,4 +1,4 @@
-"""The forces of a linkage as generalised forces of the tree, because Pinocchio has no springs, dampers or drives of its own."""
+"""The forces of a linkage as generalised forces of the tree: Pinocchio has no springs, dampers or drives of its own."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +9,7 @@ from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import AngleDriver, Driver, Force, LengthDriver, Mechanism, factor_of
+from gauss_bench.mechanism.model import AngleDriver, Force, LengthDriver, Mechanism, SlideDriver, factor_of
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -19,13 +19,14 @@ AFFINE = 1e-10  # relative: largest deviation of a force that counts as affine i
 class TreeForces:
     """A call (y, dy, t) -> tau (n,), the generalised forces of all applied forces except gravity.
 
-    Forces that are affine in the tree state (torques, dampers of joints, springs along slides) are tabulated once, as a user of
-    Pinocchio would write them by hand. The others are evaluated at every call, with v = T dy from Pinocchio's joint Jacobians:
+    Forces that are affine in the tree state (torques, dampers of joints, springs along slides) are computed from three constant
+    arrays, as a user of Pinocchio would do. The others are evaluated at every call, with v = T dy from Pinocchio's joint Jacobians:
 
         tau = constant + stiffness y + damping dy + T^T Q_others(q, v, t)
 
     Attributes:
-        others: the forces that are not affine, or vary with time or direction.
+        others: the forces that are not affine, or that vary with time or direction.
+        inertia: (n, n) mass matrix of the tree at the start.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
@@ -33,11 +34,11 @@ class TreeForces:
         self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
         for f in mechanism.forces:
-            tabulated = None if factor_of(f) else self._tabulate(f)
-            if tabulated is None:
+            affine = None if factor_of(f) else self._fit_affine(f)
+            if affine is None:
                 self.others += (f,)
             else:
-                self.constant, slope = self.constant + tabulated[0], slope + tabulated[1]
+                self.constant, slope = self.constant + affine[0], slope + affine[1]
         self.stiffness, self.damping = slope[:, : tree.n].copy(), slope[:, tree.n :].copy()
         self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
         self.applied = AppliedForces(replace(self.weightless, forces=self.others))
@@ -46,14 +47,14 @@ class TreeForces:
         y = tree.relative(mechanism.q0, mechanism.v0)[0]
         self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
 
-    def _tabulate(self, f: Force) -> tuple[Array, Array] | None:
-        """Return the constant (n,) and slope (n, 2n) of one force, taken from unit states; None if random states contradict it."""
+    def _fit_affine(self, f: Force) -> tuple[Array, Array] | None:
+        """Return the constant (n,) and slope (n, 2n) of a force, found at unit states, or None if it is not affine."""
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
         q, v, _ = self.tree.absolute(states[:, :n], states[:, n:], np.zeros((len(states), n)))
         tau = self.tree.forces(q, applied.generalised(q, v))
         constant, slope = tau[0], (tau[1 : 2 * n + 1] - tau[0]).T
-        error = np.abs(constant + states @ slope.T - tau).max()
+        error = np.abs(constant + states @ slope.T - tau).max()  # at the random states; zero at the others
         return (constant, slope) if error <= AFFINE * np.abs(tau).max() else None
 
     def __call__(self, y: Array, dy: Array, t: float) -> Array:
@@ -77,29 +78,26 @@ class DrivingTorques:
         y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
     where Kp, Kd are Baumgarte's gains. A probe has about the size of the torque itself, so that few digits cancel. Angles and
-    slides are sums of tree coordinates, with constant rows. The row of a length, G T with G = dL/dq, depends on the state; the rest
-    of its second derivative, G dT/dt y' + dG/dt v, is taken from the linkage's own constraint row.
+    slides are sums of tree coordinates, so their rows of R are constant. The row of a length, G T with G = dL/dq, depends on the
+    state; the other terms of its second derivative, G dT/dt y' + dG/dt v, are taken from the linkage's own constraint row.
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
         self.forces, self.gains = forces, gains
         self.laws = [d.law for d in forces.drivers]
-        rows = [self._row(forces, d) for d in forces.drivers]
-        self.rows, self.origin = np.array([row for row, _ in rows]).reshape(-1, forces.tree.n), np.array([x for _, x in rows])
+        self.rows = np.zeros((len(self.laws), forces.tree.n))  # R where it is constant: x = rows . y + origin
+        self.origin = np.zeros(len(self.laws))
+        for k, driver in enumerate(forces.drivers):
+            if isinstance(driver, AngleDriver):
+                self.rows[k], self.origin[k] = forces.motion.turns[driver.link], forces.motion.theta0[driver.link]
+            elif isinstance(driver, SlideDriver):
+                (at,) = [b.at for b in forces.tree.branches if b.joint and b.joint.name == driver.joint.name]
+                self.rows[k, at] = 1.0
         self.lengths = [k for k, d in enumerate(forces.drivers) if isinstance(d, LengthDriver)]
         self.constraints = Constraints(forces.weightless)
         y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         start = self._rows_at(0.0, y, dy)[0]
-        self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # of the open tree at the start, along each driver
-
-    def _row(self, forces: TreeForces, driver: Driver) -> tuple[Array, float]:
-        """Return the row and constant of a driven coordinate, row . y + constant; zeros for a length, which `_rows_at` adds."""
-        if isinstance(driver, AngleDriver):
-            return forces.motion.turns[driver.link], float(forces.motion.theta0[driver.link])
-        if isinstance(driver, LengthDriver):
-            return np.zeros(forces.tree.n), 0.0
-        (at,) = [b.at for b in forces.tree.branches if b.joint and b.joint.name == driver.joint.name]
-        return np.eye(forces.tree.n)[at], 0.0
+        self.inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)  # (k,) of the tree at the start, along each driver
 
     def _rows_at(self, t: float, y: Array, dy: Array) -> tuple[Array, Array, Array]:
         """Return R (k, n), x (k,) and R' y' (k,) of the k drivers at a tree state."""
@@ -125,14 +123,14 @@ class DrivingTorques:
         """
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
-        rows, x, bias = self._rows_at(t, y, dy)
-        wanted = second - bias - kd * (rows @ dy - rate) - kp * (x - value)
-        free = solve(t, y, dy, tau)
-        missing = wanted - rows @ free
-        probes = self.inertias * np.maximum(1.0, np.abs(missing))
-        effects = np.array([solve(t, y, dy, tau + x) - free for x in probes[:, None] * rows])
+        R, x, bias = self._rows_at(t, y, dy)
+        wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)  # (k,) R y'' of the equation above
+        free = solve(t, y, dy, tau)  # (n,) a0
+        missing = wanted - R @ free
+        probes = self.inertias * np.maximum(1.0, np.abs(missing))  # (k,) torques of the size that is needed
+        effects = np.array([solve(t, y, dy, tau + probe) - free for probe in probes[:, None] * R])  # (k, n) a_j - a0
         try:
-            accelerations: Array = free + np.linalg.solve(rows @ effects.T, missing) @ effects
+            accelerations: Array = free + np.linalg.solve(R @ effects.T, missing) @ effects
         except np.linalg.LinAlgError as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no driving torque gives the prescribed acceleration") from error
         return accelerations
@@ -141,8 +139,9 @@ class DrivingTorques:
 class Motion:
     """A call y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; ten times faster than `Tree`.
 
-    It uses Pinocchio's world Jacobian. A column of it is the velocity [u, w] at the origin and the angular speed omega of every
-    link that the joint carries; such a link's centre of mass at [x, y] then moves with [u - omega y, w + omega x].
+    It uses Pinocchio's world Jacobian, which has a column for each joint: the velocity [u, w] at the world's origin and the angular
+    speed omega that the joint gives to every link beyond it. The centre of mass of such a link, at [x, y], moves with
+    [u - omega y, w + omega x].
     """
 
     def __init__(self, tree: Tree, body: Multibody):
@@ -150,8 +149,8 @@ class Motion:
         self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
         states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
         theta = tree.absolute(states, states, states)[0][:, 2::3]
-        self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T
-        self.carried = np.zeros((tree.links + 1, tree.n))  # the last row is the ground
+        self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T  # theta = theta0 + turns . y
+        self.carried = np.zeros((tree.links + 1, tree.n))  # 1 where a joint moves a link; the last row is the ground
         for b in tree.branches:
             self.carried[b.link] = self.carried[b.parent]
             self.carried[b.link, b.at : b.at + (3 if b.kind == "free" else 1)] = 1.0

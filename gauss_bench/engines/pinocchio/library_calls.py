@@ -1,7 +1,7 @@
 """One evaluation of the right-hand side by Pinocchio alone: its two algorithms for constrained trees, on the tree of least depth.
 
 lcaba is the algorithm of Sathya and Carpentier, Constrained articulated body dynamics algorithms (2024). Its penalty and accuracy
-are the best compromise that was found: tighter ones take longer and are no more exact.
+are the best compromise that was found: tighter ones take longer and give no better accelerations.
 """
 
 from functools import partial
@@ -15,8 +15,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 
-def solve(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Prepare a call of a variant's algorithm at a state q, v (n,)."""
+def prepare_solver(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
+    """Prepare a call of the algorithm that a variant selects, at a state q, v (n,)."""
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
     call = model.plain.bare(y, dy)
@@ -24,6 +24,6 @@ def solve(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall
 
 
 CALLS = {
-    "constraintDynamics": partial(solve, "one/rk4/least depth"),
-    "lcaba": partial(solve, "articulated/rk4/least depth"),
+    "constraintDynamics": partial(prepare_solver, "one/rk4/least depth"),
+    "lcaba": partial(prepare_solver, "articulated/rk4/least depth"),
 }

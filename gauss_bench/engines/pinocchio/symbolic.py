@@ -1,8 +1,8 @@
-"""Pinocchio with its symbolic scalar, which its authors recommend for speed. For now this engine only reports what is missing.
+"""Pinocchio with its symbolic scalar, which its authors recommend for speed. This engine only reports that it is missing.
 
 `pinocchio.casadi` is built with conda, Nix or from source. The wheel does not contain it, because CasADi's wheel cannot be linked
-against (https://github.com/stack-of-tasks/pinocchio/issues/2759). Until it does, the suite cannot try it and makes no claim about
-it.
+against (https://github.com/stack-of-tasks/pinocchio/issues/2759). As long as that is so, the suite cannot try it, and makes no
+claim about its speed.
 """
 
 from importlib.util import find_spec
@@ -15,7 +15,7 @@ SETTINGS: dict[str, dict[str, object]] = {"default": {"code": "generated C"}}
 
 
 class PinocchioCasadi:
-    """An engine that always skips, with the reason."""
+    """An engine that refuses every linkage, with the reason."""
 
     name = "pinocchio_casadi"
     integrators = ("rk4", "dop853_fixed")
@@ -27,10 +27,10 @@ class PinocchioCasadi:
     def version(self) -> str:
         import pinocchio
 
-        return f"Pinocchio {pinocchio.__version__}, {'with' if self._there() else 'without'} pinocchio.casadi"
+        return f"Pinocchio {pinocchio.__version__}, {'with' if self._is_installed() else 'without'} pinocchio.casadi"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if not self._there():
+        if not self._is_installed():
             return "pinocchio.casadi is not in this build of Pinocchio: wheels have none yet (its tracker, issue 2759)"
         return "pinocchio.casadi is here, but the model that would use it is not written"
 
@@ -40,5 +40,5 @@ class PinocchioCasadi:
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioCasadi":
         raise RunFailure(Status.SKIP, str(self.skip(mechanism, choice)))
 
-    def _there(self) -> bool:
+    def _is_installed(self) -> bool:
         return bool(find_spec("pinocchio") and find_spec("pinocchio.casadi"))

@@ -8,7 +8,7 @@ about z, and RZ, PX, PY are Pinocchio's joint types:
     prismatic   A_parent T(anchor + base) R(axis),                 PX,    A = R(turn - axis) T(-anchor)
     free        PX, PY, RZ from the ground at the centre of mass,         A = 1
 
-Each pin the tree leaves open becomes a CONTACT_3D constraint: two rows in the plane and a third that is identically zero.
+Each pin that closes a loop becomes a CONTACT_3D constraint: two rows in the plane and a third that is identically zero.
 """
 
 from dataclasses import replace
@@ -23,7 +23,7 @@ from gauss_bench.mechanism.model import GROUND, Mechanism, Point
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-AGREEMENT = 1e-10  # relative: rounding of both sides leaves about 1e-14, a wrong sign or lever about 1
+AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or lever about 1
 
 
 class Multibody:
@@ -60,7 +60,8 @@ class Multibody:
                 joint, own = 0, pin.SE3.Identity()
                 for axis, kind in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("theta", pin.JointModelRZ())):
                     joint = self._joint(f"{link.name}.{axis}", joint, kind, pin.SE3.Identity())
-        lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])  # only the third acts in the plane
+        # the moments of inertia of a flat plate, of which only the third acts in the plane
+        lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])
         self.model.appendBodyToJoint(joint, pin.Inertia(link.mass, np.zeros(3), lamina), own)
         self.carriers[b.link] = joint, own
 
@@ -73,21 +74,20 @@ class Multibody:
         c, s = np.cos(angle), np.sin(angle)
         return self.pin.SE3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(spatial(origin)))
 
-    def placed(self, point: Point) -> tuple[int, Any]:
+    def place(self, point: Point) -> tuple[int, Any]:
         """Return the joint that carries a point, and the point's placement in the frame of that joint."""
         joint, centre = self.carriers[point.link]
         return joint, centre * self.planar(point.local)
 
     def constraints(self, gains: tuple[float, float]) -> Any:
-        """Return one point constraint for each open pin, with Baumgarte gains Kp, Kd; its rows are along the world's axes.
-
-        The ground is always the second joint of its constraint, because lcaba does not accept it as the first.
-        """
+        """Return one point constraint for each closing pin, with Baumgarte gains Kp, Kd; its rows are along the world's axes."""
         pin = self.pin
         rows = pin.StdVec_RigidConstraintModel()
-        for a, b in ((b, a) if a.link == GROUND else (a, b) for a, b in self.pins):
+        for a, b in self.pins:
+            if a.link == GROUND:  # lcaba does not accept the ground as the first joint
+                a, b = b, a
             frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.placed(a), *self.placed(b), frame)
+            row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.place(a), *self.place(b), frame)
             row.m_baumgarte_parameters.Kp, row.m_baumgarte_parameters.Kd = gains
             rows.append(row)
         return rows
@@ -97,22 +97,22 @@ class Multibody:
         return np.array(self.pin.rnea(self.model, self.model.createData(), y, dy, ddy))
 
     def gaps(self, y: Array) -> Array:
-        """Return point b minus point a of every open pin (2 pins,) [m], by Pinocchio's own kinematics."""
+        """Return point b minus point a of every closing pin (2 pins,) [m], by Pinocchio's own kinematics."""
         data = self.model.createData()
         self.pin.forwardKinematics(self.model, data, y)
 
-        def world(point: Point) -> Array:
-            joint, placement = self.placed(point)
+        def world_place(point: Point) -> Array:
+            joint, placement = self.place(point)
             return np.array((data.oMi[joint] * placement).translation)[:2]
 
-        return np.concatenate([np.zeros(0), *(world(b) - world(a) for a, b in self.pins)])
+        return np.concatenate([np.zeros(0), *(world_place(b) - world_place(a) for a, b in self.pins)])
 
 
 def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
-    """Compare the generated model with the linkage at tree states, whose loops need not be closed.
+    """Compare the generated model with the linkage at tree states at which loops are open.
 
-    Inverse dynamics check masses, inertias, placements, axes and gravity at once; the gaps of the open pins check the points that
-    they join. Only Pinocchio's solver remains unchecked.
+    Inverse dynamics check masses, inertias, placements, axes and gravity at once; the gaps of the closing pins check the points
+    that they join. Only Pinocchio's solver remains unchecked.
 
     Raises:
         RunFailure: inverse dynamics or gaps differ.

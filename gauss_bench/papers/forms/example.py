@@ -1,7 +1,7 @@
 """Yuan & Ge (2016), eqs. (17) to (24), and their discrepancies from motions of the linkage file.
 
 The last measures concern data that the example leaves out: inertias, gravity, an integrator. There the printed form is the example
-without these data, and its discrepancy is the change that they make.
+without these data, and its discrepancy is the change that they cause.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,12 +26,12 @@ SHOWN = 0.5  # [s] over which integrators are compared: most of the first turn
 STEP = 1e-3  # [s] step size of the integrator that a reader might take
 
 
-def everywhere(off: Callable[[ExampleState], float]) -> float:
+def worst_state(off: Callable[[ExampleState], float]) -> float:
     """Return the worst discrepancy over all states."""
     return worst([off(s) for s in states()])
 
 
-def moving(off: Callable[[ExampleState], float]) -> float:
+def worst_moving_state(off: Callable[[ExampleState], float]) -> float:
     """Return the worst discrepancy over all states except the start, which is at rest."""
     return worst([off(s) for s in states()[1:]])
 
@@ -49,31 +49,31 @@ def power_off(s: ExampleState, f: Array | float, a: Array) -> float:
 
 def bias_off(f: float) -> float:
     """Measure eq. (20) with the same f in every row, by the power that is left over."""
-    return moving(lambda s: power_off(s, f, s.a))
+    return worst_moving_state(lambda s: power_off(s, f, s.a))
 
 
 def order_off(order: list[int]) -> float:
     """Measure an order of the coordinates, by the power left over when accelerations are taken in this order."""
-    return moving(lambda s: power_off(s, 0.0, s.a[order]))
+    return worst_moving_state(lambda s: power_off(s, 0.0, s.a[order]))
 
 
 def forces_off(form: Callable[[Array, Array], Array]) -> float:
-    return everywhere(lambda s: float(np.abs(form(s.q, s.v) - s.Q).max() / np.abs(s.Q).max()))
+    return worst_state(lambda s: float(np.abs(form(s.q, s.v) - s.Q).max() / np.abs(s.Q).max()))
 
 
 def positions_off(form: Callable[[Number], Number]) -> float:
-    return everywhere(lambda s: float(np.abs(form(s.q)).max()) / DIMENSION)
+    return worst_state(lambda s: float(np.abs(form(s.q)).max()) / DIMENSION)
 
 
 def jacobian_off(form: Callable[[Number], Number]) -> float:
-    """Compare all entries except (6, 6) with the derivatives of (21)."""
+    """Compare all entries of a Jacobian except (6, 6) with the derivatives of (21)."""
 
     def off(s: ExampleState) -> float:
         difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
         difference[5, 5] = 0.0
         return float(difference.max())
 
-    return everywhere(off)
+    return worst_state(off)
 
 
 def entry(form: dict[str, Any], q: Array) -> float:
@@ -83,7 +83,7 @@ def entry(form: dict[str, Any], q: Array) -> float:
 
 def entry_off(form: dict[str, Any]) -> float:
     """Compare entry (6, 6) with the derivative of (21), relative to l2/2."""
-    return everywhere(lambda s: abs(entry(form, s.q) - gradient(crank_slider.residual, s.q)[5, 5]) / (L2 / 2))
+    return worst_state(lambda s: abs(entry(form, s.q) - gradient(crank_slider.residual, s.q)[5, 5]) / (L2 / 2))
 
 
 def row_off(squared: list[str], rows: list[int]) -> float:
@@ -98,7 +98,7 @@ def row_off(squared: list[str], rows: list[int]) -> float:
         found = crank_slider.bias(s.q, getattr(s, *squared))
         return float(np.abs(found - true)[chosen].max() / np.abs(s.a).max())
 
-    return everywhere(off)
+    return worst_state(off)
 
 
 def crank_with_entry(form: dict[str, Any]) -> float:
@@ -117,9 +117,9 @@ def start_off(form: list[float]) -> float:
 
 
 def figures_off(form: list[int]) -> float:
-    """Count the figures, from first to last, that are missing or too many.
+    """Count how many of the figures from first to last do not show the crank's centre, and how many that do are missing.
 
-    Figures 2 to 5 show displacement and velocity of one point in x and y; figure 1 is the drawing.
+    Figures 2 to 5 show its displacement and velocity in x and y; figure 1 is the drawing.
     """
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
@@ -133,6 +133,7 @@ def with_inertias(p: Problem, bars: Sequence[float]) -> float:
 
 
 def with_gravity(p: Problem, gravity: float) -> float:
+    """Return the crank's acceleration under another gravity [m/s^2]."""
     Q = p.Q.copy()
     Q[1], Q[4] = -M1 * gravity, -M2 * gravity
     return crank_of(replace(p, Q=Q))
@@ -159,7 +160,7 @@ def crank_with_gravity(gravity: float) -> float:
 
 
 def euler(motion: CrankMotion) -> float:
-    """Crank angle [rad] at time SHOWN by explicit Euler steps."""
+    """Return the crank angle [rad] at time SHOWN by explicit Euler steps."""
     theta = w = 0.0
     for _ in range(round(SHOWN / STEP)):
         theta, w = theta + STEP * w, w + STEP * float(motion.acceleration(theta, w))
@@ -171,10 +172,10 @@ def high_order(motion: CrankMotion) -> float:
 
 
 @cache
-def show() -> Reference:
+def reference_motion() -> Reference:
     """Return the reference motion up to SHOWN: a certified one, or one by two integrators of high order."""
     return find_certified(linkage(), SHOWN) or build_reference(linkage(), SHOWN)
 
 
 def integrator_off(form: Callable[[CrankMotion], float]) -> float:
-    return abs(form(motion_of(linkage())) - float(show().q[-1, CRANK]))
+    return abs(form(motion_of(linkage())) - float(reference_motion().q[-1, CRANK]))

@@ -65,7 +65,7 @@ def gauss_function(p: Problem, a: Number) -> Number:
 
 
 def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
-    """Eq. (2), or (3) with the constraint forces `extra` that do work."""
+    """Return Gauss's function by eq. (2), or by eq. (3) with constraint forces `extra` that do work."""
     r = power(p.M, -0.5) @ (p.M @ a + p.f - p.Q - extra)
     return np.asarray(r @ r / 2)
 
@@ -77,16 +77,19 @@ def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
 
 
 def stationary(form: Callable[[Problem, Number], Number]) -> float:
+    """Return the slope of a form of Gauss's function at the true accelerations."""
     return worst([slope(p, lambda a, p=p: form(p, a), p.a) for p in all_problems()])  # type: ignore[misc]
 
 
 def same_function(form: Callable[[Problem, Number], Number]) -> float:
+    """Compare a form with Gauss's function at random accelerations."""
     rng = np.random.default_rng(SEED)
     pairs = [(p, rng.normal(size=p.n)) for p in random_problems()]
     return worst([abs(float(form(p, a) / gauss_function(p, a)) - 1) for p, a in pairs])
 
 
 def stationary_with(form: Callable[[Problem, Number, Array], Number]) -> float:
+    """Return the slope of a form at the true accelerations, with random constraint forces that do work."""
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         extra = rng.normal(size=p.n)
@@ -103,8 +106,8 @@ def differentiate(rate: Rate, q: Array, v: Array) -> Array:
     return -derivative(lambda x: rate(x, v), q, v)
 
 
-def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return constraint rates with reference q, v, a: the crank-slider, and a knife edge that is led around a circle."""
+def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
+    """Return constraint rates with reference q, v, a: the crank-slider, and a knife edge that moves on a circle."""
 
     def slider(q: Number, v: Number) -> Number:
         return np.asarray(crank_slider.jacobian(q) @ v)
@@ -119,14 +122,16 @@ def constrained_motions() -> list[tuple[Rate, Array, Array, Array]]:
 
 
 def bias_left(form: Callable[[Rate, Array, Array], Array]) -> float:
+    """Compare a form of the right-hand side g with J a of the reference motions."""
     errors = []
-    for rate, q, v, a in constrained_motions():
+    for rate, q, v, a in list_motions():
         Ja = gradient(lambda x, rate=rate, q=q: rate(q, x), v) @ a  # type: ignore[misc]
         errors.append(relative(form(rate, q, v), Ja))
     return worst(errors)
 
 
 def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
+    """Return the accelerations of eq. (8)."""
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
@@ -143,18 +148,18 @@ def every_solution(form: Callable[[Problem, Array, Array], Array]) -> float:
 Inverse = Callable[[Array, np.random.Generator], Array]
 
 
-def left_in_least_squares(A: Array, x: Array, b: Array) -> float:
+def least_squares_residual(A: Array, x: Array, b: Array) -> float:
     """Return |A^T (A x - b)| relative to its terms; it is zero where x minimises |A x - b|."""
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
 def contradicting_rows(form: Inverse) -> float:
-    """Return the least-squares residual of (8) if redundant rows contradict each other by a tenth of their size."""
+    """Return the least-squares residual of (8) for redundant rows that contradict each other by a tenth of their size."""
     rng, errors = np.random.default_rng(SEED), []
     for p in (p for p in random_problems() if len(p.J) > p.rank):
         noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
         a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
-        errors.append(left_in_least_squares(p.J, a, noisy.g))
+        errors.append(least_squares_residual(p.J, a, noisy.g))
     return worst(errors)
 
 
@@ -179,7 +184,7 @@ def vector_off(exponent: float) -> float:
 
 
 def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Eq. (14) without w, with these exponents of M in A and b."""
+    """Return the accelerations of eq. (14) without w, with these exponents of M in A and b."""
     A, b = matrix(p, exponents[0]), vector(p, exponents[1])
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (pinv(A) @ b))
 
@@ -194,6 +199,7 @@ def half_square(A: Array, b: Array, h: Array) -> float:
 
 
 def square_off(form: Callable[[Array, Array, Array], float]) -> float:
+    """Compare a form of |A h - b|^2 / 2 with Gauss's function of the accelerations that h gives."""
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         h = rng.normal(size=p.n)
@@ -229,16 +235,18 @@ def sides_off(form: Callable[[Array, Array, Array], AB]) -> float:
 
 
 def minimum_missed(form: Inverse) -> float:
+    """Return the least-squares residual |A^T (A h - b)| of (12), with a form of the inverse of A and a random w."""
     rng, errors = np.random.default_rng(SEED), []
     for p in random_problems():
         A, b = matrix(p), vector(p)
         X = form(A, rng)
         h = X @ b + (np.eye(p.n) - X @ A) @ rng.normal(size=p.n)
-        errors.append(left_in_least_squares(A, h, b))
+        errors.append(least_squares_residual(A, h, b))
     return worst(errors)
 
 
 def expand(p: Problem, w: Array) -> Array:
+    """Return the accelerations of eq. (14), its bracket multiplied out."""
     A, b = matrix(p), vector(p)
     N, X = projector(p), pinv(A)
     return np.asarray(pinv(p.J) @ p.g + N @ X @ b + N @ w - N @ X @ A @ w)
@@ -250,12 +258,14 @@ def last_member_alone(p: Problem, w: Array) -> Array:
 
 
 def bracket(p: Problem, w: Array) -> Array:
+    """Return the accelerations of eq. (14) with w."""
     A, b = matrix(p), vector(p)
     X = pinv(A)
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
 
 
 def with_any_w(form: Callable[[Problem, Array], Array]) -> float:
+    """Compare the accelerations of a form with the reference, for random w ten times as large."""
     rng = np.random.default_rng(SEED)
     return worst([relative(form(p, 10 * np.abs(p.a).max() * rng.normal(size=p.n)), p.a) for p in all_problems()])
 

@@ -2,7 +2,7 @@
 
     vector unit A(phi, s),   Jacobian unit J = dA/d(phi, s),   Jacobian-rate unit J' = dJ/dt
 
-J is held against the derivatives of the printed A, J' against that of the printed J in time, A against `kinematics.link_units`.
+J is compared with the derivatives of the printed A, J' with that of the printed J in time, and A with `kinematics.link_units`.
 """
 
 from collections.abc import Callable
@@ -64,14 +64,14 @@ def block(p: Pose) -> Units:
 
 
 def guide(p: Pose) -> Units:
-    """A and J of RP2, whose J' is judged by columns."""
+    """Return A and J of the unit RP2, whose J' is measured by columns."""
     s, c = np.sin(p.phi), np.cos(p.phi)
     A = np.array([p.e * s + p.s * c, -p.e * c + p.s * s])
     return A, np.array([[p.e * c - p.s * s, c], [p.e * s + p.s * c, s]])
 
 
 def column_1(p: Pose, last: str) -> Array:
-    """Column 1 of J' of RP2, `last` naming the rate in its last term."""
+    """Return column 1 of J' of RP2; `last` names the rate in its last term."""
     s, c, rate = np.sin(p.phi), np.cos(p.phi), getattr(p, last)
     along = -p.e * p.phi_rate * s - p.s * p.phi_rate * c - rate * s
     return np.array([along, p.e * p.phi_rate * c - p.s * p.phi_rate * s + rate * c])
@@ -82,7 +82,7 @@ def column_2(p: Pose) -> Array:
 
 
 def own_vector(p: Pose, kind: str) -> Array:
-    """The suite's own vector unit of a path from a pin at the link's origin."""
+    """Return the suite's own vector unit of a path from a pin at the link's origin."""
     ends = {
         "RRR1": Element("b", "b", PIN, complex(p.l)),
         "RRR1 second": Element("b", "b", PIN, p.l2 * np.exp(1j * p.alpha)),
@@ -94,12 +94,12 @@ def own_vector(p: Pose, kind: str) -> Array:
 
 
 def along(function: Callable[[Pose], Number], p: Pose, phi: float, s: float) -> Array:
-    """Derivative of a function of the pose in the direction (phi, s), to rounding."""
+    """Return the derivative of a function of the pose in the direction (phi, s), exact to rounding."""
     return np.asarray(function(replace(p, phi=p.phi + 1j * TINY * phi, s=p.s + 1j * TINY * s)).imag / TINY)
 
 
 def unit_off(form: Callable[[Pose], Units], kind: str) -> float:
-    """A against the suite's own, J and, where the form gives it, J' against exact derivatives."""
+    """Compare A of a form with the suite's own, and J and J' (if the form has it) with exact derivatives."""
 
     def off(p: Pose) -> float:
         A, J, *J_rate = form(p)
@@ -124,7 +124,7 @@ def column_2_off(form: Callable[[Pose], Array]) -> float:
 
 
 def difference_off(factor: float) -> float:
-    """So many times (phi' - s') [sin phi; -cos phi] against what column 1 lacks as printed."""
+    """Compare `factor` (phi' - s') [sin phi; -cos phi] with the error of column 1 as printed."""
     errors = []
     for p in poses():
         claimed = factor * (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
@@ -134,16 +134,15 @@ def difference_off(factor: float) -> float:
 
 @cache
 def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
-    """The lever of the suite's shaper (RP2 with e = 0) over a driven turn.
+    """Return the lever of the suite's shaper (RP2 with e = 0) over a driven turn.
 
-    Pose, acceleration of the block, and the true phi'' and s''.
+    For every instant: the pose, the acceleration of the block, and the true phi'' and s''.
     """
     mechanism = load("shaper", "driven")
     links = {link.name: 3 * i for i, link in enumerate(mechanism.links)}
-    assert mechanism.driver is not None
     motion, turn = MinimalCoordinate(mechanism), []
     for t in np.linspace(0.0, 1.0, 24, endpoint=False):
-        q, v, a = (x[0] for x in motion.state(*(np.atleast_1d(x).astype(float) for x in mechanism.driver.law(t))))
+        q, v, a = (x[0] for x in motion.state_at(t))
         at, lever = links["block"], links["lever"] + 2
         arm, speed, push = q[at : at + 2] - mechanism.ground_points["O1"], v[at : at + 2], a[at : at + 2]
         s = float(np.hypot(*arm))
@@ -154,13 +153,13 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
 
 
 def lever(last: list[str], pose: Pose, acceleration: Array) -> Array:
-    """[phi'', s''] from J [phi'', s''] = a - J' [phi', s'] with this column 1 of J'."""
+    """Return [phi'', s''] of J [phi'', s''] = a - J' [phi', s'], with the column 1 of J' that `last` gives."""
     J_rate = np.stack([column_1(pose, *last), column_2(pose)], axis=1)
     return np.asarray(np.linalg.solve(guide(pose)[1], acceleration - J_rate @ [pose.phi_rate, pose.s_rate]))
 
 
 def lever_off(last: list[str]) -> float:
-    """Largest error of phi'' or of s'' over the turn, relative to the largest of each."""
+    """Return the largest error of phi'' or of s'' over the turn, relative to the largest of each."""
     computed = np.array([lever(last, pose, push) for pose, push, _ in shaper_turn()])
     true = np.array([x for *_, x in shaper_turn()])
     return worst([relative(computed[:, k], true[:, k]) for k in (0, 1)])

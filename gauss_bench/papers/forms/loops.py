@@ -11,6 +11,7 @@ down as printed; its dimensions are not printed, and those of the linkage file a
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 
 import networkx as nx
 import numpy as np
@@ -28,7 +29,7 @@ from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
 DRIVEN = ("four_bar", "six_bar", "shaper", "eight_bar")
-TIMES = (0.2, 0.37, 0.8)  # of a cycloidal turn of 1 s: speeds and accelerations of the crank of either sign
+TIMES = (0.2, 0.37, 0.8)  # [s] in a cycloidal turn of 1 s; the acceleration of the crank has either sign
 ALPHA = np.radians(50.0)  # between d-e and d-c of the six-bar's ternary link
 LENGTHS = (0.10, 0.30, 0.28, 0.24, 0.36)  # l1, l2, l3, l3', l5 of the six-bar [m], which are the linkage file's
 RAIL = np.radians(-45.0)
@@ -39,9 +40,11 @@ COUNTED = ("crank_slider", "four_bar", "five_bar", "six_bar", "shaper", "eight_b
 
 @dataclass(frozen=True, eq=False)
 class DrivenLinkage:
-    """A driven linkage at an instant: its equations, state x and rate, true rates and second rates of unknowns and inputs.
+    """A driven linkage at an instant.
 
-    Second rates of slides are not known here and are NaN.
+    Attributes:
+        equations: its loop equations. x: the values of their variables, unknowns before inputs.
+        rate, second: the true rates and second rates of the variables; those of slides are not computed here, and NaN.
     """
 
     equations: LoopEquations
@@ -59,15 +62,13 @@ class DrivenLinkage:
 
 
 @cache
-def turnings() -> tuple[DrivenLinkage, ...]:
+def list_driven() -> tuple[DrivenLinkage, ...]:
     return tuple(turning(load(name, "cycloid"), t) for name in DRIVEN for t in TIMES)
 
 
 def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
-    """The linkage at time t of its driven scenario."""
-    assert mechanism.driver is not None
-    motion = MinimalCoordinate(mechanism)
-    q, v, a = (x[0] for x in motion.state(*(np.atleast_1d(x).astype(float) for x in mechanism.driver.law(t))))
+    """Return a linkage at time t of its driven scenario."""
+    q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
     moved = replace(mechanism, q0=q)
     equations = LoopEquations(moved, inputs_of(moved))
     slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
@@ -87,13 +88,16 @@ def velocities(m: Matrices, q_rate: Array) -> Array:
 
 
 def velocities_off(form: Callable[[Matrices, Array], Array]) -> float:
-    return worst([relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns]) for t in turnings()])
+    return worst([relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns]) for t in list_driven()])
 
 
 def accelerations_off(last: list[str]) -> float:
-    """Of the angles, with this matrix in the last term of (5); slides follow from the same rows."""
+    """Return the error of the second rates of angles by (5), with the matrix that `last` names in its last term.
+
+    Slides follow from the same rows.
+    """
     errors = []
-    for t in turnings():
+    for t in list_driven():
         TU, m = t.unknowns, t.matrices
         left = m.B @ t.second[TU:] + m.B_rate @ t.rate[TU:] + getattr(m, *last) @ t.rate[:TU]
         angles = ~np.isnan(t.second[:TU])
@@ -107,12 +111,12 @@ Laws = dict[str, Callable[[Array], Array]]
 
 
 def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
-    """J_l and B_l of one loop from the Jacobian units of its ways and their effect factors."""
+    """Return J_l and B_l of one loop, from the Jacobian units of its paths and their effect factors."""
     return sum(J @ u for J, u in zip(units, U, strict=True)), sum(J @ k for J, k in zip(units, K, strict=True))  # type: ignore[return-value]
 
 
 def loops_of(t: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
-    """Jacobian units, U and K of the ways of each loop."""
+    """Return for every loop the Jacobian units, U and K of its paths."""
     equations, loops = t.equations, []
     theta = equations.turning @ t.x + equations.phase
     for ways in equations.ways:
@@ -123,9 +127,9 @@ def loops_of(t: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Arra
 
 
 def assembly_off(form: Callable[..., Parts]) -> float:
-    """Residual of (4) at the true rates, relative to its terms."""
+    """Return the residual of (4) at the true rates, relative to its terms."""
     errors = []
-    for t in turnings():
+    for t in list_driven():
         for units, U, K in loops_of(t):
             J, B = form(units, U, K)
             both = np.hstack([J, B])
@@ -134,12 +138,12 @@ def assembly_off(form: Callable[..., Parts]) -> float:
 
 
 def stack_off(transposed: bool) -> float:
-    """Relative error of the velocities from (4), or the share of rows and columns by which the stack does not fit.
+    """Return the relative error of the velocities from (4), or the share of rows and columns that a stack has too many or too few.
 
-    The blocks stand one below the other, or are those of a row that was transposed.
+    The blocks of the loops are stacked one below the other, or side by side and transposed.
     """
     errors = []
-    for t in turnings():
+    for t in list_driven():
         parts = [assemble(*loop) for loop in loops_of(t)]
         J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
         rows, columns = 2 * len(parts), t.unknowns
@@ -152,9 +156,9 @@ def stack_off(transposed: bool) -> float:
 
 
 def ones_off(form: list[list[str]]) -> float:
-    """Share of rows in which there is not exactly one 1, of the matrices that the form puts side by side."""
+    """Return the share of rows without exactly one 1, in the matrices that the form puts side by side."""
     right = []
-    for t in turnings():
+    for t in list_driven():
         for _, Us, Ks in loops_of(t):
             for U, K in zip(Us, Ks, strict=True):
                 for names in form:
@@ -164,10 +168,10 @@ def ones_off(form: list[list[str]]) -> float:
 
 
 def columns_off(form: list[int]) -> float:
-    """Columns of a unit claimed as so many times its turning, its guides and its blocks."""
+    """Compare the number of columns of a unit with a claim: the multiples of its turning, guides and blocks that make the sum."""
     errors = []
-    for t in turnings():
-        for p in (p for ways in t.equations.ways for p in ways):
+    for t in list_driven():
+        for p in chain.from_iterable(t.equations.ways):
             kinds = [p.way.enter.kind, p.way.leave.kind]
             guides = sum(kind in MOVING for kind in kinds)
             unit = p.way.units(0.0, 0.0, t.x[p.slides], t.rate[p.slides])
@@ -182,7 +186,7 @@ def graphs() -> tuple[tuple[Mechanism, LinkageGraph], ...]:
 
 
 def unknowns_off(form: list[int]) -> float:
-    """Unknown variables claimed as so many times the loops and the redundant constraints."""
+    """Compare the number of unknowns with a claim: the multiples of loops and of redundant constraints that make the sum."""
     errors = []
     for name in COUNTED:
         mechanism = load(name, "driven")
@@ -192,27 +196,29 @@ def unknowns_off(form: list[int]) -> float:
 
 
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
-    """Incidence matrix of links, the frame last, and pairs, by another library's counting."""
-    net, links = nx.MultiGraph([(*pair.links, pair.name) for pair in graph.pairs]), [*range(graph.links), GROUND]
-    edges = [(*pair.links, pair.name) for pair in graph.pairs]
-    return np.asarray(nx.incidence_matrix(net, links, edges, oriented).toarray())
+    """Return the incidence matrix of links, the frame last, and pairs, as networkx counts."""
+    links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
+    return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
 
 
 def loop_count_off(form: list[int]) -> float:
-    """Loops claimed as so many times pairs, links and one, against the dimension of the space of cycles.
+    """Compare the number of loops with a claim: the multiples of pairs, of links and of one that make the sum.
 
-    That is the number of pairs less the rank of the incidence matrix.
+    It is the dimension of the space of cycles, which is the number of pairs minus the rank of the incidence matrix.
     """
     errors = []
     for _, graph in graphs():
-        links, pairs = incidence(graph, oriented=True).shape
-        rank = int(np.linalg.matrix_rank(incidence(graph, oriented=True)))
-        errors.append(count_off(form, (pairs, links, 1), pairs - rank))
+        matrix = incidence(graph, oriented=True)
+        links, pairs = matrix.shape
+        errors.append(count_off(form, (pairs, links, 1), pairs - int(np.linalg.matrix_rank(matrix))))
     return worst(errors)
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Share of wrong entries among those that are not zero, signs left aside: of link i with joint j, or with joint i alone."""
+    """Return the share of wrong entries in an incidence matrix without signs.
+
+    Its entries that are not zero belong to link i and joint j or, if they are to be on the diagonal, to link i and joint i.
+    """
     wrong = entries = 0
     for _, graph in graphs():
         links = [*range(graph.links), GROUND]
@@ -224,13 +230,13 @@ def incidence_off(diagonal: bool) -> float:
 
 
 def cyclic(loop: str) -> frozenset[frozenset[str]]:
-    """A loop without start and sense: its neighbouring joints."""
+    """Return the pairs of neighbouring joints of a loop, which do not depend on its start and sense."""
     names = loop.split("-")
     return frozenset(frozenset(pair) for pair in zip(names, [*names[1:], names[0]], strict=True))
 
 
 def loops_off(form: dict[str, list[str]]) -> float:
-    """Number of loops (linkage -> names of their joints) that are not among those that the suite lists."""
+    """Count the loops (linkage -> names of their joints) that either the form or the suite does not have."""
     missing = 0
     for name, loops in form.items():
         own = {cyclic(str(loop)) for loop in find_graph(load(name)).loops}
@@ -239,22 +245,22 @@ def loops_off(form: dict[str, list[str]]) -> float:
 
 
 def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
-    """J, J', B, B' of the six-bar as printed; phi, rate (4,): angles of links 1, 2, 3, 5."""
+    """Return J, J', B, B' of the six-bar as printed; phi and rate (4,) are those of the angles of links 1, 2, 3, 5."""
     l1, l2, l3, l3s, l5 = LENGTHS
     arms = np.array([l1, l2, l3s, l3, l5])
     angle, speed = phi[[0, 1, 2, 2, 3]] + np.array([0, 0, ALPHA, 0, 0]), rate[[0, 1, 2, 2, 3]]
-    s, c, s_rate, c_rate = arms * np.sin(angle), arms * np.cos(angle), arms * speed * np.cos(angle), arms * speed * np.sin(angle)
+    s, c = arms * np.sin(angle), arms * np.cos(angle)
+    S, C = c * speed, s * speed  # the rate of s, and minus the rate of c
     J = [[-s[1], s[2], 0, 0], [c[1], -c[2], 0, 0], [0, -s[3], -s[4], -np.cos(RAIL)], [0, c[3], c[4], -np.sin(RAIL)]]
-    S, C = s_rate, c_rate
     J_rate = [[-S[1], S[2], 0, 0], [-C[1], C[2], 0, 0], [0, -S[3], -S[4], 0], [0, -C[3], -C[4], 0]]
     B, B_rate = [[-s[0]], [c[0]], [0], [0]], [[-S[0]], [-C[0]], [0], [0]]
     return np.array(J), np.array(J_rate), np.array(B), np.array(B_rate)
 
 
 def blocks_off(form: Callable[[Array, Array], Blocks]) -> float:
-    """Largest difference from the suite's matrices, the sense of each loop left free."""
+    """Return the largest difference from the suite's matrices, for the better of both senses of each loop."""
     errors = []
-    for t in turnings():
+    for t in list_driven():
         equations, m = t.equations, t.matrices
         if equations.mechanism.name != "six_bar":
             continue
@@ -280,6 +286,6 @@ def textbook() -> Laws:
 
 
 def laws_off(form: Callable[[], Laws]) -> float:
-    """Largest difference from the suite's laws over a rise of 1 in 1 s."""
+    """Return the largest difference from the suite's laws over a rise of 1 in 1 s."""
     laws = form()
     return worst([float(np.abs(laws[name](INSIDE) - rise(name, 0.0, 1.0, 1.0)(INSIDE)[0]).max()) for name in LAWS])

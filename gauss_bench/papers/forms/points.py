@@ -17,6 +17,7 @@ from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import newton_raphson
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.papers.forms.problems import worst
 from gauss_bench.reference.minimal import MinimalCoordinate
@@ -40,43 +41,36 @@ class Shaper:
     lever: float
     rod: float
 
-    def turned(self, angle: float) -> "Shaper":
-        """The whole drawing turned about O1."""
-        turn = np.exp(1j * angle)
-        O2, A, B, C = (self.O1 + complex(turn * (point - self.O1)) for point in (self.O2, self.A, self.B, self.C))
+    def turn(self, angle: float) -> "Shaper":
+        """Return the whole drawing turned about O1."""
+        rotation = np.exp(1j * angle)
+        O2, A, B, C = (self.O1 + complex(rotation * (point - self.O1)) for point in (self.O2, self.A, self.B, self.C))
         return replace(self, O2=O2, A=A, B=B, C=C)
 
 
 @cache
-def driven() -> Mechanism:
+def load_shaper() -> Mechanism:
     return load("shaper", "driven")
 
 
 @cache
 def turn_states() -> Array:
-    """q (POSITIONS, n) over a driven turn."""
-    mechanism = driven()
+    """Return q (POSITIONS, n) over a driven turn."""
+    mechanism = load_shaper()
     motion, angles = MinimalCoordinate(mechanism), 2 * np.pi * np.arange(POSITIONS) / POSITIONS
     return np.concatenate([motion.geometry(np.array([angle]))[0] for angle in angles])
 
 
 @cache
 def shapers() -> tuple[Shaper, ...]:
-    """The shaper over a turn."""
-    m = driven()
-    link = {x.name: i for i, x in enumerate(m.links)}
-    O1, O2 = (complex(*m.ground_points[name]) for name in ("O1", "O2"))
-    lever, rod = m.links[link["lever"]].points, m.links[link["rod"]].points
-    l_lever, l_rod = float(np.linalg.norm(lever["B"] - lever["O1"])), float(np.linalg.norm(rod["C"] - rod["B"]))
-
-    def point(q: Array, owner: str, name: str) -> complex:
-        i = link[owner]
-        return complex(q[3 * i], q[3 * i + 1]) + complex(*m.point(i, name).local) * complex(np.exp(1j * q[3 * i + 2]))
-
-    def at(q: Array) -> Shaper:
-        return Shaper(O1, O2, point(q, "block", "A"), point(q, "lever", "B"), point(q, "ram", "C"), l_lever, l_rod)
-
-    return tuple(at(q) for q in turn_states())
+    """Return the shaper at POSITIONS angles of a driven turn."""
+    shaper, q = load_shaper(), turn_states()
+    O1, O2 = (complex(*shaper.ground_points[name]) for name in ("O1", "O2"))
+    points = {link.name: link.points for link in shaper.links}
+    lever = float(np.linalg.norm(points["lever"]["B"] - points["lever"]["O1"]))
+    rod = float(np.linalg.norm(points["rod"]["C"] - points["rod"]["B"]))
+    A, B, C = (position(q, shaper.find_point(name)) @ [1, 1j] for name in ("block.A", "lever.B", "ram.C"))  # (POSITIONS,) each
+    return tuple(Shaper(O1, O2, complex(a), complex(b), complex(c), lever, rod) for a, b, c in zip(A, B, C, strict=True))
 
 
 def cross(a: complex, b: complex) -> float:
@@ -84,7 +78,7 @@ def cross(a: complex, b: complex) -> float:
 
 
 def sides(x: Shaper) -> tuple[complex, complex]:
-    """Residuals of both loops (1) with th4 = th3, from the angles and lengths that the positions give."""
+    """Return the residuals of both loops (1) with th4 = th3, the angles and lengths taken from the positions."""
     r1, r2 = x.O2 - x.O1, x.A - x.O2
     r3 = x.A - x.O1
     e3 = r3 / abs(r3)
@@ -97,7 +91,7 @@ def loops_off(form: Callable[[Shaper], tuple[complex, complex]]) -> float:
 
 
 def lengths(x: Shaper) -> tuple[float, float]:
-    """Residuals of the first two equations (2)."""
+    """Return the residuals of the first two equations (2)."""
     B, C, O1 = x.B, x.C, x.O1
     return (
         (B.real - O1.real) ** 2 + (B.imag - O1.imag) ** 2 - x.lever**2,
@@ -110,14 +104,14 @@ def lengths_off(form: Callable[[Shaper], tuple[float, float]]) -> float:
 
 
 def basic_off(form: list[str]) -> float:
-    """Range in a turn of the coordinate (point and axis) that is said to be known, relative to the stroke."""
+    """Return how much a coordinate (point and axis) that is claimed to be known changes in a turn, relative to the stroke."""
     point, axis = form
     values = [getattr(getattr(x, point), axis) for x in shapers()]
     return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))
 
 
 def collinear_off(form: list[str]) -> float:
-    """Largest sine of the angle between the three points that are said to be in line."""
+    """Return the largest sine of the angle between three points that are claimed to be in line."""
     errors = []
     for x in shapers():
         a, b, c = (getattr(x, name) for name in form)
@@ -137,28 +131,28 @@ Line3 = Callable[[complex, complex, complex], float]
 
 
 def line_off(form: Line3) -> float:
-    """Residual that rounding leaves at true positions, with the lever in every direction down to NEAREST from the axes."""
+    """Return the largest residual at true positions, with the lever turned to angles down to NEAREST from the axes."""
     near = np.geomspace(NEAREST, 0.5, 12)
     errors = []
     for x in shapers()[:: POSITIONS // 4]:
         lever = float(np.angle(x.B - x.O1))
         for axis in np.arange(4) * np.pi / 2:
             for angle in (*(axis + near), *(axis - near)):
-                y = x.turned(float(angle) - lever)
+                y = x.turn(float(angle) - lever)
                 errors.append(abs(form(y.O1, y.A, y.B)))
     return worst(errors)
 
 
 def search_off(form: Line3) -> float:
-    """Share of positions, each 5 degrees from the one before, at which Newton's method does not find B.
+    """Return the share of positions at which Newton's method, starting 5 degrees before, does not find B.
 
-    The shaper as drawn, its lever about the vertical, and laid on its side, its lever about the horizontal.
+    The shaper is taken as drawn, its lever near the vertical, and laid on its side, its lever near the horizontal.
     """
-    return sum(list_lost(form, [x.turned(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
+    return sum(count_lost(form, [x.turn(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
 
 
-def list_lost(form: Line3, places: Sequence[Shaper]) -> int:
-    """Positions of a turn at which the search fails."""
+def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
+    """Count the positions of a turn at which the search fails."""
     failed = 0
     for before, x in zip(places, [*places[1:], places[0]], strict=True):
 
@@ -177,13 +171,16 @@ def list_lost(form: Line3, places: Sequence[Shaper]) -> int:
 
 
 def from_before() -> float:
-    """Spread of starts [m]: the farthest that an unknown point moves between two positions 5 degrees apart."""
-    model = PointModel(driven(), inputs_of(driven()))
+    """Return the largest distance [m] that an unknown point moves between two positions 5 degrees apart."""
+    model = PointModel(load_shaper(), inputs_of(load_shaper()))
     unknown = np.array([model.points.unknown_at(q) for q in turn_states()])
     return float(np.abs(unknown - np.roll(unknown, 1, axis=0)).max())
 
 
 def starts_off(form: Callable[[], float]) -> float:
-    """Share of random starts within the spread from which the worse of Gauss-Newton and Levenberg-Marquardt misses the assembly."""
-    searches = basins(driven(), inputs_of(driven()), [form()], STARTS, SEED)
+    """Return the share of random starts from which Gauss-Newton or Levenberg-Marquardt, whichever is worse, misses the assembly.
+
+    A form returns how far [m] the starts are spread about the assembly.
+    """
+    searches = basins(load_shaper(), inputs_of(load_shaper()), [form()], STARTS, SEED)
     return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])

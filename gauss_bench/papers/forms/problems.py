@@ -2,9 +2,9 @@
 
     M a + f = Q - J^T lambda,   J a = g
 
-f, g and Q are separate, as in the paper. The sign of lambda is this project's (M a + J^T lambda = Q); many books have the opposite
-one. Random problems are solved by the saddle-point system; those of the crank-slider take their accelerations from the motion in
-the crank angle, which uses neither J nor lambda.
+f, g and Q are separate, as in the paper. The sign of lambda is this project's; many books have the opposite one. Random problems
+are solved by the saddle-point system. The accelerations of the crank-slider's problems come from its motion in the crank angle,
+which uses neither J nor lambda.
 """
 
 from collections.abc import Sequence

@@ -74,7 +74,7 @@ def predict(p: Problem) -> Array:
 
 
 def difference_off(factor: float) -> float:
-    """Compare a multiple of the predicted difference with the measured one, relative to the accelerations that are subtracted."""
+    """Compare `factor` times the predicted a_true - a_(16) with the true one, relative to the largest acceleration involved."""
     errors = []
     for p in all_problems():
         wrong = euclidean(p)

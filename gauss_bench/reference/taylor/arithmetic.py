@@ -1,7 +1,7 @@
-"""One arithmetic for arrays of numbers and for symbols: the equations of a linkage are written once and serve both.
+"""One arithmetic for arrays of numbers and for symbols, so that the equations of a linkage are written once for both.
 
-A value is an array over states, a symbol, or one of the literals 0, 1 and -1, written as plain integers: a product of a symbol with
-what is known to vanish or to be one is no operation of the compiled code. A vector of the plane is a pair of values.
+A value is an array over states, a symbol, or one of the literals 0, 1 and -1, which are plain integers: products with a literal are
+no operations of the compiled code. A vector of the plane is a pair of values.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Vector = tuple[Value, Value]
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Elementary functions of the values, and what makes a value of a constant."""
+    """The elementary functions of values, and the conversion of a constant to a value."""
 
     cos: Callable[[Value], Value]
     sin: Callable[[Value], Value]
@@ -24,7 +24,7 @@ class Arithmetic:
     constant: Callable[[Any], Value]
 
     def of(self, number: Any) -> Value:
-        """A constant, as a literal where it is one."""
+        """Convert a constant to a value, to a literal if it is 0, 1 or -1."""
         for literal in (0, 1, -1):
             if number == literal:
                 return literal
@@ -40,7 +40,7 @@ def vanishes(a: Value) -> bool:
 
 
 def total(values: Any) -> Value:
-    """Sum of any number of values, added in pairs, then pairs of pairs, so that long sums of arrays lose least to rounding."""
+    """Return the sum of values, added in pairs, then pairs of pairs, so that long sums lose least to rounding."""
     parts = [x for x in values if not vanishes(x)]
     while len(parts) > 1:
         parts = [sum(parts[k + 1 : k + 2], start=parts[k]) for k in range(0, len(parts), 2)]
@@ -56,12 +56,12 @@ def scale_by(k: Value, a: Vector) -> Vector:
 
 
 def quarter(a: Vector) -> Vector:
-    """i a, the vector turned by a quarter to the left."""
+    """Return i a, the vector turned by a quarter to the left."""
     return -a[1], a[0]
 
 
 def product(a: Vector, b: Vector) -> Vector:
-    """a b, as complex numbers."""
+    """Return the product of two vectors as complex numbers."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 

@@ -17,7 +17,7 @@ from gauss_bench.terms import Array
 
 
 class Constants:
-    """The numbers in a set of equations, each as a parameter of the compiled code."""
+    """The numbers in a set of equations, each of which becomes a parameter of the compiled code."""
 
     def __init__(self) -> None:
         self.known: dict[str, int] = {}  # every digit as text -> number of the parameter
@@ -32,6 +32,7 @@ class Constants:
 
 
 def symbols(constants: Constants) -> Arithmetic:
+    """Return the arithmetic of heyoka's symbols; constants become parameters."""
     import heyoka
 
     return Arithmetic(heyoka.cos, heyoka.sin, heyoka.sqrt, constants)
@@ -42,7 +43,8 @@ class CompiledSeries:
     """Equations of one chart as compiled code.
 
     Attributes:
-        taylor: integrates them; watch: gives the pivots in double precision, with their parameters, or None without pivots.
+        taylor: heyoka's integrator. watch: function that returns the pivots in double precision, or None if there are none.
+        parameters: of `watch`.
     """
 
     chart: Chart
@@ -51,7 +53,7 @@ class CompiledSeries:
     parameters: Array
 
     def step(self, t: Any, state: Long, limit: Any) -> Any | None:
-        """Length of a step from a state at t, at most `limit`, or None where the series is not finite."""
+        """Take a step from a state at t; return its length, at most `limit`, or None if the series is not finite."""
         import heyoka
 
         self.taylor.time, self.taylor.state[:] = t, state
@@ -60,32 +62,32 @@ class CompiledSeries:
         return h if outcome in good else None
 
     def at(self, t: Any) -> Long:
-        """The state at a time within the last step."""
+        """Return the state at a time within the last step."""
         return np.array(self.taylor.update_d_output(t))
 
     def pivots(self, state: Long) -> Array:
-        """All pivots in units of the chart's scale, in double precision."""
+        """Return all pivots in units of the chart's scale, in double precision."""
         if self.watch is None:
             return np.full(1, np.inf)
-        watched = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
-        return np.asarray(watched / self.chart.scale[[c for _, c in self.chart.order]])
+        pivots = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
+        return np.asarray(pivots / self.chart.scale[[c for _, c in self.chart.order]])
 
 
 def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
-    """The integrator of a chart within one piece of the motion laws."""
+    """Compile the equations of a chart within one piece of the motion laws."""
     import heyoka
 
     n = rows.coordinates.n
     names = [f"x{j:03d}" for j in range(n)] + [f"u{j:03d}" for j in range(len(chart.free))]
     state = [heyoka.make_vars(name) for name in names]
-    none = heyoka.expression(0.0)
-    constants, watched = Constants(), Constants()
+    zero = heyoka.expression(0.0)  # makes a symbol of a literal
+    constants, watch_constants = Constants(), Constants()
     motion = rates(rows, chart, Instant(state[:n], symbols(constants)), state[n:], piece.laws(heyoka.time, symbols(constants)))
-    right = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
-    system = [(name, none + value) for name, value in zip(state, right, strict=True)]
+    right_sides = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
+    system = [(symbol, zero + value) for symbol, value in zip(state, right_sides, strict=True)]
     taylor = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
     taylor.pars[:] = constants.values(number)[: len(taylor.pars)]
-    seen = factorise(rows.entries(Instant(state[:n], symbols(watched))), chart.order).pivots
-    watch = heyoka.cfunc([none + x for x in seen], vars=state[:n], compact_mode=True) if seen else None
-    parameters = np.array(watched.values(float))[: watch.nparams if watch else 0]
+    pivots = factorise(rows.entries(Instant(state[:n], symbols(watch_constants))), chart.order).pivots
+    watch = heyoka.cfunc([zero + x for x in pivots], vars=state[:n], compact_mode=True) if pivots else None
+    parameters = np.array(watch_constants.values(float))[: watch.nparams if watch else 0]
     return CompiledSeries(chart, taylor, watch, parameters)

@@ -1,8 +1,8 @@
 """Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
 
-The order is chosen at one state, in double precision, and the elimination then written once for all states near it. Chosen is the
-pivot that fills in least among those not small in their row (Markowitz). A rectangular system A x = b of full row rank leaves
-some unknowns without a pivot; these are free, and x = x0 + N u with u their values.
+The order is chosen at one state, in double precision; the elimination is then written once for all states near it. Each pivot is
+the one that causes the least fill-in among those that are not small in their row (Markowitz). A rectangular system A x = b of full
+row rank leaves some unknowns without a pivot; these are free, and x = x0 + N u with u their values.
 
     x0    the solution in which the free unknowns vanish
     N     its columns solve A N = 0 with one free unknown equal to one and the others zero
@@ -21,12 +21,17 @@ from gauss_bench.terms import Array
 
 Entries = Mapping[int, Value]  # column -> value
 Order = tuple[tuple[int, int], ...]  # (row, column) of every pivot
-SMALL = 0.3  # of the largest entry of its row, and
-TINY = 0.1  # of the largest entry of all: a pivot smaller than that waits, so that of dependent rows the better one is kept
+SMALL = 0.3  # least size of a pivot, relative to the largest entry of its row
+TINY = 0.1  # and relative to the largest entry of all, so that of dependent rows the one with larger entries is kept
 
 
 class Pivots(NamedTuple):
-    """An order of pivots, its smallest pivot with the row it is in, and the largest entry in the rows that got none."""
+    """An order of pivots.
+
+    Attributes:
+        smallest, weakest: the smallest pivot, and its row.
+        left: the largest entry in the rows without a pivot.
+    """
 
     order: Order
     smallest: float
@@ -35,7 +40,7 @@ class Pivots(NamedTuple):
 
 
 def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivots:
-    """The order for a matrix (m, n) with the given pattern of entries; rows without an entry above `floor` get no pivot."""
+    """Choose pivots for a matrix (m, n) with a pattern of entries; rows without an entry above `floor` get none."""
     A, structure = A.astype(float).copy(), structure.copy()
     rows, columns = list(range(A.shape[0])), list(range(A.shape[1]))
     order: list[tuple[int, int]] = []
@@ -48,7 +53,7 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
         usable = (part >= SMALL * largest[:, None]) & (part >= TINY * largest.max()) & (part > floor)
         if not usable.any():
             return Pivots(tuple(order), float(smallest), weakest, float(largest.max()))
-        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of equal ones the larger
+        cost = np.where(usable, fill + 0.5 / (1.0 + part), np.inf)  # of pivots with equal fill-in the largest
         i, j = np.unravel_index(int(cost.argmin()), cost.shape)
         r, c = rows.pop(int(i)), columns.pop(int(j))
         order.append((r, c))
@@ -61,7 +66,12 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
 
 
 class Factors(NamedTuple):
-    """Rows after elimination in pivot order, without their pivots, and the row operations (target, source, factor)."""
+    """Factors of a matrix.
+
+    Attributes:
+        rows: after elimination, in the order of the pivots and without them.
+        steps: row operations (target, source, factor).
+    """
 
     order: Order
     rows: list[dict[int, Value]]
@@ -70,7 +80,7 @@ class Factors(NamedTuple):
 
 
 def factorise(entries: Sequence[Entries], order: Order) -> Factors:
-    """Forward elimination of the rows that have a pivot."""
+    """Eliminate forward the rows that have a pivot."""
     rows = [dict(entries[r]) for r, _ in order]
     pivots: list[Value] = []
     steps: list[tuple[int, int, Value]] = []
@@ -86,27 +96,28 @@ def factorise(entries: Sequence[Entries], order: Order) -> Factors:
 
 
 def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
-    """x0 by column, for right-hand sides (m,) of all rows; free unknowns are left out."""
+    """Return x0 by column, for right-hand sides (m,) of all rows, without the free unknowns."""
     y = [b[r] for r, _ in factors.order]
     for i, k, factor in factors.steps:
         y[i] = y[i] - factor * y[k]
     x: dict[int, Value] = {}
-    for (_, c), row, pivot, value in reversed(list(zip(factors.order, factors.rows, factors.pivots, y, strict=True))):
-        for j, a in row.items():
+    for k in reversed(range(len(y))):
+        value = y[k]
+        for j, a in factors.rows[k].items():
             value = value - a * x.get(j, 0)
-        x[c] = value / pivot
+        x[factors.order[k][1]] = value / factors.pivots[k]
     return x
 
 
 def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
-    """Column of N -> its entries by unknown; the columns are named by the free unknowns among n."""
+    """Return free unknown -> its column of N, as entries by unknown; n is the number of unknowns."""
     bound = {c for _, c in factors.order}
     N: dict[int, dict[int, Value]] = {j: {j: 1} for j in range(n) if j not in bound}
-    for (_, c), row, pivot in reversed(list(zip(factors.order, factors.rows, factors.pivots, strict=True))):
+    for k in reversed(range(len(factors.order))):
         for column in N.values():
             value: Value = 0
-            for j, a in row.items():
+            for j, a in factors.rows[k].items():
                 value = value + a * column.get(j, 0)
             if not vanishes(value):
-                column[c] = -(value / pivot)
+                column[factors.order[k][1]] = -(value / factors.pivots[k])
     return N

@@ -1,11 +1,11 @@
-"""Equations of motion in loop coordinates, reduced to as many unknowns as there are freedoms.
+"""Equations of motion in loop coordinates, reduced to as many unknowns as there are degrees of freedom.
 
-The rows A x' = rate, A x'' = gamma leave free coordinates with speeds u:
+The rows A x' = rate, A x'' = gamma leave some coordinates free, whose speeds are u:
 
     x' = n0 + N u,        x'' = a0 + N u'
 
-and with J_b the Jacobian of centre of mass and angle of link b, m_b its mass or inertia and F_b the force on it, Gauss's principle
-of least constraint asks for the u' that minimises sum_b |m_b z_b'' - F_b|^2 / m_b, which is
+With J_b the Jacobian of centre of mass and angle of link b, m_b its mass or inertia and F_b the force on it, by Gauss's principle
+of least constraint u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b:
 
     T u' = r,    T = sum_b m_b (J_b N)^T J_b N,    r = sum_b (J_b N)^T (F_b - m_b (J_b a0 + bias_b))
 
@@ -25,7 +25,7 @@ from gauss_bench.reference.taylor.elimination import Order, Pivots, choose_pivot
 from gauss_bench.reference.taylor.forces import Loads
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import Law, LoopRows
-from gauss_bench.reference.taylor.solve import dense
+from gauss_bench.reference.taylor.solve import to_dense
 from gauss_bench.reference.taylor.vector_sums import NONE
 from gauss_bench.terms import Array
 
@@ -37,7 +37,7 @@ class Chart:
     """The choice of free coordinates, by the order of pivots of the others.
 
     Attributes:
-        scale: (n,) what a unit of each coordinate moves the loops by [m or 1]; pivots are judged in these units.
+        scale: (n,) how far a unit of each coordinate moves the loops [m or 1]; pivots are compared in these units.
     """
 
     order: Order
@@ -54,16 +54,16 @@ class Rates(NamedTuple):
 
 
 def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tuple[Chart, Pivots]:
-    """The chart for one state, given by arrays (1,), and how good it is; the scale is that of the state where not given."""
+    """Choose the chart for one state, given by arrays (1,), and return its pivots too; without a scale, use that of the state."""
     n = rows.coordinates.n
     entries = rows.entries(at)
-    A = dense(entries, 1, n)[0]
+    A = to_dense(entries, 1, n)[0]
     pattern = np.zeros(A.shape, dtype=bool)
     for r, row in enumerate(entries):
         pattern[r, list(row)] = True
     if scale is None:
         loops = 2 * len(rows.closures)
-        vectors = np.hypot(A[0:loops:2], A[1:loops:2])  # do not change as the loop turns
+        vectors = np.hypot(A[0:loops:2], A[1:loops:2])  # of the loops: their lengths do not change as a loop turns
         largest = np.maximum(vectors.max(axis=0, initial=0.0), np.abs(A[loops:]).max(axis=0, initial=0.0))
         scale = np.where(largest > REDUNDANT, largest, 1.0)
     pivots = choose_pivots(A / scale, pattern, REDUNDANT)
@@ -72,23 +72,24 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
 
 
 def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: Sequence[Law]) -> Rates:
-    """x', x'' and u' of a state (x, u), x given by the instant."""
+    """Return x', x'' and u' of a state (x, u); the instant has x."""
     factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
     steady = particular(factors, prescribed) if any(not vanishes(x) for x in prescribed) else {}
     velocity = _combine(steady, N, dict(zip(chart.free, u, strict=True)))
     a0 = particular(factors, rows.biases(at, velocity, laws))
-    if not chart.free:
+    if not chart.free:  # the linkage is driven completely
         return Rates(velocity, a0, [])
     T, r = _reduce(rows, at, velocity, N, a0)
-    order = tuple((k, k) for k in range(len(r)))  # T is positive definite and needs no choice of pivots
+    order = tuple((k, k) for k in range(len(r)))  # T is positive definite, so that any order serves
     solved = particular(factorise([dict(enumerate(row)) for row in T], order), r)
     free = [solved[k] for k in range(len(r))]
     return Rates(velocity, _combine(a0, N, dict(zip(chart.free, free, strict=True))), free)
 
 
 def _combine(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, Value]) -> dict[int, Value]:
+    """Return x0 + N u."""
     combined = dict(x0)
     for j, column in N.items():
         for k, value in column.items():
@@ -99,7 +100,7 @@ def _combine(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, 
 def _reduce(
     rows: LoopRows, at: Instant, v: dict[int, Value], N: dict[int, dict[int, Value]], a0: dict[int, Value]
 ) -> tuple[list[list[Value]], list[Value]]:
-    """T (f, f) and r (f,)."""
+    """Return T (f, f) and r (f,) of the equations above, f being the number of free coordinates."""
     coordinates = rows.coordinates
     loads = Loads(coordinates, at, v)
     columns = [N[j] for j in sorted(N)]
@@ -111,8 +112,8 @@ def _reduce(
     for i, link in enumerate(coordinates.mechanism.links):
         centre, angle = coordinates.centres[i], coordinates.angle[i]
         mass, inertia = at.arithmetic.of(link.mass), at.arithmetic.of(link.inertia)
-        z, w = [at.combined(centre, move) for move in moves], [column.get(angle, 0) for column in columns]
-        b = plus(at.combined(centre, linear), at.combined(centre, bias))
+        z, w = [at.combine(centre, move) for move in moves], [column.get(angle, 0) for column in columns]
+        b = plus(at.combine(centre, linear), at.combine(centre, bias))
         force = plus(loads.force[i], scale_by(-mass, b))
         moment = loads.moment[i] - inertia * (0 if angle == NONE else a0.get(angle, 0))
         for j in range(f):

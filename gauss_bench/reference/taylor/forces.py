@@ -1,8 +1,8 @@
 """Applied forces on links as forces of the world: for each link a force through its centre of mass and a moment about it.
 
-A force F at a link-fixed point with arm r counts as F and r x F. What acts along an axis of another link acts on that link with the
-opposite force on the same line. The derivation shares nothing with `mechanism/coordinates.py` and the lowering of forces to it, on
-purpose: each kind is derived here a second time, or not certified. It works for symbols too.
+A force F at a link-fixed point with arm r counts as F and r x F. A force along an axis of another link has a reaction on that link,
+the opposite force on the same line. The derivation shares nothing with `mechanism/coordinates.py` and the lowering of forces to it,
+on purpose: each kind of force is derived here a second time, or motions with it cannot be certified. It works for symbols too.
 
     spring        on the second point: F = -(k (L - rest) + c L') d / L,    d from the first to the second,  L L' = d . d'
     axis spring   x = u . d,  x' = u . d' + omega u x d,                    F = (k (rest - x) - c x') u
@@ -43,50 +43,50 @@ class Wrench:
         self.moment: list[Value] = [0] * links
 
     def flat(self) -> list[Value]:
-        """Force x, force y and moment of every link."""
+        """Return force x, force y and moment of every link in turn."""
         return [x for force, moment in zip(self.force, self.moment, strict=True) for x in (*force, moment)]
 
     def value(self, terms: Sum) -> Vector:
-        return self.at.combined(terms, self.at)
+        return self.at.combine(terms, self.at)
 
-    def turned(self, vector: Any, link: int) -> Vector:
-        """A vector in a link's frame."""
-        return self.value(self.coordinates.turned(vector, link))
+    def turn(self, vector: Any, link: int) -> Vector:
+        """Return a vector of a link's frame in world axes."""
+        return self.value(self.coordinates.turn_vector(vector, link))
 
     def gap(self, a: Point, b: Point) -> Sum:
         return merge(self.coordinates.point(b), self.coordinates.point(a))
 
     def twist(self, b: int, a: int, torque: Value) -> None:
-        """A torque on link b and its reaction on link a."""
+        """Apply a torque to link b and its reaction to link a."""
         for link, signed in ((b, torque), (a, -torque)):
             if link != GROUND:
                 self.moment[link] = self.moment[link] + signed
 
     def push(self, point: Point, force: Vector, link: int | None = None) -> None:
-        """A force at a point on the link that it belongs to, or on another link in the same line."""
+        """Apply a force at the place of a point to the point's link, or to another link."""
         at = point.link if link is None else link
-        if at != GROUND:
-            own = at == point.link
-            arm = self.coordinates.turned(point.local, at) if own else self._arm(point, at)
-            self.force[at] = plus(self.force[at], force)
-            self.moment[at] = self.moment[at] + cross(self.value(arm), force)
-
-    def _arm(self, point: Point, link: int) -> Sum:
-        return merge(self.coordinates.point(point), self.coordinates.centres[link])
+        if at == GROUND:
+            return
+        if at == point.link:
+            arm = self.coordinates.turn_vector(point.local, at)
+        else:
+            arm = merge(self.coordinates.point(point), self.coordinates.centres[at])
+        self.force[at] = plus(self.force[at], force)
+        self.moment[at] = self.moment[at] + cross(self.value(arm), force)
 
     def pull(self, b: Point, a: Point, force: Vector) -> None:
-        """A force on point b and its reaction on point a."""
+        """Apply a force to point b and its reaction to point a."""
         self.push(b, force)
         self.push(a, opposite(force))
 
     def slide(self, point: Point, origin: Point, force: Vector) -> None:
-        """A force on a point and its reaction in the same line on the link of the origin."""
+        """Apply a force to a point and its reaction, on the same line, to the link of the origin."""
         self.push(point, force)
         self.push(point, opposite(force), origin.link)
 
 
 class Loads(Wrench):
-    """The applied forces at rates v."""
+    """The applied forces at rates v of the coordinates, gravity included."""
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant, v: Mapping[int, Value]):
         super().__init__(coordinates, at)
@@ -97,29 +97,34 @@ class Loads(Wrench):
             self._apply(f)
 
     def _speed(self, link: int) -> Value:
-        """Angular speed of a link."""
+        """Return the angular speed of a link."""
         return 0 if link == GROUND else self.v.get(self.coordinates.angle[link], 0)
 
     def _angle(self, link: int) -> Value:
-        """Angle of a link, unwrapped."""
+        """Return the angle of a link [rad], including whole turns."""
         if link == GROUND:
             return 0
         index, turn = self.coordinates.angle[link], self.of(self.coordinates.turn[link])
         return turn if index == NONE else self.at.x[index] + turn
 
     def _apply(self, f: Force) -> None:
+        """Add a force to the wrenches of the links on which it acts.
+
+        Raises:
+            TypeError: the kind of force has no derivation here.
+        """
         match f:
             case Torque():
                 self.twist(f.link, f.reaction, self.of(f.value))
             case PointForce():
-                self.push(f.point, self.turned(f.value, f.frame))
+                self.push(f.point, self.turn(f.value, f.frame))
             case SpringDamper():
                 self._spring(f)
             case AxisSpringDamper():
                 self._along(f)
             case RotationalSpringDamper():
-                turn, speed = self._angle(f.b) - self._angle(f.a), self._speed(f.b) - self._speed(f.a)
-                self.twist(f.b, f.a, self._linear(f, turn, speed))
+                angle, speed = self._angle(f.b) - self._angle(f.a), self._speed(f.b) - self._speed(f.a)
+                self.twist(f.b, f.a, self._linear(f, angle, speed))
             case JointDamping():
                 for pair in f.pairs:
                     self._damp(pair, f.c)
@@ -127,9 +132,11 @@ class Loads(Wrench):
                 raise TypeError(f"force {f.name}: the kind {type(f).__name__} has no derivation here")
 
     def _linear(self, f: AxisSpringDamper | RotationalSpringDamper, x: Value, rate: Value) -> Value:
+        """Return the strength of a spring and damper on a coordinate x."""
         return self.of(f.k) * (self.of(f.rest) - x) - self.of(f.c) * rate
 
     def _spring(self, f: SpringDamper) -> None:
+        """Apply a spring and damper between two points; terms with a coefficient of zero are left out."""
         gap = self.gap(f.a, f.b)
         d = self.value(gap)
         square = dot(d, d)
@@ -137,22 +144,24 @@ class Loads(Wrench):
         if f.rest != 0 and f.k != 0:
             pull = pull - self.of(f.k * f.rest) / self.at.arithmetic.sqrt(square)
         if f.c != 0:
-            pull = pull + self.of(f.c) * dot(d, self.at.combined(gap, self.rate)) / square
+            pull = pull + self.of(f.c) * dot(d, self.at.combine(gap, self.rate)) / square
         self.pull(f.a, f.b, scale_by(pull, d))
 
     def _along(self, f: AxisSpringDamper) -> None:
-        gap, u = self.gap(f.origin, f.point), self.turned(direction(f.angle), f.origin.link)
-        d, turning = self.value(gap), self._speed(f.origin.link) * cross(u, self.value(gap))
-        rate = dot(u, self.at.combined(gap, self.rate)) + turning
+        """Apply a spring and damper along an axis of a link."""
+        gap, u = self.gap(f.origin, f.point), self.turn(direction(f.angle), f.origin.link)
+        d = self.value(gap)
+        rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)
         self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
 
-    def _damp(self, pair: Joint, c: Any) -> None:
-        if isinstance(pair, Prismatic):
-            u, speed = self.turned(direction(pair.angle), pair.guide.link), self.v.get(self.coordinates.slides[pair.name], 0)
-            self.slide(pair.block, pair.guide, scale_by(-(self.of(c) * speed), u))
+    def _damp(self, joint: Joint, c: Any) -> None:
+        """Apply the damping of a joint: a force along a slide, a torque about a pin."""
+        if isinstance(joint, Prismatic):
+            u, speed = self.turn(direction(joint.angle), joint.guide.link), self.v.get(self.coordinates.slides[joint.name], 0)
+            self.slide(joint.block, joint.guide, scale_by(-(self.of(c) * speed), u))
         else:
-            speed = self._speed(pair.b.link) - self._speed(pair.a.link)
-            self.twist(pair.b.link, pair.a.link, -(self.of(c) * speed))
+            speed = self._speed(joint.b.link) - self._speed(joint.a.link)
+            self.twist(joint.b.link, joint.a.link, -(self.of(c) * speed))
 
 
 def opposite(force: Vector) -> Vector:

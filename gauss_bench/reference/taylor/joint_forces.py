@@ -1,14 +1,14 @@
 """Joint forces of samples in extended precision: multipliers of the constraint rows in absolute coordinates.
 
-A row of J^T is what its joint does to the links with a multiplier of one: a force at the points that it holds, or a torque.
-Rows stand in the mechanism's order, two per joint, then drivers, then knife edges, each written here anew from what it means:
+A column of J^T contains the forces of its constraint on the links for a multiplier of one: forces at points, or a torque.
+Constraints are in the mechanism's order, two per joint, then drivers, then knife edges. Each is derived here anew:
 
     pin           along x, then along y, on b, with the reaction on a
     slide         across the guide on the block, with the reaction in the same line on the guide; then a torque
-    driver        what holds the driven coordinate: a torque, a force along the guide, a force along the line of two points
+    driver        a torque, a force along the guide, or a force along the line of two points, on the driven coordinate
     knife edge    across the edge at its point
 
-J^T lambda = Q - M a has more rows than unknowns; that all of them are met is the check of the whole motion.
+J^T lambda = Q - M a has more rows than unknowns; whether all of them hold checks the whole motion.
 """
 
 from typing import Any
@@ -17,38 +17,45 @@ import numpy as np
 
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Prismatic, SlideDriver
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.refinement import chord
+from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Value, dot, vanishes
 from gauss_bench.reference.taylor.forces import Wrench
 from gauss_bench.reference.taylor.moving_vectors import Instant
-from gauss_bench.reference.taylor.solve import Long, dense, pseudo_inverse
+from gauss_bench.reference.taylor.solve import Long, to_dense
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 from gauss_bench.terms import Array
 
 
 def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value]]:
-    """Rows of J, column -> value, at an instant."""
-    mechanism, rows = coordinates.mechanism, 2 * len(coordinates.mechanism.joints)
-    wrenches = [Wrench(coordinates, at) for _ in range(rows + len(mechanism.drivers) + len(mechanism.knife_edges))]
-    for joint, first, second in zip(mechanism.joints, wrenches[:rows:2], wrenches[1:rows:2], strict=True):
+    """Return the rows of J, column -> value, at an instant."""
+    mechanism, wrenches = coordinates.mechanism, list[Wrench]()
+
+    def add_row() -> Wrench:
+        wrenches.append(Wrench(coordinates, at))
+        return wrenches[-1]
+
+    for joint in mechanism.joints:
+        first, second = add_row(), add_row()
         if isinstance(joint, Prismatic):
-            first.slide(joint.block, joint.guide, first.turned(across(joint.angle), joint.guide.link))
+            first.slide(joint.block, joint.guide, first.turn(across(joint.angle), joint.guide.link))
             second.twist(joint.block.link, joint.guide.link, 1)
         else:
             first.pull(joint.b, joint.a, (1, 0))
             second.pull(joint.b, joint.a, (0, 1))
-    for driver, wrench in zip(mechanism.drivers, wrenches[rows:], strict=False):
+    for driver in mechanism.drivers:
+        row = add_row()
         if isinstance(driver, AngleDriver):
-            wrench.twist(driver.link, GROUND, 1)
+            row.twist(driver.link, GROUND, 1)
         elif isinstance(driver, SlideDriver):
             slide = driver.joint
-            wrench.slide(slide.block, slide.guide, wrench.turned(direction(slide.angle), slide.guide.link))
+            row.slide(slide.block, slide.guide, row.turn(direction(slide.angle), slide.guide.link))
         else:
-            d = wrench.value(wrench.gap(driver.a, driver.b))
+            d = row.value(row.gap(driver.a, driver.b))
             length = at.arithmetic.sqrt(dot(d, d))
-            wrench.pull(driver.b, driver.a, (d[0] / length, d[1] / length))
-    for edge, wrench in zip(mechanism.knife_edges, wrenches[rows + len(mechanism.drivers) :], strict=True):
-        wrench.push(edge.point, wrench.turned(across(edge.angle), edge.point.link))
+            row.pull(driver.b, driver.a, (d[0] / length, d[1] / length))
+    for edge in mechanism.knife_edges:
+        row = add_row()
+        row.push(edge.point, row.turn(across(edge.angle), edge.point.link))
     return [{j: x for j, x in enumerate(wrench.flat()) if not vanishes(x)} for wrench in wrenches]
 
 
@@ -58,32 +65,32 @@ def across(angle: Any) -> Array:
 
 
 def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps: float) -> tuple[Long, float]:
-    """Multipliers (k, m) of J^T lambda = force (k, n), and the largest residual relative to the forces.
+    """Return the multipliers (k, m) of J^T lambda = force (k, n), and the largest residual relative to the forces.
 
-    Where rows are redundant some multipliers stay zero, and none of them mean anything; the residual does.
+    If rows are redundant some multipliers are zero and all are arbitrary, but the residual is meaningful.
 
     Raises:
         Unsolved: a sample is singular in double precision.
     """
     k, n = force.shape
     multipliers = np.zeros((k, len(rows)), dtype=force.dtype)
-    J = dense(rows, k, n)
-    kept = independent(J[0], len(rows) - redundant)
+    J = to_dense(rows, k, n)
+    kept = choose_independent(J[0], len(rows) - redundant)
 
-    def left(x: Long) -> Long:
+    def residual(x: Long) -> Long:
         parts = -force
         for i, r in enumerate(kept):
             for j, value in rows[r].items():
                 parts[:, j] = parts[:, j] + value * x[:, i]
         return parts
 
-    multipliers[:, kept] = chord(left, pseudo_inverse(np.swapaxes(J[:, kept], 1, 2)), multipliers[:, kept], eps)
-    off, scale = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (left(multipliers[:, kept]), force))
+    multipliers[:, kept] = solve_by_chord(residual, pseudo_inverse(np.swapaxes(J[:, kept], 1, 2)), multipliers[:, kept], eps)
+    off, scale = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (residual(multipliers[:, kept]), force))
     return multipliers, off / max(scale, 1e-300)
 
 
-def independent(J: Array, count: int) -> list[int]:
-    """As many independent rows of J (m, n), in their order."""
+def choose_independent(J: Array, count: int) -> list[int]:
+    """Choose `count` independent rows of J (m, n); return their indices in order."""
     from scipy.linalg import qr
 
     return sorted(qr(J.T, mode="r", pivoting=True)[1][:count].tolist()) if count else []

@@ -1,6 +1,7 @@
-"""Motion laws as formulas of time, for a linkage that drivers move in part: between two breaks every law is smooth.
+"""Motion laws as formulas of time, for a linkage that is driven in part.
 
-Values at the ends of a piece come from the law itself; what stands between is written anew:
+Time is divided into pieces at the breaks of all laws; within a piece every law is smooth. Values at the ends of a piece come from
+the law itself; the formulas in between are derived anew:
 
     constant    value + rate (t - t0)
     table       the cubic with value, rate and curvature at one knot and the curvature at the next
@@ -11,15 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gauss_bench.linkage.references import drivers_of
 from gauss_bench.mechanism.model import Driver
-from gauss_bench.mechanism.numbers import PI, Number, exact
+from gauss_bench.mechanism.numbers import PI, Number
+from gauss_bench.reference.motion import find_breaks
 from gauss_bench.reference.taylor.arithmetic import Arithmetic, Value
 from gauss_bench.reference.taylor.rows import Law
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The time between two breaks; `end` is None for the last one."""
+    """The time between two breaks, with the drivers and their tables; `end` is None for the last piece."""
 
     drivers: tuple[tuple[Driver, dict[str, Any]], ...]
     begin: Any
@@ -27,15 +30,16 @@ class Piece:
     number: Number
 
     def laws(self, t: Value, arithmetic: Arithmetic) -> list[Law]:
-        """Value, rate and second rate of every driver at a time within the piece."""
+        """Return value, rate and second rate of every driver at a time within the piece."""
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
+        """Return value, rate and second rate of one driver."""
         value, rate, second = driver.law(self.begin)
-        none, origin, ends = rate - rate, self.begin, breaks(table, self.number)
+        none, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)
         coefficients = [value, rate, second / 2]
         if ends and (self.begin >= max(ends) or ("rows" in table and self.begin < min(ends))):
-            coefficients = [value]
+            coefficients = [value]  # before and after its motion a law is constant
         elif "time" in table:
             start, time = driver.law(self.number("0"))[0], ends[0]
             travel = driver.law(time)[0] - start
@@ -49,7 +53,7 @@ class Piece:
 
 
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
-    """The rise by a wave: start + c t + A cos w t + B sin w t, less its value at t = 0."""
+    """Return the rise start + c t + A (cos w t - 1) + B sin w t and its rates; `name` is "sine" or "cosine"."""
     sine, of = name == "sine", arithmetic.of
     w = 2 * pi / time if sine else pi / time
     speed = travel / time if sine else travel - travel
@@ -61,7 +65,7 @@ def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arith
 
 
 def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
-    """sum_k c_k x^k with its first and second derivative."""
+    """Return sum_k c_k x^k with its first and second derivative."""
     levels = []
     for _ in range(3):
         value: Value = 0
@@ -72,16 +76,11 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
     return levels[0], levels[1], levels[2]
 
 
-def breaks(table: dict[str, Any], number: Number) -> list[Any]:
-    """Times [s] at which a driver's law is not smooth: the end of a rise, the knots of a table."""
-    return [exact(number, x) for x in (*([table["time"]] if "time" in table else []), *(row[0] for row in table.get("rows", [])))]
-
-
-def pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
-    """The pieces of all laws of a scenario together, from t = 0."""
-    tables = [scenario["driver"]] if "driver" in scenario else scenario.get("drivers", [])
-    pairs = tuple(zip(drivers, tables, strict=True))
-    zero = number("0")
-    ends = sorted(x for table in tables for x in breaks(table, number) if x > zero)
-    knots = [x for k, x in enumerate(ends) if k == 0 or x != ends[k - 1]]
-    return [Piece(pairs, begin, end, number) for begin, end in zip([zero, *knots], [*knots, None], strict=True)]
+def cut_pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
+    """Return the pieces of all laws of a scenario together, from t = 0."""
+    pairs, zero = tuple(zip(drivers, drivers_of(scenario), strict=True)), number("0")
+    times = [zero]
+    for t in sorted(x for _, table in pairs for x in find_breaks(table, number)):
+        if t > times[-1]:
+            times.append(t)
+    return [Piece(pairs, begin, end, number) for begin, end in zip(times, [*times[1:], None], strict=True)]

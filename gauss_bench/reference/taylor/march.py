@@ -1,9 +1,9 @@
-"""Integration from chart to chart, each with the order of pivots that is good where the motion is.
+"""Integration from chart to chart, each with an order of pivots that is good where the motion is.
 
-After every step the pivots of the equations are looked at. When one has become small another order takes over: the chart changes,
-the motion does not. No pivot is ever stepped over: where one changes its sign within a step, that step is taken back and halved, so
-that a singular position, where no order has usable pivots, ends the motion even if the series would continue it analytically. What
-happens beyond is not determined by the equations: two branches cross there.
+After every step the pivots of the equations are computed. When one has become small another order is chosen: the chart changes, the
+motion does not. If a pivot changes its sign within a step, that step is repeated with half the length. So a singular position, at
+which no order has usable pivots, ends the motion, even if the series would continue it analytically: two branches cross there, and
+the equations do not determine on which of them the motion goes on.
 """
 
 from collections.abc import Sequence
@@ -21,20 +21,23 @@ from gauss_bench.reference.taylor.law_pieces import Piece
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import LoopRows
 from gauss_bench.reference.taylor.samples import LoopStates, join
-from gauss_bench.reference.taylor.solve import Long, columns, epsilon, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, epsilon, split_columns, stack_arrays
 
-WORN = 0.1  # a pivot below, in units of its coordinate, calls for another order
-WEAKER = 0.5  # where no order does better: the next call comes when the smallest pivot has halved again
-GOOD_ENOUGH = 0.7  # of the best chart's smallest pivot: rather one that is compiled already
-SINGULAR = 1e-5  # costs five digits of thirty-three
-COLLAPSED = 1e-7  # of the longest step: something not seen by the pivots is singular
-PARTS = 4  # places within a step at which the pivots are looked at
+WORN = 0.1  # size of a pivot, in units of its coordinate, below which another order is chosen
+WEAKER = 0.5  # if the best order is no better, another is chosen when its smallest pivot has halved
+GOOD_ENOUGH = 0.7  # of the best chart's smallest pivot: a chart with this much is used if it is compiled already
+SINGULAR = 1e-5  # size of a pivot that costs five of thirty-three digits
+COLLAPSED = 1e-7  # of the longest step: steps so short show a singularity that is not in the pivots
+PARTS = 4  # times within a step at which the pivots are computed
 
 
 class Leg(NamedTuple):
-    """A part of the motion within one chart, up to t.
+    """A part of the motion within one chart, up to the state at t.
 
-    `worn` tells that a pivot became too small there, and `stopped` why the motion cannot go on at all, or is empty.
+    Attributes:
+        samples: (time, state) of those within the leg.
+        worn: whether a pivot became too small at its end.
+        stopped: the reason why the motion cannot go on, or empty.
     """
 
     t: Any
@@ -50,8 +53,8 @@ class March:
 
     Attributes:
         number: the type of number; times: of the samples [s], from 0.
-        built: those made so far, by order of pivots and number of the piece.
-        steps, longest: how many steps of the Taylor series were taken, and the longest that was tried [s].
+        compiled: the series compiled so far, by order of pivots and index of the piece.
+        steps, longest: number of steps of the Taylor series, and the longest that was tried [s].
     """
 
     rows: LoopRows
@@ -59,17 +62,18 @@ class March:
     pieces: Sequence[Piece]
     times: Sequence[Any]
     progress: Progress | None
-    built: dict[tuple[Order, int], CompiledSeries] = field(default_factory=dict)
+    compiled: dict[tuple[Order, int], CompiledSeries] = field(default_factory=dict)
     steps: int = 0
     longest: float = 0.0
 
     def run(self, chart: Chart, x: Long, v: Long) -> tuple[LoopStates, str]:
-        """States at the sample times from a start (1, n), and why they end before the last of them, or empty.
+        """Return the states at the sample times from a start (1, n), and the reason why they end before the last time, or empty.
 
         Raises:
             Unsolved: a position does not close where the chart changes.
         """
-        t, state, trust = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]]), WORN
+        t, state = self.times[0], np.concatenate([x[0], v[0, list(chart.free)]])
+        trust = WORN  # size of a pivot below which the chart is changed
         parts = [self._states(chart, [(t, state)])]
         for k, piece in enumerate(self.pieces):
             end = self.times[-1] if piece.end is None else min(piece.end, self.times[-1])
@@ -85,26 +89,26 @@ class March:
                     if len(pivots.order) != len(chart.order) or pivots.smallest < SINGULAR:
                         return join(parts), self._singular(float(t), pivots)
                     here = self._states(chart, [(t, state)])
-                    # a chart keeps only independent rows; what has gathered in the others would be multiplied at every change
+                    # a chart satisfies independent rows only; errors in the others would be multiplied at every change
                     closed = self.rows.close(here.x, self.rows.laws(here.t), epsilon(self.number))
                     state = np.concatenate([closed[0], here.v[0, list(fresh.free)]])
                     chart, trust = fresh, min(WORN, WEAKER * pivots.smallest)
         return join(parts), ""
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
-        """A better chart at a state, one that is compiled already if it is good enough."""
+        """Choose a better chart at a state; one that is compiled already if it is good enough."""
         x = state[: self.rows.coordinates.n]
         fresh, best = choose_chart(self.rows, at_states(x[None]), chart.scale)
-        for (order, piece), series in self.built.items():
+        for (order, piece), series in self.compiled.items():
             smallest = float(np.abs(series.pivots(state)).min())
             if piece == k and smallest > GOOD_ENOUGH * best.smallest:
                 return series.chart, best._replace(order=order, smallest=smallest)
         return fresh, best
 
     def _leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, trust: float) -> Leg:
-        """Steps from a state until the end, or until a pivot is smaller than `trust`.
+        """Take steps from a state until the end, or until a pivot is smaller than `trust`.
 
-        A step in which a pivot changes its sign is taken back and halved, so that none is jumped over.
+        A step in which a pivot changes its sign is repeated with half the length, so that no pivot passes zero.
         """
         samples: list[tuple[Any, Long]] = []
         ahead = [x for x in self.times if x > t]
@@ -139,16 +143,17 @@ class March:
                 return Leg(now, state, samples, False, text)
 
     def _series(self, chart: Chart, k: int) -> CompiledSeries:
+        """Return the compiled series of a chart within piece k."""
         key = (chart.order, k)
-        if key not in self.built:
-            self.built[key] = compile_series(self.rows, chart, self.pieces[k], self.number)
-        return self.built[key]
+        if key not in self.compiled:
+            self.compiled[key] = compile_series(self.rows, chart, self.pieces[k], self.number)
+        return self.compiled[key]
 
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
-        """Full coordinates and rates at times within one chart; where a law has a corner the law itself says which side counts."""
+        """Return coordinates and rates of samples (time, state) within one chart, by the laws instead of their pieces."""
         n = self.rows.coordinates.n
         t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
-        motion = rates(self.rows, chart, at_states(y[:, :n]), columns(y[:, n:]), self.rows.laws(t))
+        motion = rates(self.rows, chart, at_states(y[:, :n]), split_columns(y[:, n:]), self.rows.laws(t))
         v, a = (stack_arrays([x.get(j, 0) for j in range(n)], t - t) for x in (motion.velocity, motion.acceleration))
         return LoopStates(t, y[:, :n], v, a)
 

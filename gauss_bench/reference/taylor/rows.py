@@ -17,17 +17,17 @@ import numpy as np
 
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
 from gauss_bench.mechanism.numbers import direction
-from gauss_bench.reference.refinement import chord
+from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Value, cross, dot, vanishes
 from gauss_bench.reference.taylor.moving_vectors import Instant, at_states
-from gauss_bench.reference.taylor.solve import Long, dense, pseudo_inverse, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, stack_arrays, to_dense
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
 
 Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
 
 
 class Prescribed(NamedTuple):
-    """A quantity that is given: the coordinate itself (less a constant), or the length of a vector."""
+    """A quantity with a prescribed value: a coordinate plus the constant `turn`, or the length of the vector `gap`."""
 
     name: str
     coordinate: int
@@ -37,10 +37,11 @@ class Prescribed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LoopRows:
-    """The rows of one mechanism: two per closure, then drivers, then knife edges; `names` says where each comes from.
+    """The rows of one mechanism: two per closure, then drivers, then knife edges.
 
     Attributes:
         edges: (angle coordinate of the link, point, normal) of every knife edge.
+        names: the origin of each row, such as "joint A".
     """
 
     coordinates: LoopCoordinates
@@ -54,11 +55,11 @@ class LoopRows:
         return len(self.names)
 
     def laws(self, t: Any) -> list[Law]:
-        """Value, rate and second rate of every driver at a time, or at times (k,)."""
+        """Return value, rate and second rate of every driver at a time, or at times (k,)."""
         return [driver.law(t) for driver in self.coordinates.mechanism.drivers]
 
     def close(self, x: Long, laws: Sequence[Law], eps: float) -> Long:
-        """The positions (k, n) near x at which all rows are closed to the last digit.
+        """Return the positions (k, n) near x that satisfy all rows to the last digit.
 
         Raises:
             Unsolved: there are none near.
@@ -68,65 +69,66 @@ class LoopRows:
         def residual(x: Long) -> Long:
             return stack_arrays([*self.residuals(at_states(x), laws), *(0 for _ in self.edges)], none)
 
-        return chord(residual, pseudo_inverse(dense(self.entries(at_states(x)), *x.shape)), x, eps)
+        return solve_by_chord(residual, pseudo_inverse(to_dense(self.entries(at_states(x)), *x.shape)), x, eps)
 
     def entries(self, at: Instant) -> list[dict[int, Value]]:
-        """Rows of A: coordinate -> derivative, without entries that always vanish."""
+        """Return the rows of A, coordinate -> derivative, without entries that always vanish."""
         rows: list[dict[int, Value]] = []
         for closure in self.closures:
             gradient = at.gradient(closure)
             rows += [{j: g[axis] for j, g in gradient.items()} for axis in (0, 1)]
         for given in self.prescribed:
             if given.gap:
-                d = at.combined(given.gap, at)
+                d = at.combine(given.gap, at)
                 rows.append({j: dot(d, g) for j, g in at.gradient(given.gap).items()})
             else:
                 rows.append({} if given.coordinate == NONE else {given.coordinate: 1})
         for _, point, normal in self.edges:
-            n = at.combined(normal, at)
+            n = at.combine(normal, at)
             rows.append({j: dot(n, g) for j, g in at.gradient(point).items()})
         return [{j: x for j, x in row.items() if not vanishes(x)} for row in rows]
 
     def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
-        """The residuals of rows with a position level: closures, then drivers [m, rad; a length times its error]."""
-        residuals = [x for closure in self.closures for x in at.combined(closure, at)]
+        """Return the residuals of rows with a position level, closures before drivers [m, rad, or m^2 for the row of a length]."""
+        residuals = [x for closure in self.closures for x in at.combine(closure, at)]
         for given, (value, _, _) in zip(self.prescribed, laws, strict=True):
             if given.gap:
-                d = at.combined(given.gap, at)
+                d = at.combine(given.gap, at)
                 residuals.append((dot(d, d) - value * value) / 2)
             else:
                 residuals.append(given.turn + (0 if given.coordinate == NONE else at.x[given.coordinate]) - value)
         return residuals
 
     def rates(self, laws: Sequence[Law]) -> list[Value]:
-        """Right-hand side of A x' = rate."""
+        """Return the right-hand side of A x' = rate."""
         driven = [value * rate if given.gap else rate for given, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
         return [0] * (2 * len(self.closures)) + driven + [0] * len(self.edges)
 
     def biases(self, at: Instant, v: Mapping[int, Value], laws: Sequence[Law]) -> list[Value]:
-        """Right-hand side of A x'' = gamma, for rates v of the coordinates."""
+        """Return the right-hand side of A x'' = gamma, for rates v of the coordinates."""
         rate, bias = at.variation(v), at.bias(v)
-        biases = [-x for closure in self.closures for x in at.combined(closure, bias)]
+        biases = [-x for closure in self.closures for x in at.combine(closure, bias)]
         for given, (value, first, second) in zip(self.prescribed, laws, strict=True):
             if given.gap:
-                d, u, b = (at.combined(given.gap, of) for of in (at, rate, bias))
+                # the second derivative of (d . d - L^2) / 2 without its part that is linear in x''
+                d, u, b = (at.combine(given.gap, of) for of in (at, rate, bias))
                 biases.append(first * first + value * second - (dot(u, u) + dot(d, b)))
             else:
                 biases.append(second)
         for angle, point, normal in self.edges:
-            n = at.combined(normal, at)
-            u, b = (at.combined(point, of) for of in (rate, bias))
+            n = at.combine(normal, at)  # turns with the link, so that n' . P' = theta' n x P'
+            u, b = (at.combine(point, of) for of in (rate, bias))
             biases.append(-(dot(n, b) + v.get(angle, 0) * cross(n, u)))
         return biases
 
 
 def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
-    """The rows of a mechanism, with its drivers."""
+    """Return the rows of a mechanism."""
     mechanism = coordinates.mechanism
     edges = []
     for edge in mechanism.knife_edges:
         u = direction(edge.angle)
-        normal = coordinates.turned(np.array([-u[1], u[0]]), edge.point.link)
+        normal = coordinates.turn_vector(np.array([-u[1], u[0]]), edge.point.link)
         edges.append((coordinates.angle[edge.point.link], coordinates.point(edge.point), normal))
     names = [f"joint {name}" for name, _ in coordinates.closures for _ in (0, 1)]
     names += [f"driver {d.name}" for d in mechanism.drivers] + [f"knife edge {e.name}" for e in mechanism.knife_edges]
@@ -135,7 +137,7 @@ def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
 
 
 def prescribe(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
-    """The value that a driver prescribes."""
+    """Return the quantity that a driver prescribes."""
     match driver:
         case AngleDriver():
             return Prescribed(driver.name, coordinates.angle[driver.link], coordinates.turn[driver.link], ())

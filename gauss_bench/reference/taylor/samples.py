@@ -1,4 +1,4 @@
-"""States in loop coordinates as samples of a motion in absolute coordinates, with joint forces and what the loops leave open."""
+"""States in loop coordinates as samples of a motion in absolute coordinates, with joint forces and residuals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from gauss_bench.reference.taylor.forces import Loads
 from gauss_bench.reference.taylor.joint_forces import joint_forces, reactions
 from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors, at_states
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.solve import Long, apply, columns, epsilon, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, epsilon, multiply, split_columns, stack_arrays
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates
 
-BALANCE = 1e-25  # relative residual of the equations of motion in 128 bit: rounding, accelerations and condition of the linkage
-ROUNDING = 2.0**-112  # of those numbers; the limit is in proportion where they are shorter
+BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; shorter numbers have it in proportion
+ROUNDING = 2.0**-112  # of numbers with 128 bit
 
 
 class Inconsistent(ArithmeticError):
@@ -37,26 +37,26 @@ def join(parts: Sequence[LoopStates]) -> LoopStates:
     return LoopStates(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
 
 
-def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, turned: Mapping[int, Value], like: Long) -> Long:
-    """(k, n) of all links: a vector of every centre of mass, and a value of every angle coordinate."""
+def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angles: Mapping[int, Value], like: Long) -> Long:
+    """Return one level (k, n) of all links: the combined vectors of their centres of mass, and the values of their angles."""
     values: list[Value] = []
     for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
-        values += [*at.combined(centre, vectors), 0 if index == NONE else turned.get(index, 0)]
+        values += [*at.combine(centre, vectors), 0 if index == NONE else angles.get(index, 0)]
     return stack_arrays(values, like)
 
 
 def sample(
     rows: LoopRows, states: LoopStates, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
 ) -> Motion:
-    """The motion of states at times (decimal texts), `redundant` of the rows in absolute coordinates depending on the others.
+    """Return the motion made of states at times (decimal texts); `redundant` is the number of redundant rows.
 
     Raises:
-        Inconsistent: the equations of motion or the loops are not met to what rounding explains.
+        Inconsistent: residuals of the loops or of the equations of motion are larger than rounding.
     """
     coordinates, eps = rows.coordinates, epsilon(number)
     mechanism = coordinates.mechanism
     at = at_states(states.x)
-    v, a = (dict(enumerate(columns(x))) for x in (states.v, states.a))
+    v, a = (dict(enumerate(split_columns(x))) for x in (states.v, states.a))
     like = states.t - states.t
     q = _absolute(coordinates, at, at, dict(enumerate(at.x)), like)
     for i, turn in enumerate(coordinates.turn):
@@ -67,9 +67,8 @@ def sample(
     Q = stack_arrays(Loads(coordinates, at, v).flat(), like)
     drift = residuals(rows, states, at)
     fastest = float(np.abs(states.v).astype(float).max(initial=0.0))
-    if (
-        not max(drift[0], drift[1] / (1.0 + fastest)) < eps**0.5
-    ):  # usual are a thousand roundings; decimals that contradict leave 1e-12
+    # usually a thousand roundings; with decimals of the file that contradict each other, 1e-12
+    if not max(drift[0], drift[1] / (1.0 + fastest)) < eps**0.5:
         raise Inconsistent(f"the loops come open by {drift[0]:.1e} m or rad, their rates by {drift[1]:.1e} per second")
     multipliers, off = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
     if not off < BALANCE / ROUNDING * eps:
@@ -78,10 +77,10 @@ def sample(
 
 
 def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
-    """Largest residual of positions and of velocities over all states, redundant rows and circles of slides included."""
+    """Return the largest residual of positions and of velocities over all states, with redundant rows and circles of slides."""
     laws = rows.laws(states.t)
     like = states.t - states.t
     position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], like)
-    rate = apply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)
+    rate = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), like)
     off, rate_off = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))
     return off, rate_off

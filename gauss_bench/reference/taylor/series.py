@@ -1,8 +1,8 @@
 """The first pipeline of a certificate: Taylor series in 128 bit, of the equations of motion in loop coordinates.
 
-heyoka expands the solution to order 40 by automatic differentiation of compiled code, with steps for which the last terms vanish in
-rounding. The equations are written as symbols of the state (x, u), with every constant a parameter, so that a linkage with other
-numbers runs in the same compiled code. A linkage that its drivers leave no freedom has the state x alone.
+heyoka expands the solution to order 40 by automatic differentiation of compiled code; its steps are so short that the last terms
+are below rounding. The equations are symbols of the state (x, u), with every constant a parameter, so that linkages with other
+numbers share the compiled code. The state of a linkage that is driven completely is x alone.
 Source: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504 (2021), on heyoka; Jorba and Zou, Experimental
 Mathematics 14 (2005), on orders and steps.
 """
@@ -16,7 +16,7 @@ from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion, Progress, assemble_doubles
 from gauss_bench.reference.taylor.equations import choose_chart
-from gauss_bench.reference.taylor.law_pieces import pieces
+from gauss_bench.reference.taylor.law_pieces import cut_pieces
 from gauss_bench.reference.taylor.march import SINGULAR, March
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import loop_rows
@@ -29,17 +29,17 @@ from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
 def taylor_motion(
     document: dict[str, Any], scenario: str, times: Sequence[str], double: bool = False, progress: Progress | None = None
 ) -> Motion:
-    """The motion at the sample times, up to where it has to stop.
+    """Return the motion at the sample times, up to where it has to stop.
 
     Args:
         document: with decimals as written (`decimal_document`) and the scenario's override merged.
         times: decimal texts [s], ascending from "0".
-        double: in double precision instead of 128 bit, to compare neighbouring linkages.
-        progress: told the time reached.
+        double: compute in double precision instead of 128 bit, to compare neighbouring linkages.
+        progress: is called with the time reached.
 
     Raises:
         AssemblyError: the linkage cannot be assembled.
-        ArithmeticError: dry friction acts, the start is singular, or the result does not fulfil the equations.
+        ArithmeticError: dry friction acts, the start is singular, or the result does not satisfy the equations.
     """
     import heyoka
 
@@ -55,9 +55,8 @@ def taylor_motion(
         raise ArithmeticError(f"the start is a singular position: smallest pivot {pivots.smallest:.1e}")
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
     moments = [number(t) for t in times]
-    march = March(rows, number, pieces(mechanism.drivers, chosen, number), moments, progress)
+    march = March(rows, number, cut_pieces(mechanism.drivers, chosen, number), moments, progress)
     states, stopped = march.run(chart, x, v)
-    way = f"Taylor series (steps: {march.steps}, charts: {len(march.built)})"
-    bits = 1 - int(np.log2(epsilon(number)))
-    method = f"loop coordinates in {bits} bits; {way}; heyoka {heyoka.__version__}"
+    bits, counts = 1 - int(np.log2(epsilon(number))), f"steps: {march.steps}, charts: {len(march.compiled)}"
+    method = f"loop coordinates in {bits} bits; Taylor series ({counts}); heyoka {heyoka.__version__}"
     return sample(rows, states, times[: len(states.t)], redundant, stopped, method, number)

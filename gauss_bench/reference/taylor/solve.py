@@ -1,4 +1,4 @@
-"""Sparse rows over a batch of states in extended precision, and their double-precision inverses for `refinement.chord`."""
+"""Sparse rows over a batch of states in extended precision, as products and as dense matrices in double precision."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -13,12 +13,10 @@ from gauss_bench.terms import Array
 
 Long = NDArray[Any]
 
-RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
-
 
 @lru_cache
 def epsilon(number: Number) -> float:
-    """Distance from 1 to the next number of the type."""
+    """Return the distance from 1 to the next number of the type."""
     one = number("1")
     half = one / 2
     while one + half != one:
@@ -27,18 +25,18 @@ def epsilon(number: Number) -> float:
 
 
 def stack_arrays(values: Sequence[Value], like: Long) -> Long:
-    """(k, m) of m values, each an array (k,), a number or a literal; `like` is (k,) and gives shape and type."""
+    """Stack m values, each an array (k,), a number or a literal, to (k, m) in shape and type of `like` (k,)."""
     none = like - like
     return np.stack([none + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
 
 
-def columns(x: Long) -> list[Long]:
-    """The coordinates (k,) of states (k, n)."""
+def split_columns(x: Long) -> list[Long]:
+    """Return the n coordinates (k,) of states (k, n)."""
     return [x[:, j] for j in range(x.shape[1])]
 
 
-def dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
-    """(k, m, n) double-precision matrices of sparse rows."""
+def to_dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
+    """Return sparse rows as matrices (k, m, n) in double precision."""
     A = np.zeros((k, len(entries), n))
     for r, row in enumerate(entries):
         for j, value in row.items():
@@ -46,12 +44,7 @@ def dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
     return A
 
 
-def apply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
-    """A x (k, m) in the type of x (k, n)."""
+def multiply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
+    """Return A x (k, m) in the type of x (k, n), for the sparse rows of A."""
     none = x[:, 0] - x[:, 0]
     return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=none) for row in entries], none)
-
-
-def pseudo_inverse(A: Array) -> Array:
-    """(k, n, m), cut off at the rank of the linkage."""
-    return np.asarray(np.linalg.pinv(A, rcond=RANK_TOLERANCE)) if A.size else np.swapaxes(A, -1, -2).copy()

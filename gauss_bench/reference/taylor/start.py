@@ -1,7 +1,7 @@
 """The start of a motion to the last digit: loop coordinates and rates that obey the rows and the decimals of the file.
 
-The assembly in double precision is the first guess. What the start holds are more rows: an angle or a slide is one that a driver
-could prescribe, a point is a closure P - target = 0 with a rate.
+The assembly in double precision is the first guess. The values that the start of a scenario gives are additional rows: an angle or
+a slide is prescribed as by a driver, a point is a closure P - target = 0 with a rate.
 """
 
 from dataclasses import replace
@@ -11,16 +11,16 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
-from gauss_bench.reference.refinement import chord
+from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.moving_vectors import at_states
 from gauss_bench.reference.taylor.rows import Law, LoopRows, Prescribed
-from gauss_bench.reference.taylor.solve import Long, apply, dense, epsilon, pseudo_inverse, stack_arrays
+from gauss_bench.reference.taylor.solve import Long, epsilon, multiply, stack_arrays, to_dense
 from gauss_bench.reference.taylor.vector_sums import NONE, VectorTerm, merge
 from gauss_bench.terms import Array
 
 
 def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
-    """The rows with those that the start of a scenario holds, the laws at t = 0 of all, and the right-hand side of A x' = rate."""
+    """Add the rows of the start to those of the mechanism; return all rows, their laws at t = 0, and the rates of A x' = rate."""
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
     mechanism = coordinates.mechanism
     laws = rows.laws(zero)
@@ -33,17 +33,17 @@ def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tupl
         laws.append((exact(number, target), exact(number, start.get("slide_speeds", {}).get(name, 0)), zero))
     for reference, target in start.get("points", {}).items():
         x, y = pair(number, target)
-        points.append(merge(coordinates.point(mechanism.named_point(reference)), [VectorTerm(x, y, NONE, NONE)]))
+        points.append(merge(coordinates.point(mechanism.find_point(reference)), [VectorTerm(x, y, NONE, NONE)]))
         speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
     held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *given))
     rates = held.rates(laws)
-    loops = 2 * len(rows.closures)
+    loops = 2 * len(rows.closures)  # points are closures behind those of the loops, and move at given speeds
     rates[loops : loops + len(speeds)] = speeds
     return held, laws, rates
 
 
 def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Link -> angle [rad] and speed [rad/s]; `crank` and `speed` are those of the crank."""
+    """Return link -> angle [rad] and speed [rad/s] that a start gives; its keys `crank` and `speed` are those of the crank."""
     angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
     angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
     speeds = {name: exact(number, x) for name, x in start.get("speeds", {}).items()}
@@ -55,21 +55,26 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
             speeds.setdefault(crank, exact(number, start["speed"]))
     held = {}
     for name, x in angles.items():
-        link, turn = mechanism.placed(name)
+        link, turn = mechanism.find_body(name)
         held[link] = x - turn, speeds.get(name, number("0"))
     return held
 
 
 def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: Number) -> tuple[Long, Long]:
-    """Coordinates and rates (1, n) at t = 0, from a guess (n,) in double precision.
+    """Return coordinates and rates (1, n) at t = 0, from a guess (n,) in double precision.
 
     Raises:
-        Unsolved: the rows and the held values cannot be met together near the guess.
+        Unsolved: the rows cannot be satisfied near the guess.
     """
     n, eps = rows.coordinates.n, epsilon(number)
     held, laws, rates = hold_start(rows, scenario, number)
     x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
-    for group in (held, rows):  # what is held may contradict the loops in its last digits; the loops must close to the last
+    # the decimals of a start may contradict the loops in their last digits: the loops alone are closed once more
+    for group in (held, rows):
         x = group.close(x, laws[: len(group.prescribed)], eps)
     A = held.entries(at_states(x))
-    return x, chord(lambda v: apply(A, v) - stack_arrays(rates, x[:, 0]), pseudo_inverse(dense(A, 1, n)), np.zeros_like(x), eps)
+
+    def residual(v: Long) -> Long:
+        return multiply(A, v) - stack_arrays(rates, x[:, 0])
+
+    return x, solve_by_chord(residual, pseudo_inverse(to_dense(A, 1, n)), np.zeros_like(x), eps)

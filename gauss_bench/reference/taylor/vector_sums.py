@@ -1,11 +1,11 @@
-"""Loop coordinates: every point of a linkage as a sum of turned vectors.
+"""Loop coordinates, in which every point of a linkage is a sum of turned vectors.
 
     P = sum_k c_k l_k e_k,    e_k = exp(i theta_k)
 
 with constants c_k of the plane, l_k either 1 or a displacement, theta_k the angle of a group of links or none (e = 1). Links joined
 by slides turn together and share one angle; links that slides tie to the ground have none. A spanning tree, breadth first from the
-ground, takes slides before pins and adds one vector per step; a link without a way to the ground starts from two displacements of
-its own. Every slide has a displacement along its line, whether the tree takes it or not. What the tree leaves open is a closure:
+ground, takes slides before pins and adds one vector per step; a link that is not connected to the ground has two displacements of
+its own. Every slide has a displacement along its line, whether it is in the tree or not. A joint outside the tree is a closure:
 
     pin    P_b - P_a = 0,        slide    P_block - P_guide - (s + i offset) u = 0,    u the direction of the guide
 
@@ -23,13 +23,13 @@ from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismat
 from gauss_bench.mechanism.numbers import direction
 from gauss_bench.terms import Array
 
-NONE = -1  # instead of the index of an angle: the world's axes; instead of that of a displacement: length 1
+NONE = -1  # in place of the index of an angle: a vector in world axes; in place of that of a displacement: length 1
 
-Key = tuple[int, int]  # (angle, displacement): what vectors have in common that differ by a constant
+Key = tuple[int, int]  # (angle, displacement): vectors with one key differ by a constant factor
 
 
 class VectorTerm(NamedTuple):
-    """One vector: the constant (x, y), times a displacement, turned by an angle; both by the index of the coordinate, or NONE."""
+    """One vector: the constant (x, y), times the displacement `length`, turned by `angle` (indices of coordinates, or NONE)."""
 
     x: Any
     y: Any
@@ -45,7 +45,7 @@ Sum = tuple[VectorTerm, ...]
 
 
 def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
-    """One term per key, without those that cancel; `less` is taken away."""
+    """Return the sum of `terms` minus that of `less`, with one term per key; terms that cancel are left out."""
     sums: dict[Key, tuple[Any, Any]] = {}
     for sign, part in ((1, terms), (-1, less)):
         for term in part:
@@ -55,83 +55,85 @@ def merge(terms: Iterable[VectorTerm], less: Iterable[VectorTerm] = ()) -> Sum:
 
 
 class LoopCoordinates:
-    """The coordinates of one mechanism, angles before displacements, and what they make of links, points and open joints.
+    """The coordinates of one mechanism, angles before displacements, and its links, points and closures in them.
 
-    All constants are in the type of number that the mechanism is built in.
+    All constants have the type of number in which the mechanism is built.
 
     Attributes:
-        n: how many coordinates there are.
-        roots: link whose own angle each angle coordinate is, the first that the tree reaches of those that slides join.
-        angle: coordinate of every link's angle, or NONE; turn: what is added to it [rad].
+        n: number of coordinates.
+        roots: for every angle coordinate the link whose angle it is: of links that slides join, the first that the tree reaches.
+        angle: coordinate of every link's angle, or NONE; turn: constant to be added to it [rad].
         centres: centre of mass of every link.
-        slides: name of a slide -> its displacement; free: link that starts on its own -> its displacement x, that of y being next.
-        closures: (name of the joint, sum that must vanish) of the joints the tree leaves open.
-        turn_gaps: constant angles [rad] that must vanish, where slides close a circle.
+        slides: name of a slide -> its displacement.
+        free: link that is not connected to the ground -> its displacement x; that of y is the next.
+        closures: (name of the joint, sum that must vanish) of the joints outside the tree.
+        turn_gaps: constant angles [rad] that must vanish, where slides form a circle.
     """
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
         steps = spanning_tree(mechanism)
-        taken = {id(step.joint) for step in steps}
-        none = mechanism.gravity[0] - mechanism.gravity[0]
-        leader, turn = {GROUND: GROUND}, {GROUND: none}
+        in_tree = {id(step.joint) for step in steps}
+        zero = mechanism.gravity[0] - mechanism.gravity[0]  # in the type of number of the mechanism
+        links, slides = range(len(mechanism.links)), [j for j in mechanism.joints if isinstance(j, Prismatic)]
+        # angles: slides tie that of a link to the angle of its leader, the first link that the tree reaches, by a constant turn
+        leader, turn = {GROUND: GROUND}, {GROUND: zero}
         for step in steps:
-            leader[step.link], turn[step.link] = step.link, none
+            leader[step.link], turn[step.link] = step.link, zero
             if isinstance(slide := step.joint, Prismatic):
                 sign = 1 if slide.block.link == step.link else -1
                 leader[step.link], turn[step.link] = leader[step.parent], turn[step.parent] + sign * slide.turn
-        links, slides = range(len(mechanism.links)), [j for j in mechanism.joints if isinstance(j, Prismatic)]
         self.roots = [i for i in links if leader[i] == i]
         self.angle = [NONE if leader[i] == GROUND else self.roots.index(leader[i]) for i in links]
         self.turn = [turn[i] for i in links]
-        self.turn_gaps = [turn[j.block.link] - turn[j.guide.link] - j.turn for j in slides if id(j) not in taken]
-        first = len(self.roots) + len(slides)
+        self.turn_gaps = [turn[j.block.link] - turn[j.guide.link] - j.turn for j in slides if id(j) not in in_tree]
+        # displacements: one of every slide, then two of every link that is not connected to the ground
         self.slides = {j.name: k for k, j in enumerate(slides, start=len(self.roots))}
         alone = [step.link for step in steps if step.joint is None]
+        first = len(self.roots) + len(slides)
         self.free = {link: first + 2 * k for k, link in enumerate(alone)}
         self.n = first + 2 * len(alone)
         self.centres: list[Sum] = [()] * len(mechanism.links)
         for step in steps:
-            self.centres[step.link] = self._centre(step, none)
-        self.closures = [(joint.name, self._gap(joint)) for joint in mechanism.joints if id(joint) not in taken]
+            self.centres[step.link] = self._centre(step, zero)
+        self.closures = [(joint.name, self._gap(joint)) for joint in mechanism.joints if id(joint) not in in_tree]
 
-    def _centre(self, step: "TreeStep", none: Any) -> Sum:
-        """The way to a link's centre of mass by a step of the tree."""
+    def _centre(self, step: "TreeStep", zero: Any) -> Sum:
+        """Return the centre of mass of the link that a step of the tree reaches."""
         if step.joint is None:
             x = self.free[step.link]
-            return VectorTerm(none + 1, none, NONE, x), VectorTerm(none, none + 1, NONE, x + 1)
+            return VectorTerm(zero + 1, zero, NONE, x), VectorTerm(zero, zero + 1, NONE, x + 1)
         first, second = ends(step.joint)
-        near, far = (first, second) if second.link == step.link else (second, first)
         along = self.along(step.joint) if isinstance(step.joint, Prismatic) else ()
-        path, less = [*self.point(near)], [*self.turned(far.local, far.link)]
-        (path if far is second else less).extend(along)
-        return merge(path, less)
+        if second.link == step.link:  # the joint leads from its first point to its second, or backwards
+            return merge([*self.point(first), *along], self.turn_vector(second.local, second.link))
+        return merge(self.point(second), [*self.turn_vector(first.local, first.link), *along])
 
     def _gap(self, joint: Joint) -> Sum:
         """Return the vector from the first point of a joint to its second, minus the displacement along a slide."""
         first, second = ends(joint)
         return merge(self.point(second), [*self.point(first), *(self.along(joint) if isinstance(joint, Prismatic) else ())])
 
-    def turned(self, vector: Any, link: int, length: int = NONE) -> Sum:
-        """A vector (2,) in a link's frame, as a sum of one term."""
+    def turn_vector(self, vector: Any, link: int, length: int = NONE) -> Sum:
+        """Return a vector (2,) of a link's frame, times a displacement, as a sum of one term."""
         if link == GROUND:
             return (VectorTerm(vector[0], vector[1], NONE, length),)
         c, s = direction(self.turn[link])
         return (VectorTerm(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], self.angle[link], length),)
 
     def point(self, point: Point) -> Sum:
-        """World position of a link-fixed point."""
-        arm = self.turned(point.local, point.link)
+        """Return the position of a link-fixed point."""
+        arm = self.turn_vector(point.local, point.link)
         return arm if point.link == GROUND else merge([*self.centres[point.link], *arm])
 
     def along(self, slide: Prismatic) -> Sum:
-        """From the guide point to the block point of a slide."""
+        """Return the vector from the guide point to the block point of a slide."""
         u, guide = direction(slide.angle), slide.guide.link
         across = slide.offset * np.array([-u[1], u[0]])
-        return merge([*self.turned(u, guide, self.slides[slide.name]), *self.turned(across, guide)])
+        return merge([*self.turn_vector(u, guide, self.slides[slide.name]), *self.turn_vector(across, guide)])
 
     def start(self, q: Array) -> Array:
-        """Loop coordinates (n,) of an assembled state q (3 links,), in double precision."""
+        """Return the loop coordinates (n,) of an assembled state q (3 links,), in double precision."""
         x = np.zeros(self.n)
         z, theta = q[0::3] + 1j * q[1::3], q[2::3]
         x[: len(self.roots)] = theta[self.roots]
@@ -150,12 +152,12 @@ class LoopCoordinates:
 
 
 def ends(joint: Joint) -> tuple[Point, Point]:
-    """The two points of a pair: guide and block, or a and b."""
+    """Return the two points of a joint: guide and block, or a and b."""
     return (joint.guide, joint.block) if isinstance(joint, Prismatic) else (joint.a, joint.b)
 
 
 class TreeStep(NamedTuple):
-    """A step of the spanning tree, from a link already reached to a new one; without a joint the link starts on its own."""
+    """A step of the spanning tree to a new link, by a joint of a link already reached, or without a joint from the ground."""
 
     parent: int
     link: int
@@ -163,7 +165,7 @@ class TreeStep(NamedTuple):
 
 
 def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
-    """Breadth first from the ground; whatever slides tie to a link comes directly after it."""
+    """Return the steps of the tree, breadth first from the ground; links that slides tie to a link come directly after it."""
     beside: dict[int, list[tuple[int, Joint]]] = {i: [] for i in range(GROUND, len(mechanism.links))}
     for joint in mechanism.joints:
         a, b = (point.link for point in ends(joint))
@@ -173,7 +175,7 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
     steps: list[TreeStep] = []
 
     def reach(step: TreeStep) -> list[int]:
-        """The links that a step reaches, with those that slides tie to it."""
+        """Take a step; return the links that it reaches, with those that slides tie to them."""
         if step.link in reached:
             return []
         reached.add(step.link)

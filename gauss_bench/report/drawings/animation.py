@@ -18,18 +18,18 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.drawings.canvas import Canvas, Part, page
-from gauss_bench.report.drawings.drawing import canvas_of, free_corner, linkage_parts, names_of, paths, scale_bar, scale_line
+from gauss_bench.report.drawings.drawing import canvas_of, draw_names, draw_paths, free_corner, linkage_parts, place_scale
 from gauss_bench.report.drawings.lettering import LETTER
 from gauss_bench.report.drawings.pose import unwrap_angles
 from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
 
 TURN = np.radians(4.0)  # largest turn of a link between two kept states: 0.1 px off the circle at a radius of 170 px
-FRAMES = 60  # least number of kept steps, where there are as many
-SLOWEST = 4.0  # [s] shortest loop: a shorter motion is slowed down
-REST = 0.8  # [s] at the end of a motion that does not return to where it began
-SAME = 0.5  # [px, degrees] below it, the end of a motion counts as its beginning
-HELD = 0.005  # [px, degrees] below the written digits: such a part does not move
+FRAMES = 60  # smallest number of kept steps, if there are as many
+SLOWEST = 4.0  # [s] length of the shortest film; a shorter motion is slowed down
+REST = 0.8  # [s] of rest at the end of a motion that does not return to its beginning
+SAME = 0.5  # [px, degrees] difference below which the end of a motion counts as its beginning
+HELD = 0.005  # [px, degrees] a part that moves less, which is below the written digits, is drawn at rest
 STYLE = "@media print,(prefers-reduced-motion:reduce){.motion-film{display:none}.motion-still{display:inline}}"
 HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin="round"'  # keeps a name legible over bars
 
@@ -48,22 +48,22 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     kept = thin(t, q)
     states = q[kept]
     canvas = canvas_of(shown, states)
-    film, slower = film_runs(t[kept], states, canvas)
+    film, slower = make_film(t[kept], states, canvas)
     moving = [*linkage_parts(shown, film.states, None, canvas, letters={p.name: _letter(p) for p in points})]
     still = [*linkage_parts(shown, states[:1], states, canvas)]
     swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
-    length, bar = scale_line(canvas, swept)
+    scale = place_scale(canvas, swept)
     parts = [
         f"<style>{STYLE}</style>",
-        *paths(points, states, canvas),
+        *draw_paths(points, states, canvas),
         '<g class="motion-film">',
         *map(film.draw, moving),
         '</g><g class="motion-still" display="none">',
         *(part.draw() for part in still),
-        *names_of(shown, states[0], canvas, still, length, bar),
+        *draw_names(shown, states[0], canvas, still, scale),
         "</g>",
-        *scale_bar(length, bar),
-        *pace(slower, canvas, np.vstack([swept, bar[None]])),
+        *scale.draw(),
+        *draw_pace(slower, canvas, np.vstack([swept, scale.ends[None]])),
     ]
     return page(canvas, mechanism.title or mechanism.name, parts)
 
@@ -71,7 +71,9 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
 def thin(t: Array, q: Array) -> list[int]:
     """Return indices of the states q (k, n) to keep, with both ends: as few as TURN and FRAMES allow."""
     theta = np.unwrap(q[:, 2::3], axis=0)
-    longest = (t[-1] - t[0]) / FRAMES * (1 + 1e-9)  # rounding leaves even spacing even
+    longest = (
+        (t[-1] - t[0]) / FRAMES * (1 + 1e-9)
+    )  # margin for rounding, so that states at equal intervals are kept at equal intervals
     kept = [0]
     for i in range(1, len(t) - 1):
         turned = np.abs(theta[i + 1] - theta[kept[-1]]).max(initial=0.0)
@@ -98,12 +100,12 @@ class Film:
             if np.ptp(values, axis=0).max() > (1e-4 if kind == "scale" else HELD) or (part.title and kind != "scale"):
                 track = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
                 more = "" if kind == "translate" else 'additive="sum" '
-                track = track.replace(";", " 1;") + " 1" if kind == "scale" else track  # stretch along x alone
+                track = track.replace(";", " 1;") + " 1" if kind == "scale" else track  # parts stretch only along their x axis
                 tracks.append(f'<animateTransform attributeName="transform" type="{kind}" {more}values="{track}" {self.timing}/>')
         return part.draw(inside="".join(tracks))
 
 
-def film_runs(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
+def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     """Return the film of states q (f, n) at times t (f,) [s], and the factor by which it is slower than the motion."""
     states = unwrap_angles(q)
     slower = max(1.0, SLOWEST / float(t[-1] - t[0]))
@@ -131,7 +133,7 @@ def _letter(point: Point) -> str:
     return f'<text x="8" y="-8" fill="{INK}" font-style="italic" {HALO}>{name}</text>' if name else ""
 
 
-def pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
+def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
     """Return the caption "slowed x times", in the corner with most room; nothing for a film in real time."""
     if slower < 1.05:
         return []

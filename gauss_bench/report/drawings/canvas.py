@@ -83,6 +83,21 @@ def path(points: Array, closed: bool = False) -> str:
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + ("Z" if closed else "")
 
 
+def stroke(style: str, *lines: Array) -> str:
+    """Return one SVG element that draws lines (k, 2) in pixels."""
+    return f'<path d="{"".join(map(path, lines))}" {style}/>'
+
+
+def direction(angle: Array | float) -> Array:
+    """Return the unit vectors (..., 2) at angles (...) [rad]."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def turn_left(vector: Array) -> Array:
+    """Return a vector (2,) turned by 90 degrees, from x towards y."""
+    return np.array([-vector[1], vector[0]])
+
+
 def page(canvas: Canvas, title: str, parts: Iterable[str]) -> str:
     """Return the SVG of parts on a background."""
     size = f'viewBox="0 0 {canvas.width:.0f} {canvas.height:.0f}" width="{canvas.width:.0f}" height="{canvas.height:.0f}"'

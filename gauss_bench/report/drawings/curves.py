@@ -16,7 +16,7 @@ COMPONENTS: Mapping[str, Mapping[str, Any]] = {
     "x": {"color": BODY_EDGE, "linestyle": "-"},
     "y": {"color": CRANK_EDGE, "linestyle": "--"},
 }
-ARROW = 0.15  # place of the arrow on a path: this share of the path's extent after its start
+ARROW = 0.15  # distance of the arrow from the start of a path, as a share of the path's extent
 
 
 def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
@@ -42,19 +42,19 @@ def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points:
     return svg(figure)
 
 
-def draw_path(axes: Axes, way: Array) -> None:
+def draw_path(axes: Axes, points: Array) -> None:
     """Draw a path (k, 2) [m] at equal scales, with its start and its direction."""
-    axes.plot(*way.T, color=TRACE)
-    axes.plot(*way[0], color=TRACE, marker="o")
+    axes.plot(*points.T, color=TRACE)
+    axes.plot(*points[0], color=TRACE, marker="o")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.locator_params(nbins=5)
-    travelled = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))  # (k,) [m] arc length
-    head = int(np.searchsorted(travelled, ARROW * np.hypot(*np.ptp(way, axis=0))))
+    travelled = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))  # (k,) [m] arc length
+    head = int(np.searchsorted(travelled, ARROW * np.hypot(*np.ptp(points, axis=0))))
     if travelled[-1] > 0:  # a point at rest has no direction
         look = {"arrowstyle": "-|>", "color": TRACE, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 14}
-        axes.annotate("", way[head], way[head - 1], arrowprops=look)
+        axes.annotate("", points[head], points[head - 1], arrowprops=look)
 
 
 def draw_components(axes: Axes, t: Array, values: Array, label: str) -> None:

@@ -10,7 +10,7 @@ prescribed length     a cylinder, its barrel at the first of its points
 force at a point      arrow whose head is at the point
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,7 @@ from gauss_bench.mechanism.model import (
     SpringDamper,
     Torque,
 )
-from gauss_bench.report.drawings.canvas import Canvas, Part, make_part, path
+from gauss_bench.report.drawings.canvas import Canvas, Part, direction, make_part, path, stroke
 from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, INK, PAPER
 from gauss_bench.terms import Array
 
@@ -47,13 +47,15 @@ PUSH = f'fill="none" stroke="{CRANK_EDGE}" stroke-width="2" stroke-linecap="roun
 LEAD = 0.14  # share of the length at either end before spring and damper separate
 COILS = np.stack(
     [np.linspace(0.2, 0.8, 29)[1::2], WIDE * (-1.0) ** np.arange(14)], axis=-1
-)  # between the leads, at parts of a length
-POT = (((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)), ((0.52, -4), (0.52, 4)))  # of a damper, at parts of its length
+)  # (14, 2) points as (part of the length, px)
+POT = (
+    ((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)),
+    ((0.52, -4), (0.52, 4)),
+)  # the pot of a damper: points as (part of the length, px)
 RING = f'<circle r="9" fill="none" stroke="{BODY_EDGE}" stroke-width="2.4" stroke-dasharray="2.2 2.5"/>'
 MOTOR = f'<circle r="9" {PUSH}/>'
-SPIRAL_TURNS = np.linspace(0, 4.5 * np.pi, 40)
-SPIRAL = (6.5 + 7.0 * SPIRAL_TURNS / SPIRAL_TURNS[-1])[:, None] * np.stack([np.cos(SPIRAL_TURNS), -np.sin(SPIRAL_TURNS)], axis=-1)
-COIL = f'<path d="{path(SPIRAL)}" {LINE}/>'
+SPIRAL = np.linspace(6.5, 13.5, 40)[:, None] * direction(-np.linspace(0, 4.5 * np.pi, 40))  # radius from 6.5 to 13.5 px
+COIL = stroke(LINE, SPIRAL)
 LEFT = (  # three quarters of a circle of 21 px with a head, open below
     f'<path d="M16.1 13.5A21 21 0 1 0 -19.7 7.2" {PUSH}/>',
     f'<path d="M-16.7 15.6L-24.2 8.8L-15.2 5.5Z" fill="{CRANK_EDGE}"/>',
@@ -62,7 +64,7 @@ RIGHT = tuple(f'<g transform="scale(-1 1)">{x}</g>' for x in LEFT)
 PIN = f'<circle r="2.8" fill="{INK}"/>'
 
 
-def holder_of(mechanism: Mechanism) -> list[Point]:
+def attachments(mechanism: Mechanism) -> list[Point]:
     """Return the points of the ground to which springs, dampers and cylinders are attached."""
     lines = [x for x in (*mechanism.forces, *mechanism.drivers) if isinstance(x, (SpringDamper, LengthDriver))]
     return [point for x in lines for point in (x.a, x.b) if point.link == GROUND]
@@ -76,6 +78,7 @@ class Places:
     canvas: Canvas
 
     def of(self, point: Point) -> Array:
+        """Return the pixels (k, 2) of a point."""
         return self.canvas.at(position(self.states, point))
 
     def angle(self, link: int) -> Array:
@@ -83,32 +86,34 @@ class Places:
         return np.zeros(len(self.states)) if link == GROUND else self.states[:, 3 * link + 2]
 
 
-def marks(mechanism: Mechanism, states: Array, canvas: Canvas) -> list[Part]:
-    """Return the symbols of all forces and drivers of a mechanism at states (k, n)."""
+def force_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
+    """Yield the symbols of all forces and drivers of a mechanism at states (k, n)."""
     places = Places(states, canvas)
-    return [mark for item in (*mechanism.forces, *mechanism.drivers) for mark in _marks(item, mechanism, places)]
+    for item in (*mechanism.forces, *mechanism.drivers):
+        yield from _symbol(item, mechanism, places)
 
 
-def _marks(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
+def _symbol(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
+    """Yield the parts of the symbol of a force or driver."""
     match item:
         case SpringDamper():
-            yield from between(item.name, x.of(item.a), x.of(item.b), item.k, item.c)
+            yield from spring_damper(item.name, x.of(item.a), x.of(item.b), item.k, item.c)
         case AxisSpringDamper():
-            turn = x.angle(item.origin.link) + item.angle
-            axis = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+            axis = direction(x.angle(item.origin.link) + item.angle)  # (k, 2)
             along_axis = value(Along(item.origin, item.point, item.angle), x.states)  # (k,) [m]
             foot = x.canvas.at(position(x.states, item.point) - along_axis[:, None] * axis)
-            yield from between(item.name, foot, x.of(item.point), item.k, item.c)
+            yield from spring_damper(item.name, foot, x.of(item.point), item.k, item.c)
         case RotationalSpringDamper():
             shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)
-            yield around(item.name, shapes, x.of(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(x.angle(item.b)))
+            yield ring_part(item.name, shapes, x.of(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(x.angle(item.b)))
         case JointDamping():
             for pair in item.pairs[:1]:
-                yield around(item.name, [RING], x.of(pair.block if isinstance(pair, Prismatic) else pair.a), 11.0)
+                yield ring_part(item.name, [RING], x.of(pair.block if isinstance(pair, Prismatic) else pair.a), 11.0)
         case Torque() if item.value:
-            yield around(item.name, LEFT if item.value > 0 else RIGHT, x.of(_pin(mechanism, item.reaction, item.link)))
+            yield ring_part(item.name, LEFT if item.value > 0 else RIGHT, x.of(_pin(mechanism, item.reaction, item.link)))
         case AngleDriver():
-            yield around(item.name, (*(LEFT if _sense(item) > 0 else RIGHT), MOTOR), x.of(_pin(mechanism, GROUND, item.link)))
+            shapes = [*(LEFT if _sense(item) > 0 else RIGHT), MOTOR]
+            yield ring_part(item.name, shapes, x.of(_pin(mechanism, GROUND, item.link)))
         case SlideDriver():
             turn = -np.degrees(x.angle(item.joint.guide.link) + item.joint.angle)
             yield make_part(arrow(24.0, 52.0, _sense(item)), x.of(item.joint.block), turn, name=item.name)
@@ -122,24 +127,24 @@ def _marks(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
 
 def _sense(driver: AngleDriver | SlideDriver) -> float:
     """Return the sign of the driver's first nonzero rate."""
-    return next((float(np.sign(rate)) for t in (0.0, 1e-3, 0.1) if (rate := driver.law(t)[1])), 1.0)
+    rates = (driver.law(t)[1] for t in (0.0, 1e-3, 0.1))
+    return next((float(np.sign(rate)) for rate in rates if rate), 1.0)
 
 
 def _pin(mechanism: Mechanism, a: int, b: int) -> Point:
     """Return the pin of two links; without one, a pin of b on the ground, else b's centre of mass."""
-    pins = [joint for joint in mechanism.joints if isinstance(joint, Revolute)]
-    ends = [joint.a for pair in ({a, b}, {GROUND, b}) for joint in pins if {joint.a.link, joint.b.link} == pair]
-    return ends[0] if ends else Point(b if b != GROUND else a, np.zeros(2), "")
+    pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, Revolute)}
+    centre = Point(b if b != GROUND else a, np.zeros(2), "")
+    return pins.get(frozenset((a, b))) or pins.get(frozenset((GROUND, b)), centre)
 
 
-def around(name: str, shapes: list[str] | tuple[str, ...], centre: Array, radius: float = 24.0, turn: Array | float = 0.0) -> Part:
+def ring_part(name: str, shapes: Iterable[str], centre: Array, radius: float = 24.0, turn: Array | float = 0.0) -> Part:
     """Return a symbol of fixed size; names keep clear of a circle of this radius [px]."""
-    turns = np.linspace(0, 2 * np.pi, 7)
-    corners = radius * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    corners = radius * direction(np.linspace(0, 2 * np.pi, 7))
     return make_part(shapes, centre, turn, name=name, reach=np.stack([corners[:-1], corners[1:]], axis=1))
 
 
-def along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
+def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
     """Return the first length [px] of the line between pixels a and b (k, 2), and place, turn and stretch of a symbol along it."""
     line = b - a
     length = np.maximum(np.hypot(*line.T), 1.0)
@@ -147,11 +152,11 @@ def along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
     return float(length[0]), {"place": a, "turn": turn, "stretch": length / length[0]}
 
 
-def between(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
+def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
     """Yield a spring (if k) and a damper (if c) between pixels a and b (n, 2)."""
-    length, where = along(a, b)
+    length, motion = motion_along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))
-    lines = []
+    lines = []  # points as (part of the length, px beside the line)
     if k:
         lines.append([(ends[0], -side), (0.2, -side), *(COILS - (0, side)), (0.8, -side), (ends[1], -side)])
     if c:
@@ -159,20 +164,20 @@ def between(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]
         lines += [[(ends[0], side), (0.4, side)], [(0.52, side), (ends[1], side)]]
     if side:
         lines += [[(x, -side), (x, side)] for x in ends] + [[(0, 0), (LEAD, 0)], [(1 - LEAD, 0), (1, 0)]]
-    drawn = "".join(path(np.array(line) * (length, 1)) for line in lines)
+    shape = stroke(LINE, *(np.array(line) * (length, 1) for line in lines))
     reach = np.array([[(0.0, y), (length, y)] for y in (0.0, side + WIDE, -side - WIDE)])
-    yield make_part([f'<path d="{drawn}" {LINE}/>'], **where, name=name, reach=reach)
+    yield make_part([shape], **motion, name=name, reach=reach)
     yield from (make_part([PIN], x) for x in (a, b))
 
 
 def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
     """Yield a rod between pixels a and b (n, 2), and around its first part a barrel of constant length."""
-    length, where = along(a, b)
+    length, motion = motion_along(a, b)
     rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {KEPT}/>'
-    yield make_part([rod], **where, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))
-    wide = BARREL * length * float(where["stretch"].min())
+    yield make_part([rod], **motion, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))
+    wide = BARREL * length * float(motion["stretch"].min())
     box = f'x="8" y="-7.5" width="{wide:.1f}" height="15" rx="2.5" fill="{PAPER}" stroke="{CRANK_EDGE}" stroke-width="1.8"'
-    yield make_part([f"<rect {box}/>"], a, where["turn"])
+    yield make_part([f"<rect {box}/>"], a, motion["turn"])
     yield from (make_part([PIN], x) for x in (a, b))
 
 

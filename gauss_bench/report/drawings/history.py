@@ -3,12 +3,14 @@
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from gauss_bench.report.palette import CONTROL, CRANK, CRANK_EDGE, CURVES, GRID, INK, MUTED
@@ -17,17 +19,17 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Told
 
 WIDTH, PANEL, HEAD, FOOT = 6.0, 1.12, 0.38, 0.5  # [inch]: width; heights of a panel, its title, the time axis
-MORE, FEW = 0.13, 4  # [inch] for each line beyond FEW
-LEFT, RIGHT = 0.72, 1.5  # [inch] beside the panels: numbers, names
+MORE, FEW = 0.13, 4  # [inch] of further height for each line beyond FEW
+LEFT, RIGHT = 0.72, 1.5  # [inch] at the sides of the panels, for numbers and names
 NAMED = 8  # lines of a panel that have a colour and a name; the others are grey
-SAMPLES = 800  # drawn samples of a curve: more than its width in pixels
+SAMPLES = 800  # largest number of drawn samples of a curve, more than its width in pixels
 LETTERS = 78  # characters in a line of the head
-GAP = 10.5  # [pt] between names
+GAP = 10.5  # [pt] smallest distance of two names
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
-    """A line of a panel with its name, values (k,) and colour; the second component of a vector is dashed in the same colour."""
+class Line:
+    """A line of a panel: its name, its values (k,) and the index of its colour; the y component of a vector is dashed."""
 
     name: str
     values: Array
@@ -40,51 +42,51 @@ class Panel:
     """Lines with one unit; `limits` fixes the range of the axis."""
 
     title: str
-    traces: tuple[Trace, ...]
+    lines: tuple[Line, ...]
     limits: tuple[float, float] | None = None
 
     @property
     def height(self) -> float:
         """Height [inch], title included."""
-        return HEAD + PANEL + MORE * max(0, min(len(self.traces), NAMED) - FEW)
+        return HEAD + PANEL + MORE * max(0, min(len(self.lines), NAMED) - FEW)
 
 
 def panels_of(history: History) -> list[Panel]:
     """Return the panels of a history; speeds and joint forces are drawn as magnitudes."""
+    energies = history.of(Group.ENERGY)
+    joints, motors = history.of(Group.JOINT), history.of(Group.MOTOR)
+    torques = [x for x in motors if x.unit == "N m"] + [x for x in joints if x.key == "moment"]
     panels = [
-        Panel("angle [rad]", _each(x for x in history.of(Group.LINK) if x.key == "theta")),
-        Panel("position [m]", _places(history)),
-        Panel("speed [m/s]", _lengths(history.of(Group.POINT), "vx", "vy")),
-        Panel("energy [J]", _each((x for x in history.of(Group.ENERGY) if x.key != "gained"), True)),
-        Panel("energy gained beyond the work done [J]", _each((x for x in history.of(Group.ENERGY) if x.key == "gained"), True)),
-        Panel("joint force [N]", _lengths(history.of(Group.JOINT), "fx", "fy")),
-        Panel("torque: motors, moments of slides [N m]", _each(_turning(history))),
-        Panel("driving force [N]", _each(x for x in history.of(Group.MOTOR) if x.unit == "N")),
-        Panel("transmission angle [deg]", _each(history.of(Group.TRANSMISSION)), (0.0, 92.0)),
+        Panel("angle [rad]", _lines(x for x in history.of(Group.LINK) if x.key == "theta")),
+        Panel("position [m]", _components(history.of(Group.POINT))),
+        Panel("speed [m/s]", _magnitudes(history.of(Group.POINT), "vx", "vy")),
+        Panel("energy [J]", _lines((x for x in energies if x.key != "gained"), by_key=True)),
+        Panel("energy gained beyond the work done [J]", _lines((x for x in energies if x.key == "gained"), by_key=True)),
+        Panel("joint force [N]", _magnitudes(joints, "fx", "fy")),
+        Panel("torque: motors, moments of slides [N m]", _lines(torques)),
+        Panel("driving force [N]", _lines(x for x in motors if x.unit == "N")),
+        Panel("transmission angle [deg]", _lines(history.of(Group.TRANSMISSION)), (0.0, 92.0)),
     ]
-    return [panel for panel in panels if panel.traces]
+    return [panel for panel in panels if panel.lines]
 
 
-def _each(curves: Iterable[Curve], by_key: bool = False) -> tuple[Trace, ...]:
-    return tuple(Trace(x.key if by_key else x.of, x.values, i) for i, x in enumerate(curves))
+def _lines(curves: Iterable[Curve], by_key: bool = False) -> tuple[Line, ...]:
+    """Return a line for each curve, named by its key, or by the link, point, joint or motor that it describes."""
+    return tuple(Line(x.key if by_key else x.of, x.values, i) for i, x in enumerate(curves))
 
 
-def _turning(history: History) -> list[Curve]:
-    motors = [x for x in history.of(Group.MOTOR) if x.unit == "N m"]
-    return [*motors, *(x for x in history.of(Group.JOINT) if x.key == "moment")]
+def _components(curves: Sequence[Curve]) -> tuple[Line, ...]:
+    """Return both coordinates of each point, in one colour."""
+    names = list(dict.fromkeys(x.of for x in curves))
+    places = [x for x in curves if x.key in ("x", "y")]
+    return tuple(Line(f"{x.of} {x.key}", x.values, names.index(x.of), x.key == "y") for x in places)
 
 
-def _places(history: History) -> tuple[Trace, ...]:
-    names = list(dict.fromkeys(x.of for x in history.of(Group.POINT)))
-    curves = [x for x in history.of(Group.POINT) if x.key in ("x", "y")]
-    return tuple(Trace(f"{x.of} {x.key}", x.values, names.index(x.of), x.key == "y") for x in curves)
-
-
-def _lengths(curves: Sequence[Curve], first: str, second: str) -> tuple[Trace, ...]:
+def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line, ...]:
     """Return the magnitude of each vector with the components `first` and `second`."""
-    parts = {(x.of, x.key): x.values for x in curves}
+    values = {(x.of, x.key): x.values for x in curves}
     names = dict.fromkeys(x.of for x in curves)
-    return tuple(Trace(name, np.hypot(parts[name, first], parts[name, second]), i) for i, name in enumerate(names))
+    return tuple(Line(name, np.hypot(values[name, first], values[name, second]), i) for i, name in enumerate(names))
 
 
 def plot(history: History, told: Told, head: bool = True) -> Figure:
@@ -94,47 +96,45 @@ def plot(history: History, told: Told, head: bool = True) -> Figure:
         told: the texts of the head, the end of the time axis, and the start of the shaded part, which does not affect axis limits.
         head: whether to write the texts of the head.
     """
-    drawn = panels_of(history)
-    lines = [(line, MUTED) for line in textwrap.wrap(told.how, LETTERS)]
-    lines += [(line, CRANK_EDGE) for line in textwrap.wrap(told.verdict, LETTERS)]
-    top = 0.36 + 0.165 * len(lines) if head else 0.0
-    tall = top + sum(panel.height for panel in drawn) + FOOT
-    kept = np.unique(np.linspace(0, len(history.t) - 1, SAMPLES).round().astype(int))
+    panels = panels_of(history)
+    texts = [(line, MUTED) for line in textwrap.wrap(told.how, LETTERS)]
+    texts += [(line, CRANK_EDGE) for line in textwrap.wrap(told.verdict, LETTERS)]
+    top = 0.36 + 0.165 * len(texts) if head else 0.0
+    tall = top + sum(panel.height for panel in panels) + FOOT
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, tall))
         if head:
             figure.text(0.12 / WIDTH, 1 - 0.25 / tall, told.title, fontsize=12, fontweight="bold", color=INK)
-            for i, (line, colour) in enumerate(lines):
+            for i, (line, colour) in enumerate(texts):
                 figure.text(0.12 / WIDTH, 1 - (0.45 + 0.165 * i) / tall, line, fontsize=8.5, color=colour)
         low = tall - top
-        for panel in drawn:
+        for panel in panels:
             low -= panel.height
             axes = figure.add_axes((LEFT / WIDTH, low / tall, (WIDTH - LEFT - RIGHT) / WIDTH, (panel.height - HEAD) / tall))
-            _draw(axes, panel, history.t, kept, told.until, told.trusted)
-            axes.tick_params(labelbottom=panel is drawn[-1], labelsize=8, length=2)
+            _draw_panel(axes, panel, history.t, told)
+            axes.tick_params(labelbottom=panel is panels[-1], labelsize=8, length=2)
         axes.set_xlabel("time [s]", fontsize=9)
     return figure
 
 
-def _draw(axes: Axes, panel: Panel, t: Array, kept: Array, until: float, trusted: float | None) -> None:
+def _draw_panel(axes: Axes, panel: Panel, t: Array, told: Told) -> None:
+    """Draw the lines of a panel with their names, and mark the part of the run that is not trusted or missing."""
+    until, trusted = told.until, told.trusted
     sure = t <= (until if trusted is None else max(trusted, float(t[0])))
-    limits = panel.limits or _limits([x.values[sure] for x in panel.traces])
-    most = sorted(panel.traces, key=lambda x: -float(np.abs(x.values[sure]).max(initial=0.0)))
-    named = most[:NAMED] if len(panel.traces) > NAMED else list(panel.traces)
-    order = {id(x): i for i, x in enumerate(x for x in panel.traces if x in named)}
+    low, high = panel.limits or _limits([x.values[sure] for x in panel.lines])
+    colours = _choose_colours(panel, sure)
+    shown = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))
     ends = []
-    for x in panel.traces:
-        shown = x in named
-        index = x.colour if len(panel.traces) <= NAMED else order.get(id(x), 0)
-        colour = CURVES[index % len(CURVES)] if shown else GRID
-        line = "--" if x.dashed else "-"
+    for x in panel.lines:
+        colour = CURVES[colours[x] % len(CURVES)] if x in colours else GRID
         with np.errstate(all="ignore"):
             # far outside the axis, values are clipped: a diverged run would overflow the drawing library
-            values = np.clip(x.values[kept], limits[0] - 9 * (limits[1] - limits[0]), limits[1] + 9 * (limits[1] - limits[0]))
-        axes.plot(t[kept], values, color=colour, linestyle=line, linewidth=1.3, zorder=2 + shown)
-        if shown:
-            ends.append((x.name, colour, float(np.clip(x.values[sure][-1], *limits))))
-    axes.set_ylim(*limits)
+            values = np.clip(x.values[shown], low - 9 * (high - low), high + 9 * (high - low))
+        style = "--" if x.dashed else "-"
+        axes.plot(t[shown], values, color=colour, linestyle=style, linewidth=1.3, zorder=2 + (x in colours))
+        if x in colours:
+            ends.append((x.name, colour, float(np.clip(x.values[sure][-1], low, high))))
+    axes.set_ylim(low, high)
     axes.set_xlim(float(t[0]), until)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
     axes.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useMathText=True)
@@ -146,9 +146,17 @@ def _draw(axes: Axes, panel: Panel, t: Array, kept: Array, until: float, trusted
     if float(t[-1]) < until:
         axes.axvline(float(t[-1]), color=MUTED, linewidth=0.9, linestyle=":", zorder=4)
     label_ends(axes, ends)
-    if len(panel.traces) > len(named):
-        remainder = f"and {len(panel.traces) - len(named)} smaller ones (grey)"
+    if len(panel.lines) > len(colours):
+        remainder = f"and {len(panel.lines) - len(colours)} smaller ones (grey)"
         axes.set_title(remainder, fontsize=7.5, loc="right", color=CONTROL, y=1.0, pad=4)
+
+
+def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
+    """Return the index of a colour for each line; of many lines, only for those that are largest at the trusted samples (k,)."""
+    if len(panel.lines) <= NAMED:
+        return {x: x.colour for x in panel.lines}
+    largest = sorted(panel.lines, key=lambda x: -float(np.abs(x.values[sure]).max(initial=0.0)))[:NAMED]
+    return {x: i for i, x in enumerate(x for x in panel.lines if x in largest)}
 
 
 def _limits(values: Sequence[Array]) -> tuple[float, float]:
@@ -161,27 +169,30 @@ def _limits(values: Sequence[Array]) -> tuple[float, float]:
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """Write the name of each line beside its end; names that would overlap are moved apart and joined to the end by a thin line."""
+    """Write names beside the ends of lines, given as (name, colour, y).
+
+    Names that would overlap are moved apart and joined to their ends by thin lines.
+    """
     figure = axes.get_figure(root=True)
     assert figure is not None
-    tall = axes.get_position().height * float(figure.get_size_inches()[1]) * 72
+    tall = axes.get_position().height * float(figure.get_size_inches()[1]) * 72  # [pt]
     low, high = axes.get_ylim()
     wanted = np.array([(y - low) / (high - low) * tall for _, _, y in ends])
-    for (name, colour, y), place in zip(ends, apart(wanted, GAP, tall), strict=True):
-        shown = name if len(name) <= 20 else f"{name[:19]}…"
-        lead = [(y - low) / (high - low), place / tall]
-        axes.plot([1.0, 1.035], lead, transform=axes.transAxes, color=colour, linewidth=0.7, clip_on=False)
-        axes.text(1.045, place / tall, shown, transform=axes.transAxes, color=colour, fontsize=8, va="center", ha="left")
+    for (name, colour, _), end, place in zip(ends, wanted, move_apart(wanted, GAP, tall), strict=True):
+        text = name if len(name) <= 20 else f"{name[:19]}…"
+        look: dict[str, Any] = {"transform": axes.transAxes, "color": colour}
+        axes.plot([1.0, 1.035], [end / tall, place / tall], linewidth=0.7, clip_on=False, **look)
+        axes.text(1.045, place / tall, text, fontsize=8, va="center", ha="left", **look)
 
 
-def apart(wanted: Array, gap: float, tall: float) -> Array:
+def move_apart(wanted: Array, gap: float, tall: float) -> Array:
     """Return places (k,) nearest to the wanted ones in least squares, in the same order and at least `gap` apart."""
-    # with x_i = y_i + i gap the spacing becomes monotonicity of y: isotonic regression
+    # for x_i = y_i + i gap, the distance of the x_i means that the y_i increase: this is isotonic regression
     order = np.argsort(wanted, kind="stable")
     offsets = gap * np.arange(len(wanted))
     flat = isotonic_regression(wanted[order] - offsets).x if len(wanted) else np.zeros(0)
     room = tall - gap * (len(wanted) - 1)
     flat = np.clip(flat, 0.0, room) if room >= 0 else np.full(len(flat), room / 2)
-    placed = np.empty(len(wanted))
-    placed[order] = flat + offsets
-    return placed
+    places = np.empty(len(wanted))
+    places[order] = flat + offsets
+    return places

@@ -7,21 +7,25 @@ import numpy as np
 
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Mechanism, Revolute
-from gauss_bench.report.drawings.canvas import Canvas, Part
+from gauss_bench.report.drawings.canvas import Canvas, Part, direction
 from gauss_bench.report.palette import CRANK_EDGE, INK, MUTED
 from gauss_bench.terms import Array
 
 LETTER = 6.6  # mean width of a letter at 13 px
-WIDTHS = {"il.,'|j": 3.6, "frtI-()": 5.0, "mwMW_": 11.0}  # [px] of letters at 13 px, in the widest of the fonts asked for; else 8.3
-TALL = 13.0  # [px] of a name
-FAR = 22.0  # [px] clearance of a link's name that is enough: larger ones count the same
-NEAR = 8.0  # [px] the same for names of points and forces, which must stay near
-EDGE = 3.0  # [px] between a name and the picture's edge, or another name
-WAYS = np.stack([np.cos(turns := np.linspace(0, 2 * np.pi, 24, endpoint=False)), -np.sin(turns)], axis=-1)  # all round
+WIDTHS = {
+    "il.,'|j": 3.6,
+    "frtI-()": 5.0,
+    "mwMW_": 11.0,
+}  # letters -> width [px] at 13 px in the widest of the fonts; others have 8.3
+TALL = 13.0  # [px] height of a name
+FAR = 22.0  # [px] clearance of a link's name beyond which no place is better
+NEAR = 8.0  # [px] the same for names of points and forces, which must stay near them
+EDGE = 3.0  # [px] smallest distance of a name from the edge of the picture, or from another name
+AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2) unit vectors
 
 
 def width_of(name: str, size: float = 13.0) -> float:
-    """Estimate the width [px] of a name, on the wide side."""
+    """Estimate the width [px] of a name, rather too large than too small."""
     return size / 13 * sum(next((width for letters, width in WIDTHS.items() if x in letters), 8.3) for x in name)
 
 
@@ -43,16 +47,22 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
     texts = []
     for name, where in _points(mechanism, q, canvas):
         wide = np.array([width_of(name) / 2 - 4.0, 0.0])
-        places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in WAYS]
-        texts.append(_text(name, _best(places, name, segments, boxes, size, NEAR)[0], INK, 'font-style="italic"'))
-    for part in (x for x in parts if x.title):
-        lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
-        texts.append(_text(part.title, _best(_beside_lines(part.title, lines), part.title, segments, boxes, size)[0], MUTED, ""))
-    for part in (x for x in parts if x.name and len(x.reach)):
-        place, room = _best(_beside_lines(part.name, part.lines()), part.name, segments, [*boxes], size, NEAR)
-        if room > 0:
-            boxes.append(box_of(part.name, place))
-            texts.append(_text(part.name, place, CRANK_EDGE, ""))
+        places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in AROUND]
+        place, _ = _best(places, name, segments, boxes, size, NEAR)
+        boxes.append(box_of(name, place))
+        texts.append(_text(name, place, INK, 'font-style="italic"'))
+    for part in parts:
+        if part.title:
+            lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
+            place, _ = _best(_beside_lines(part.title, lines), part.title, segments, boxes, size)
+            boxes.append(box_of(part.title, place))
+            texts.append(_text(part.title, place, MUTED, ""))
+    for part in parts:
+        if part.name and len(part.reach):
+            place, room = _best(_beside_lines(part.name, part.lines()), part.name, segments, boxes, size, NEAR)
+            if room > 0:
+                boxes.append(box_of(part.name, place))
+                texts.append(_text(part.name, place, CRANK_EDGE, ""))
     return texts
 
 
@@ -60,10 +70,11 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
     """Return candidate places around several points of each line (l, 2, 2)."""
     wide = np.array([width_of(name) / 2, 0.0])
     spots = [a + part * (b - a) for part in (0.5, 0.35, 0.65, 0.2, 0.8) for a, b in lines]
-    return [spot + reach * way + wide * way for reach in (13.0, 19.0, 27.0) for spot in spots for way in WAYS[::2]]
+    return [spot + reach * way + wide * way for reach in (13.0, 19.0, 27.0) for spot in spots for way in AROUND[::2]]
 
 
 def _text(name: str, place: Array, colour: str, style: str) -> str:
+    """Return the SVG text of a name around its middle (2,) [px]."""
     x, y = place[0], place[1] + 4.5
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" fill="{colour}" {style}>{escape(name)}</text>'.replace(" >", ">")
 
@@ -82,10 +93,11 @@ def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, A
 def _best(
     places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float = FAR
 ) -> tuple[Array, float]:
-    """Return the place with most room for a name, and that room [px]; the first wins a tie. Its box is added to `boxes`."""
+    """Return the place with most room for a name, and that room [px]; the first wins a tie."""
     half = width_of(name) / 2
-    spread = np.stack([np.linspace(-half, half, max(3, len(name))), np.zeros(max(3, len(name)))], axis=-1)
-    others = np.array(boxes) if boxes else np.zeros((0, 4))
+    samples = np.linspace(-half, half, max(3, len(name)))  # along the middle of the name
+    spread = np.stack([samples, np.zeros_like(samples)], axis=-1)
+    others = np.array(boxes)
 
     def room(place: Array) -> float:
         box = box_of(name, place)
@@ -93,12 +105,11 @@ def _best(
         gaps = np.maximum(others[:, :2] - box[2:], box[:2] - others[:, 2:]).max(axis=1) - EDGE
         free = min(float(inside), float(gaps.min(initial=FAR)))
         if free < 0:
-            return 10 * free  # worse than any line
+            return 10 * free  # overlapping another name is worse than crossing a line
         return float(min(distance(place + spread, segments) - TALL / 2, enough))
 
     rooms = [round(room(place), 1) for place in places]
     best = int(np.argmax(rooms))
-    boxes.append(box_of(name, places[best]))
     return places[best], rooms[best]
 
 

@@ -13,7 +13,7 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-POSE_DEG = 60.0  # crank angle of the drawings: no built-in linkage is stretched or folded there
+POSE_DEG = 60.0  # crank angle of the drawings, at which no built-in linkage is stretched or folded
 TURN = 120  # states of a full turn
 
 
@@ -54,7 +54,7 @@ def full_turn(mechanism: Mechanism) -> Array | None:
             return rows.phi, rows.J
 
         q, error = gauss_newton(q, residual)
-        if error > 1e-9:  # far above rounding, far below a pixel
+        if error > 1e-9:  # far above rounding errors and far below a pixel
             return None
         states.append(q)
     return np.array(states)

@@ -1,9 +1,7 @@
 """Write a run as one file: its curves as SVG or PNG, or the moving linkage as SVG, GIF or an HTML page with all curves."""
 
 import io
-from pathlib import Path
 
-import jinja2
 import numpy as np
 import vl_convert
 from PIL import Image
@@ -12,14 +10,14 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.animation import SLOWEST, animate, thin
 from gauss_bench.report.drawings.drawing import draw_at, fit
 from gauss_bench.report.drawings.history import LEFT, RIGHT, WIDTH, plot
+from gauss_bench.report.pages import make_environment
 from gauss_bench.report.palette import inline
 from gauss_bench.report.plotting import png, svg
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import History, Told, Trajectory
 
 RATE = 20.0  # [1/s] pictures of a GIF
-MOST = 160  # pictures of a GIF: a longer film runs faster
-TEMPLATES = Path(__file__).parents[1] / "templates"
+MOST = 160  # largest number of pictures of a GIF; a longer film runs faster
 
 
 def picture(kind: str, told: Told, history: History) -> bytes:
@@ -62,15 +60,18 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
 
 def _page(told: Told, history: History, moving: str, t: Array) -> str:
     """Return a self-contained page with the moving linkage, its curves, and a line that marks the current time in them."""
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined)
     figure = plot(history, told, head=False)
-    return environment.get_template("run.html").render(
-        told=told,
-        film=inline(moving, "film"),
-        curves=inline(svg(figure), "curves"),
-        left=100 * LEFT / WIDTH,
-        wide=100 * (WIDTH - LEFT - RIGHT) / WIDTH,
-        until=float(t[-1]),
-        share=(float(t[-1]) - float(t[0])) / (told.until - float(t[0]) or 1.0),
-        length=max(SLOWEST, float(t[-1] - t[0])),
+    return (
+        make_environment("gauss_bench.report")
+        .get_template("run.html")
+        .render(
+            told=told,
+            film=inline(moving, "film"),
+            curves=inline(svg(figure), "curves"),
+            left=100 * LEFT / WIDTH,
+            wide=100 * (WIDTH - LEFT - RIGHT) / WIDTH,
+            until=float(t[-1]),
+            share=(float(t[-1]) - float(t[0])) / (told.until - float(t[0]) or 1.0),
+            length=max(SLOWEST, float(t[-1] - t[0])),
+        )
     )

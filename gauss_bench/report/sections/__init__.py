@@ -1,1 +1,1 @@
-"""The report, section by section: a file each, a room for a chapter; see `report/build.py` for what a file must have."""
+"""The sections of the report, each in a file; `report/build.py` describes the functions of such a file."""

@@ -1,106 +1,103 @@
 """Accelerations at given states: compares the equations of motion of engines, apart from any integrator."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Finding, count, error, itemise, run_of_numbers
+from gauss_bench.report.content import Finding, count, error_text, itemise, range_text
 from gauss_bench.report.rows import (
+    METHOD,
     SAME_ACCELERATION,
     Row,
     Run,
-    accelerations,
+    acceleration_rows,
+    chose_steps,
     end_error,
-    group_rows,
+    group_by,
+    has_ended,
     is_known,
-    label,
-    method,
-    number,
-    ok,
-    own_steps,
-    quantity,
-    unit,
+    measured_name,
+    measured_unit,
+    setting_words,
+    with_number,
 )
 
 PLACE = 11
-TABLES = ("results",)
 SHRINKS = 2.0  # an error that falls by a smaller factor while the step falls 4-fold is not caused by the step
+ERROR = "acceleration_error_median"  # relative
 
 
 def findings(run: Run) -> Iterator[Finding]:
     """Yield which engines return the reference's acceleration, which do not, and how the negative control ends."""
-    yield from same_model(run)
-    yield from other_model(run)
-    yield from controls(run)
+    rows = [row for row in acceleration_rows(run.results) if not row["control"]]
+    yield from find_same_model(rows)
+    yield from find_other_models(run, rows)
+    yield from find_controls(run)
 
 
-def same_model(run: Run) -> Iterator[Finding]:
+def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
     """Yield the engines that return the reference's acceleration at the same state, with their errors."""
-    rows = [row for row in accelerations(run.results) if not row["control"]]
-    worst = {
-        name: max(number(r, "acceleration_error_median") for r in group)
-        for name, group in group_rows(rows, lambda r: label(r, "settings")).items()
-    }
+    engines = group_by(rows, lambda r: f"`{r['engine']}` {setting_words(r, 'settings')}".strip())
+    worst = {name: max(r[ERROR] for r in group) for name, group in engines.items()}
     same = sorted((x, name) for name, x in worst.items() if x <= SAME_ACCELERATION)
     if same:
-        exact = itemise(f"{name} ({error(x)})" for x, name in same)
+        exact = itemise(f"{name} ({error_text(x)})" for x, name in same)
         yield Finding(
             "Same state, same acceleration",
-            f"Given the same states, {exact} return the reference's acceleration; in brackets the largest median relative error of "
-            f"{count(len({r['mechanism'] for r in rows}), 'linkage')}.",
+            f"Given the same states, {exact} return the reference's acceleration. Brackets have the largest median relative error "
+            f"on {count(len({r['mechanism'] for r in rows}), 'linkage')}.",
             "good",
         )
 
 
-def other_model(run: Run) -> Iterator[Finding]:
+def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
     """Yield the engines that compute another acceleration, and whether a smaller step helps."""
-    rows = [row for row in accelerations(run.results) if not row["control"]]
-    for (name, settings), group in group_rows(rows, lambda r: (r["engine"], r["settings"])).items():
-        off = [row for row in group if not row["acceleration_error_median"] <= SAME_ACCELERATION]
-        if not off:
-            continue
-        span = run_of_numbers([number(r, "acceleration_error_median") for r in off], error)
-        text = (
-            f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
-            f"{itemise(row['mechanism'] for row in off)}. A smaller step cannot change that"
-        )
-        yield Finding("Soft, or another model", f"{text}{_step_does_not_help(run, off)}", "warn")
+    for (name, settings), group in group_by(rows, "engine", "settings").items():
+        off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
+        if off:
+            span = range_text([row[ERROR] for row in off], error_text)
+            text = (
+                f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
+                f"{itemise(row['mechanism'] for row in off)}. A smaller step cannot change that"
+            )
+            yield Finding("Soft, or another model", f"{text}{_show_flat_error(run, off)}", "warn")
 
 
-def _step_does_not_help(run: Run, off: list[Row]) -> str:
+def _show_flat_error(run: Run, off: Sequence[Row]) -> str:
     """Return the end of a sentence: the trajectory error that falls least over a 4-fold range of steps."""
-    wanted = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
-    rows = [r for r in run.results if ok(r) and (r["mechanism"], r["engine"], r["settings"]) in wanted and is_known(end_error(r))]
-    falls = []
-    for group in group_rows(rows, lambda r: (r["mechanism"], r["scenario"], *method(r))).values():
-        stepped = sorted((r for r in group if not own_steps(r)), key=lambda r: -number(r, "step"))
-        if len(stepped) > 1 and stepped[0]["step"] >= 4 * stepped[-1]["step"] and end_error(stepped[-1]) > 0:
-            falls.append((end_error(stepped[0]) / end_error(stepped[-1]), stepped))
-    flat = [(ratio, steps) for ratio, steps in falls if ratio < SHRINKS]
+    models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
+    rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]
+    flat = []
+    for (mechanism, _, engine, settings, *_), group in group_by(rows, "mechanism", "scenario", *METHOD).items():
+        stepped = sorted(group, key=lambda r: -r["step"])
+        wide = stepped[0]["step"] >= 4 * stepped[-1]["step"]
+        if (mechanism, engine, settings) in models and wide and end_error(stepped[-1]) > 0:
+            ratio = end_error(stepped[0]) / end_error(stepped[-1])
+            if ratio < SHRINKS:
+                flat.append((ratio, stepped))
     if not flat:
         return "."
-    _, steps = min(flat, key=lambda x: x[0])
-    first, last = steps[0], steps[-1]
-    before, after = (f"{error(end_error(row))} {unit([row])} at step {row['step']:g} s" for row in (first, last))
-    return f", and does not: on {first['mechanism']} {first['scenario']} the error of {quantity(steps)} is {before} and {after}."
+    _, stepped = min(flat, key=lambda x: x[0])
+    ends = (stepped[0], stepped[-1])
+    before, after = (f"{error_text(end_error(row))} {measured_unit([row])} at step {row['step']:g} s" for row in ends)
+    place = f"{stepped[0]['mechanism']} {stepped[0]['scenario']}"
+    return f", and does not: on {place} the error of {measured_name(stepped)} is {before} and {after}."
 
 
-def controls(run: Run) -> Iterator[Finding]:
+def find_controls(run: Run) -> Iterator[Finding]:
     """Yield for each negative control that it satisfies its constraints, and whether the gate still rejects it."""
-    rows = [row for row in run.results if row["control"] and ok(row)]
-    for name, group in group_rows(rows, lambda r: r["engine"]).items():
-        residuals = [number(r, "acceleration_residual") for r in group if is_known(r.get("acceleration_residual"))]
-        errors = [number(r, "acceleration_error_median") for r in group if is_known(r.get("acceleration_error_median"))]
+    rows = [row for row in run.results if row["control"] and has_ended(row)]
+    for name, group in group_by(rows, "engine").items():
+        residuals = [row["acceleration_residual"] for row in with_number(group, "acceleration_residual")]
+        errors = [row[ERROR] for row in with_number(group, ERROR)]
         if not errors:
             continue
-        holds = f"satisfies the constraints of acceleration to {error(max(residuals))} and is" if residuals else "is"
+        holds = f"satisfies the constraints of acceleration to {error_text(max(residuals))} and is" if residuals else "is"
         passed = sum(bool(row["valid"]) for row in group)
         caught = (
-            "**" + f"{passed} of its {len(group)} rows pass the gate: it is too wide.**"
-            if passed
-            else "No row of it passes the gate."
+            f"**{passed} of its {len(group)} rows pass the gate: it is too wide.**" if passed else "No row of it passes the gate."
         )
         yield Finding(
             "The negative control",
-            f"`{name}` {holds} still wrong: the median relative error of its acceleration is {run_of_numbers(errors, error)}. "
+            f"`{name}` {holds} still wrong: the median relative error of its acceleration is {range_text(errors, error_text)}. "
             f"{caught} Residuals alone would not have shown it.",
             "bad" if passed else "good",
         )

@@ -1,52 +1,57 @@
 """The costs of a step and of an acceleration, as ratios to one engine of the same run."""
 
+import math
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Finding, itemise, times
-from gauss_bench.report.rows import Row, Run, costs, is_known, number, plain
+from gauss_bench.report.content import Finding, itemise, ratio_text
+from gauss_bench.report.rows import Row, Run, Spread, cost_rows, is_known, is_unstabilised, spread
 
 PLACE = 14
-TABLES = ("results",)
 OWN, RIVAL = "gauss", "lagrange"
 
 
 def findings(run: Run) -> Iterator[Finding]:
     """Yield the cost of a step and of an acceleration by the suite's own formulation, relative to Lagrange multipliers."""
-    rows = [row for row in costs(run.results) if plain(row)]
+    rows = [row for row in cost_rows(run.results) if is_unstabilised(row)]
+    rivals = {_place(row): row for row in reversed(rows) if row["engine"] == RIVAL}
     for quantity, what in (("step", "A step"), ("acceleration", "One acceleration")):
-        spreads: dict[str, list[float]] = {}
-        for row in (r for r in rows if r["engine"] == OWN):
-            rival = next((r for r in rows if r["engine"] == RIVAL and _alike(r, row)), None)
-            ratio = _ratio(run, row, rival, quantity) if rival is not None else []
-            if ratio:  # an acceleration has no integrator: one per linkage
-                spreads.setdefault(f"{row['mechanism']}{' ' + row['integrator'] if quantity == 'step' else ''}", ratio)
-        if spreads:
-            longer, slower = (sum(x[:2][end] > 1 for x in spreads.values()) for end in (0, -1))
-            level = sum(x[1] <= 1 <= x[2] for x in spreads.values() if len(x) > 1)
-            told = itemise(f"{name} {_with_spread(x)}" for name, x in spreads.items())
+        ratios: dict[str, Spread] = {}
+        for row in rows:
+            if row["engine"] == OWN and _place(row) in rivals:
+                ratio = _ratio(run, spread(row, f"{quantity}_ratio"), spread(rivals[_place(row)], f"{quantity}_ratio"))
+                # an acceleration has no integrator: the first row of a linkage counts
+                name = f"{row['mechanism']} {row['integrator']}" if quantity == "step" else row["mechanism"]
+                if is_known(ratio.value):
+                    ratios.setdefault(name, ratio)
+        if ratios:
+            # without a spread the ends are the ratio itself
+            longer = sum(x.value > 1 for x in ratios.values())
+            slower = sum((x.low if is_known(x.low) else x.value) > 1 for x in ratios.values())
+            level = sum(x.low <= 1 <= x.high for x in ratios.values())
+            listed = itemise(f"{name} {_ratio_words(x)}" for name, x in ratios.items())
             yield Finding(
                 f"Cost of {OWN} against {RIVAL}",
-                f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {told}; slower in {slower} of {len(spreads)}"
+                f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {listed}; slower in {slower} of {len(ratios)}"
                 f"{f', not told apart in {level}' if level else ''}.",
-                "warn" if longer > len(spreads) / 2 else "good",
+                "warn" if longer > len(ratios) / 2 else "good",
             )
 
 
-def _with_spread(x: list[float]) -> str:
-    return f"{times(x[0])} ({times(x[1])}..{times(x[2])})" if len(x) > 1 else times(x[0])
+def _ratio_words(x: Spread) -> str:
+    """Return a ratio with its spread, if it has one."""
+    return x.print_with(ratio_text) if is_known(x.low) else ratio_text(x.value)
 
 
-def _alike(a: Row, b: Row) -> bool:
-    return all(a[key] == b[key] for key in ("mechanism", "settings", "integrator"))
+def _place(row: Row) -> tuple[str, ...]:
+    """Return the columns that both engines must share."""
+    return row["mechanism"], row["settings"], row["integrator"]
 
 
-def _ratio(run: Run, own: Row, rival: Row, quantity: str) -> list[float]:
-    """Return the ratio, with low and high if one of both engines is the baseline of all ratios; else the quotient of two ratios."""
-    x, low, high = (number(own, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
-    y, below, above = (number(rival, f"{quantity}_ratio{end}") for end in ("", "_low", "_high"))
+def _ratio(run: Run, own: Spread, rival: Spread) -> Spread:
+    """Return the quotient of two ratios; it has a spread only if one of both engines is the baseline of all ratios."""
     baseline = run.environment.get("baseline_engine")
-    if baseline == RIVAL and y == 1 and is_known(low) and is_known(high):
-        return [x, low, high]
-    if baseline == OWN and x == 1 and below > 0 and above > 0:
-        return [1 / y, 1 / above, 1 / below]
-    return [x / y] if is_known(x) and y > 0 else []
+    if baseline == RIVAL and rival.value == 1 and is_known(own.low) and is_known(own.high):
+        return own
+    if baseline == OWN and own.value == 1 and rival.low > 0 and rival.high > 0:
+        return Spread(1 / rival.value, 1 / rival.high, 1 / rival.low)
+    return Spread(own.value / rival.value if rival.value > 0 else math.nan, math.nan, math.nan)

@@ -1,10 +1,9 @@
 """The time, the place and the machine of the run."""
 
-from gauss_bench.report.content import Section, Text, blocks_of
+from gauss_bench.report.content import Section, blocks_of
 from gauss_bench.report.rows import Run
 
 PLACE = 110
-TABLES = ()
 FACTS = (
     *("suite", "hours", "date", "commit", "dirty", "python", "platform", "cpu", "cores", "threads", "blas", "baseline_engine"),
     "wall_time",
@@ -12,15 +11,15 @@ FACTS = (
 
 
 def section(run: Run) -> Section:
-    facts = {name.replace("_", " "): _value(name, run.environment.get(name)) for name in FACTS}
+    """Return the table of the run's facts and the versions of its packages."""
+    facts = {name.replace("_", " "): _print_fact(name, run.environment.get(name)) for name in FACTS}
     facts |= dict(sorted(run.environment.get("versions", {}).items()))
     rows = [{"what": name, "value": value} for name, value in facts.items() if value is not None]
-    return Section(
-        "Environment", "environment", tuple(blocks_of("environment", rows)) or (Text("The run recorded no environment."),)
-    )
+    return Section("Environment", "environment", blocks_of("environment", rows))
 
 
-def _value(name: str, value: object) -> object:
+def _print_fact(name: str, value: object) -> object:
+    """Return a fact as it is printed: the time of the run [s] in minutes, a flag as yes or no."""
     if name == "wall_time" and isinstance(value, (int, float)):
         return f"{value / 60:.1f} min"
     return ("no", "yes")[value] if isinstance(value, bool) else value

@@ -1,15 +1,18 @@
 """Kinematics three independent ways, and the positions at which a linkage reverses."""
 
+from collections.abc import Sequence
+
 from gauss_bench.report.content import Section, Text, blocks_of
-from gauss_bench.report.rows import Run
+from gauss_bench.report.rows import Row, Run
 
 PLACE = 40
 TABLES = ("agreement", "singular", "basins", "driving")
 
 
 def section(run: Run) -> Section:
-    if not run.table("agreement"):
+    """Return the tables of kinematics; they belong to one comparison, so that without it there are none."""
+    tables: dict[str, Sequence[Row]] = {name: run.table(name) for name in TABLES}
+    if not tables["agreement"]:
         return Section("Kinematics", "kinematics", (Text("The run compared no kinematics."),))
-    tables = {name: run.table(name) for name in TABLES}
-    tables["basins"] = tuple({**row, "method": row["method"].replace("_", " ")} for row in tables["basins"])
-    return Section("Kinematics", "kinematics", tuple(x for name, rows in tables.items() for x in blocks_of(name, rows)))
+    tables["basins"] = [{**row, "method": row["method"].replace("_", " ")} for row in tables["basins"]]
+    return Section("Kinematics", "kinematics", [x for name, rows in tables.items() for x in blocks_of(name, rows)])

@@ -3,18 +3,18 @@
 from collections.abc import Iterator
 
 from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, count
-from gauss_bench.report.rows import Row, Run, is_known, measure, number
+from gauss_bench.report.rows import Row, Run, is_known, measured_head, number, with_number
 
 PLACE = 50
-TABLES = ("references", "certificates", "published")
 
 
 def section(run: Run) -> Section:
+    """Return the tables of references, certificates, closed forms and published values."""
     certificates = run.table("certificates")
-    exact = [row for row in certificates if is_known(row.get("taylor_off_closed_form"))]
-    early = tuple(_early(row) for row in certificates if row["status"] != "ok" or row["complete"] is False)
+    exact = with_number(certificates, "taylor_off_closed_form")
+    early = [_name_end(row) for row in certificates if row["status"] != "ok" or row["complete"] is False]
     blocks = (
-        *blocks_of("references", [{**row, "what": measure([row])} for row in run.table("references")]),
+        *blocks_of("references", [{**row, "what": measured_head([row])} for row in run.table("references")]),
         *blocks_of("certificates", [row for row in certificates if row not in exact]),
         *([Bullets(early)] if early else []),
         *blocks_of("closed_forms", exact),
@@ -23,8 +23,9 @@ def section(run: Run) -> Section:
     return Section("The truth", "references", blocks or (Text("The run recorded no references."),))
 
 
-def _early(row: Row) -> str:
-    until = f"until {number(row, 'until'):g} s" if is_known(row.get("until")) else "not at all"
+def _name_end(row: Row) -> str:
+    """Return a sentence on the time at which a certificate ends early."""
+    until = f"until {row['until']:g} s" if is_known(row.get("until")) else "not at all"
     return f"`{row['mechanism']}` {row['scenario']} is certified {until}: {row['message']}."
 
 
@@ -35,8 +36,8 @@ def findings(run: Run) -> Iterator[Finding]:
     if off:
         worst = min(off, key=lambda row: number(row, "true_digits"))
         text = (
-            f"The IVP test set prints {count(len(rows), 'value')} for Andrews' squeezing mechanism, copied ever since; {len(off)} "
-            f"are off by more than ten times what the certified motion leaves open: {worst['quantity']} is printed with "
-            f"{number(worst, 'printed_digits'):g} digits, of which {number(worst, 'true_digits'):g} are true."
+            f"The IVP test set prints {count(len(rows), 'value')} for Andrews' squeezing mechanism; {len(off)} are off by more "
+            f"than ten times the error bar of the certified motion. The worst, {worst['quantity']}, is printed with "
+            f"{worst['printed_digits']:g} digits, of which {worst['true_digits']:g} are true."
         )
         yield Finding("Published values", text, "warn")

@@ -2,23 +2,22 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Section, Text, blocks_of
+from gauss_bench.report.content import Section, blocks_of
 from gauss_bench.report.rows import Row, Run
 
 PLACE = 100
-TABLES = ()
 
 
 def section(run: Run) -> Section:
-    return Section(
-        "Settings", "settings", tuple(blocks_of("settings", list(options(run)))) or (Text("The run recorded no settings."),)
-    )
+    """Return the table of all options that an adapter sets."""
+    return Section("Settings", "settings", blocks_of("settings", list(list_options(run))))
 
 
-def options(run: Run) -> Iterator[Row]:
-    """A row for each option of each setting of each engine."""
+def list_options(run: Run) -> Iterator[Row]:
+    """Yield a row for each option of each setting of each engine."""
     for name, engine in sorted(run.environment.get("engines", {}).items()):
-        for label, given in sorted(engine.get("settings", {}).items()):
-            for option, value in sorted(given.items()) or [("", "no options")]:
-                said = value if isinstance(value, str) else repr(value)
-                yield {"engine": name, "version": engine.get("version", ""), "settings": label, "option": option, "value": said}
+        place = {"engine": name, "version": engine.get("version", "")}
+        for label, options in sorted(engine.get("settings", {}).items()):
+            for option, value in sorted(options.items()) or [("", "no options")]:
+                text = value if isinstance(value, str) else repr(value)
+                yield place | {"settings": label, "option": option, "value": text}

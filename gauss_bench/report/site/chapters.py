@@ -1,53 +1,64 @@
 """The pages on the papers, the kernel and the method, made of sections, and the page of all findings."""
 
+from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import Any
 
 from gauss_bench.report import sections as room
-from gauss_bench.report.content import AUTHORS, Finding, Section
+from gauss_bench.report.content import AUTHORS, Chart, Finding, Section
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import claim, kernel, limitations, papers, reproduction
-from gauss_bench.report.site.page import Page, charts_in, plain_page
+from gauss_bench.report.site.page import Page, plain_page
 
 PAPERS = (claim, papers, reproduction)
+TONES = ("bad", "warn", "", "good")  # of findings, in the order of their page
 
 
-def parts(run: Run, modules: tuple[ModuleType, ...]) -> list[Section]:
+def make_sections(run: Run, modules: Iterable[ModuleType]) -> list[Section]:
+    """Return the sections of modules, without those that the run has no rows for."""
     made = (module.section(run) for module in modules if hasattr(module, "section"))
     return [x for x in made if x is not None]
 
 
-def chapter(name: str, title: str, lead: str, contents: list[Section], **parts: Any) -> Page:
-    data = {name: chart for part in contents for name, chart in charts_in(part).items()}
-    return plain_page(name, title, lead, title, data, sections=contents, **parts)
+def chart_data(section: Section) -> dict[str, Any]:
+    """Return name -> data of every figure of a section and its subsections."""
+    data = {x.name: x.data() for x in section.blocks if isinstance(x, Chart)}
+    for part in section.parts:
+        data |= chart_data(part)
+    return data
+
+
+def chapter(name: str, title: str, lead: str, contents: Sequence[Section], **parts: Any) -> Page:
+    """Return a page of sections, which is a group of its own in the table of contents."""
+    charts = chart_data(Section(title, name, (), contents))
+    return plain_page(name, title, lead, title, charts, sections=contents, **parts)
 
 
 def papers_page(run: Run) -> Page | None:
     """Return the page on the papers: their claim, their audited lines and the first one's example; None without data."""
     if not run.table("audit") and not run.table("kernel_claim"):
         return None
-    lead = "What three papers say of few unknowns against many, line by line: as printed, and as it should read."
-    return chapter("papers", "Papers", lead, parts(run, PAPERS))
+    lead = "Three papers claim that fewer unknowns are faster. Each of their lines is computed as printed, and as it should read."
+    return chapter("papers", "Papers", lead, make_sections(run, PAPERS))
 
 
 def kernel_page(run: Run) -> Page | None:
     """Return the page on speed and accuracy of the compiled formulations; None if the run measured none."""
     content = kernel.section(run)
-    lead = "The compiled formulations: what a step costs, how exact it is, and how near it comes to what the processor allows."
-    return chapter("kernel", "Kernel", lead, list(content.parts)) if content else None
+    lead = "The compiled formulations: the cost of a step, its accuracy, and its distance from the limit of the processor."
+    return chapter("kernel", "Kernel", lead, content.parts) if content else None
 
 
 def method_page(run: Run) -> Page:
     """Return the page on the method: limitations first, then every section without a page of its own."""
-    lead = "What the figures cannot tell, how they were taken, and who took them."
-    elsewhere = (*PAPERS, kernel)
-    modules = sorted((x for x in parts_of(room) if x not in elsewhere), key=lambda x: x is not limitations)
-    return chapter("method", "Method", lead, parts(run, tuple(modules)), paragraphs=(AUTHORS,))
+    lead = "The limits of the figures, and how they were measured."
+    others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, limitations)]
+    return chapter("method", "Method", lead, make_sections(run, [limitations, *others]), paragraphs=(AUTHORS,))
 
 
-def findings_page(findings: list[Finding]) -> Page:
-    order = ("bad", "warn", "", "good")
-    ordered = sorted(findings, key=lambda x: order.index(x.tone) if x.tone in order else 2)
-    lead = "Every sentence is computed from stored rows; where we lose comes first."
+def findings_page(findings: Sequence[Finding]) -> Page:
+    """Return the page with all findings, the worst first."""
+    ordered = sorted(findings, key=lambda x: TONES.index(x.tone))
+    lead = "Every sentence is computed from stored rows; defeats come first."
     return plain_page("findings", "Findings", lead, "Findings", findings=ordered)

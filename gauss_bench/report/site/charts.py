@@ -16,7 +16,7 @@ from gauss_bench.report.rows import Row, is_known, number
 GRAMMAR: Mapping[str, Any] = json.loads((Path(__file__).parent / "assets" / "charts.json").read_text(encoding="utf-8"))
 VEGA_LITE = "6.4"  # version of the specifications
 MOST_LINES = 6  # largest number of lines that are named at their ends
-APART = 0.065  # share of the height: least distance of two names
+APART = 0.065  # smallest distance of two names, as a share of the height
 FLOOR = 1e-17  # a zero error is drawn here, since logarithmic axes have no zero
 
 
@@ -53,13 +53,13 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     return dict(fill(GRAMMAR["over_time"], values))
 
 
-def label(
+def place_names(
     lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
-) -> tuple[dict[str, Any], ...]:
+) -> list[dict[str, Any]]:
     """Return the rows of all lines; the last row of a line gets a height `label_y` for its name, so that names do not overlap."""
     values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]
     if not values:
-        return ()
+        return []
     height = (lambda v: math.log10(max(v, FLOOR))) if logarithmic else (lambda v: v)
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
     places = sorted((height(float(line[-1]["y"])), i) for i, line in enumerate(lines[:most]))
@@ -72,15 +72,17 @@ def label(
     for i, line in enumerate(lines):
         rows += [dict(r) for r in line]
         rows[-1] |= {"end": True, "label_y": 10 ** at[i] if logarithmic else at[i]}
-    return tuple(rows)
+    return rows
 
 
-def bars(rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, written: str = "") -> dict[str, Any]:
+def bars(
+    rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, number_format: str = ""
+) -> dict[str, Any]:
     """Plot a bar per name; rows with low and high are drawn as a dot with its range instead."""
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}
     values = {
-        "axis": {"title": x, "tickCount": 5, "format": written or ("~e" if logarithmic else "~g")},
+        "axis": {"title": x, "tickCount": 5, "format": number_format or ("~e" if logarithmic else "~g")},
         "scale": {"type": "log"} if logarithmic else {},
         "names": {
             "field": "name",

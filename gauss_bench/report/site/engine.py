@@ -5,156 +5,166 @@ from collections.abc import Iterator, Sequence
 from statistics import geometric_mean
 
 from gauss_bench.reach import ERRORS
-from gauss_bench.report.content import Table, count, error, itemise, lay_out, small, times
+from gauss_bench.report.content import Table, count, error_text, itemise, lay_out, limit_text, ratio_text
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import Row, Run, group_rows, is_known, number, ok
+from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, number, setting_words, with_number
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
-    Setting,
+    all_settings,
     answer_of,
     cheapest_stored,
-    in_words,
-    linkages,
-    multiples,
-    row_in_words,
-    size_in_words,
+    describe_setting,
+    describe_size,
+    fastest_first,
+    make_setting,
+    race_multiples,
+    scenarios,
 )
 
 
-def engine_names(run: Run) -> tuple[str, ...]:
-    return tuple(
-        sorted({str(r["engine"]) for r in (*run.results, *run.table("search_winners"), *run.table("search_ladder"))} - {""})
-    )
+def engine_names(run: Run) -> list[str]:
+    """Return the names of the engines that were run or searched, sorted."""
+    rows = (*run.results, *run.table("search_winners"), *run.table("search_ladder"))
+    return sorted({r["engine"] for r in rows} - {""})
 
 
-def engine_page(run: Run, name: str, settings: Sequence[Setting]) -> Page:
+def engine_page(run: Run, name: str) -> Page:
+    """Return the page of an engine; its tables appear as far as the run has their rows."""
     rows = [r for r in run.results if r["engine"] == name]
     installed = run.environment.get("engines", {}).get(name, {})
-    version = str(installed.get("version", "")) if isinstance(installed, dict) else ""
-    winners = [r for r in run.table("search_winners") if r["engine"] == name and r["required"] and is_known(r.get("seconds"))]
-    reached = [r for r in run.table("atlas") if r["engine"] == name]
-    knobs = [r for r in run.table("search_knobs") if r["engine"] == name]
+    version = installed.get("version") if isinstance(installed, dict) else ""
     body = render(
         "engine.html",
-        cases=lay_out("engine_cases", cases(rows)) if rows else None,
-        bests=bests(run, name, settings) if any(x.engine == name for x in settings) else None,
-        races=races(run, winners) if winners else None,
-        why=why(run, name, settings),
-        broken=broken(run, name),
-        atlas=atlas(reached) if reached else None,
-        knobs=lay_out("engine_knobs", knobs) if knobs else None,
+        cases=lay_out("engine_cases", list_cases(rows)),
+        bests=bests(run, name),
+        races=list_races(run, name),
+        why=explain_time(run, name),
+        broken=list_failures(run, name),
+        atlas=atlas_table([r for r in run.table("atlas") if r["engine"] == name]),
+        knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
     )
     wrong = "A negative control, wrong on purpose: it must never pass."
-    lead = wrong if any(r["control"] for r in rows) else f"{version or name}: as shipped, as set here, and the best that was found."
+    lead = (
+        wrong
+        if any(r["control"] for r in rows)
+        else f"{version or name}: as shipped, as set here, and with the best settings found."
+    )
     return Page(f"engine-{file_name(name)}", name, lead, body)
 
 
-def cases(rows: Sequence[Row]) -> Iterator[Row]:
+def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the most accurate case of each linkage, setting and integrator, with its outcome."""
-    for group in group_rows(rows, lambda r: (r["mechanism"], r["settings"], r["integrator"])).values():
-        row = min(group, key=lambda r: (not ok(r), number(r, "position_error") if is_known(r.get("position_error")) else math.inf))
-        outcome = "valid" if row["valid"] else str(row.get("flag") or row["message"] or row["status"])
+    for group in group_by(rows, "mechanism", "settings", "integrator").values():
+        row = min(group, key=_inaccuracy)
+        outcome = "valid" if row["valid"] else row.get("flag") or row["message"] or row["status"]
         yield {**row, "outcome": outcome, "outcome_tone": "good" if row["valid"] else "bad"}
 
 
-def bests(run: Run, name: str, settings: Sequence[Setting]) -> Table:
+def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
+    """Return the sort key of cases: ended ones first, then those with a known error, then by the error."""
+    error = number(row, "position_error")
+    return not has_ended(row), math.isnan(error), error
+
+
+def bests(run: Run, name: str) -> Table:
     """Return the engine's cheapest setting per linkage and accuracy, or why none holds it."""
     lines: list[Row] = []
-    for linkage in linkages(run):
-        own = [x for x in settings if (x.mechanism, x.engine) == (linkage, name)]
-        for position in POSITIONS[1::2] if own or name in engines_of(run, linkage) else ():
+    searched = [x for x in scenarios(run) if name in engines_of(run, x)]
+    known = [x for x, settings in all_settings(run).items() if any(one.engine == name for one in settings)]
+    # an engine without any known setting has no table
+    for linkage in sorted({*searched, *known}) if known else ():
+        for position in POSITIONS[1::2]:
             place = {"mechanism": linkage, "within": position}
-            one = cheapest_stored(run, linkage, own, position, math.inf).get(name)
+            one = cheapest_stored(run, linkage, position).get(name)
             if one is None:
-                lines.append(place | {"words": answer_of(run, linkage, name, own, position).words, "words_tone": "warn"})
+                lines.append(place | {"words": answer_of(run, linkage, name, position).words, "words_tone": "warn"})
             else:
-                lines.append(vars(one) | place | {"words": in_words(run, one), "size": size_in_words(one)})
+                lines.append(vars(one) | place | {"words": describe_setting(run, one), "size": describe_size(one)})
     return lay_out("engine_bests", lines)
 
 
-def why(run: Run, name: str, settings: Sequence[Setting]) -> tuple[str, Table] | None:
+def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
     """Return the engine's multiple within FIRST as steps times time of a step, in a sentence and linkage by linkage."""
-    lines = []
-    for linkage in linkages(run):
-        held = cheapest_stored(run, linkage, [x for x in settings if x.mechanism == linkage], FIRST, math.inf)
-        timed = {e: x for e, x in held.items() if is_known(x.seconds) and x.steps > 0}
-        if name in timed:
-            one, best = timed[name], min(timed.values(), key=lambda x: x.seconds)
-            whole, steps = one.seconds / best.seconds, one.steps / best.steps
-            ratios = {"time": whole, "steps": steps, "each": whole / steps}
-            lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": in_words(run, one)})
+    lines: list[Row] = []
+    for linkage in scenarios(run):
+        timed = [x for x in fastest_first(run, linkage, FIRST) if x.steps > 0]
+        for one in timed:
+            if one.engine == name:
+                best = timed[0]
+                time, steps = one.seconds / best.seconds, one.steps / best.steps
+                ratios = {"time": time, "steps": steps, "each": time / steps}
+                lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, one)})
     if not lines:
         return None
     # geometric means, unlike medians, keep the identity time = steps * time per step
-    whole, steps, each = (geometric_mean(number(x, k) for x in lines) for k in ("time", "steps", "each"))
+    time, steps, each = (geometric_mean(x[k] for x in lines) for k in ("time", "steps", "each"))
     sentence = (
-        f"To hold {small(FIRST)} m, on {count(len(lines), 'linkage')} it takes, as geometric means, {times(whole)} times as long "
-        f"as the fastest engine there: {times(steps)} times as many steps, each of {times(each)} times the time."
+        f"To hold {limit_text(FIRST)} m on {count(len(lines), 'linkage')} it takes {ratio_text(time)} times as long as the fastest "
+        f"engine there: {ratio_text(steps)} times as many steps, and {ratio_text(each)} times the time of a step (geometric means)."
     )
-    cause = "The number of its steps" if steps > each else "What one of its steps costs"
-    return sentence + (f" {cause} decides." if whole > 1.05 else " It is the fastest."), lay_out("engine_why", lines)
+    cause = "number of steps" if steps > each else "time of a step"
+    reason = f"Most of this comes from the {cause}." if time > 1.05 else "It is the fastest."
+    return f"{sentence} {reason}", lay_out("engine_why", lines)
 
 
-def races(run: Run, rows: Sequence[Row]) -> Table:
+def list_races(run: Run, name: str) -> Table:
     """Return the engine's races, each with its time as a multiple of the fastest at the same accuracy."""
+    over = race_multiples(run)
     lines = []
-    for r in rows:
-        same = (x for x in run.table("search_winners") if all(x[k] == r[k] for k in ("mechanism", "required", "accuracy")))
-        over = multiples({str(x["engine"]): number(x, "seconds") for x in same if x["status"] == "ok"})
-        choices = " ".join(str(r[k]) for k in ("settings", "integrator", "stabilization") if r[k] not in ("", "none"))
-        what = f"{ERRORS.get(str(r['required']), r['required'])} within {small(number(r, 'accuracy'))} {r['unit']}"
-        lines.append({**r, "what": what, "words": row_in_words(run, r) or choices, "multiple": over[str(r["engine"])]})
-    inside = itemise(dict.fromkeys(str(r["in_python"]) for r in rows if r.get("in_python")))
-    python = f" In Python inside these times, and the suite's own: {inside}." if inside else ""
-    note = f"Multiple: its time over that of the fastest of all at the same accuracy, whoever made it.{python}"
+    for r in run.table("search_winners"):
+        race = (r["mechanism"], r["required"], r["accuracy"], name)
+        if r["engine"] == name and r["required"] and race in over:
+            what = f"{ERRORS.get(r['required'], r['required'])} within {limit_text(r['accuracy'])} {r['unit']}"
+            lines.append({**r, "what": what, "words": describe_setting(run, make_setting(r)), "multiple": over[race]})
+    inside = itemise(dict.fromkeys(r["in_python"] for r in lines if r.get("in_python")))
+    python = f" These times contain Python code of the suite: {inside}." if inside else ""
+    note = f"The multiple is the engine's time divided by that of the fastest engine at the same accuracy.{python}"
     return lay_out("engine_races", lines, note=note)
 
 
-def broken(run: Run, name: str) -> list[str]:
+def list_failures(run: Run, name: str) -> list[str]:
     """Return sentences on where the engine failed, was invalid, or does not model a linkage."""
     rows = [r for r in run.results if r["engine"] == name]
-    failed = [r for r in rows if not ok(r) and r["status"] != "skip"]
-    invalid = [r for r in rows if ok(r) and not r["valid"] and not r["control"]]
+    failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
+    invalid = [r for r in rows if has_ended(r) and not r["valid"] and not r["control"]]
     ladder = [r for r in run.table("search_ladder") if r["engine"] == name]
-    lost = [r for r in ladder if r["status"] not in ("ok", "skip")]
-    said = []
+    early = [r for r in ladder if r["status"] not in ("ok", "skip")]
+    sentences = []
     if failed:
-        said.append(
-            f"{count(len(failed), 'case')} of {len(rows)} ended without a motion: "
-            f"{itemise(sorted({str(r['status']) for r in failed}))}, on {itemise(sorted({str(r['mechanism']) for r in failed}))}."
-        )
+        statuses, places = (itemise(sorted({r[k] for r in failed})) for k in ("status", "mechanism"))
+        sentences.append(f"{count(len(failed), 'case')} of {len(rows)} ended without a motion: {statuses}, on {places}.")
     if invalid:
-        worst = max(invalid, key=lambda r: number(r, "position_drift") if is_known(r.get("position_drift")) else 0.0)
-        said.append(
+        worst = max(with_number(invalid, "position_drift") or invalid[:1], key=lambda r: number(r, "position_drift"))
+        sentences.append(
             f"{count(len(invalid), 'case')} of {len(rows)} ended and may not be used; the loosest opened a loop "
-            f"by {error(number(worst, 'position_drift'))} ({worst['mechanism']}, {worst['settings']} "
+            f"by {error_text(number(worst, 'position_drift'))} ({worst['mechanism']}, {worst['settings']} "
             f"{worst['integrator']} at step {worst['step']:g} s)."
         )
-    if lost:
-        said.append(
-            f"In the search {len(lost)} of {count(len(ladder), 'evaluation')} ended early, most of them at steps "
-            "that are too large; the smallest such step was "
-            f"{min((number(r, 'step') for r in lost if is_known(r.get('step'))), default=0):.2g} s."
+    if early:
+        smallest = min((r["step"] for r in with_number(early, "step")), default=0)
+        sentences.append(
+            f"In the search {len(early)} of {count(len(ladder), 'evaluation')} ended early, most of them at steps "
+            f"that are too large; the smallest such step was {smallest:.2g} s."
         )
-    skips = (r for r in (*rows, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
-    skipped = sorted({str(r["message"]) for r in skips if r["message"]})
-    said += [f"Not modelled: {x}." for x in skipped[:4]]
-    said = said or ["Nothing of this run did."]
+    skips = (r for r in (*run.results, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
+    skipped = sorted({r["message"] for r in skips} - {""})
+    sentences += [f"Not modelled: {x}." for x in skipped[:4]]
+    sentences = sentences or ["No case of this run failed."]
     if not any(r["engine"] == name for r in run.table("atlas")):
-        said.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
-    return said
+        sentences.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
+    return sentences
 
 
-def atlas(rows: Sequence[Row]) -> Table:
+def atlas_table(rows: Sequence[Row]) -> Table:
     """Return the table of the engine's reach along each axis of the atlas."""
     lines = []
     for r in rows:
-        setting = " ".join(str(r[k]) for k in ("settings", "stabilization") if r[k] not in ("", "none", "default"))
-        ends = {k: f"{number(r, k):g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
-        lines.append({**r, "way": setting or "default", "passes": ends["passes_to"], "breaks": ends["breaks_at"]})
-    commits = itemise(sorted({str(r["commit"]) for r in rows if r["commit"]}))
+        ends = {k: f"{r[k]:g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
+        setting = setting_words(r, "settings", "stabilization") or "default"
+        lines.append({**r, "way": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"]})
+    commits = itemise(sorted({r["commit"] for r in rows} - {""}))
     note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
     return lay_out("engine_atlas", lines, note=note)
 
@@ -165,7 +175,7 @@ def engines_page(run: Run) -> Page:
     for name in engine_names(run):
         rows = [r for r in run.results if r["engine"] == name]
         valid = sum(bool(r["valid"]) for r in rows)
-        said = f"{valid} of {count(len(rows), 'case')} valid" if rows else "searched alone"
-        lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": said})
-    lead = "Each as shipped, as set here, and at the best that was found."
+        words = f"{valid} of {count(len(rows), 'case')} valid" if rows else "searched alone"
+        lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
+    lead = "Each engine as shipped, as set here, and with the best settings found."
     return plain_page("engines", "Engines", lead, "Engines", engines=lines)

@@ -1,11 +1,11 @@
 """The first screen: which setting of each engine holds a requirement, the main findings, and four questions with answers."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from gauss_bench.report.content import AUTHORS, Finding, times
-from gauss_bench.report.first_table import SAID, first_table
+from gauss_bench.report.content import AUTHORS, Finding, ratio_text
+from gauss_bench.report.first_table import EXPLAINED, first_table
 from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Run, is_known
 from gauss_bench.report.site.cards import CARDS
@@ -17,25 +17,24 @@ from gauss_bench.report.site.settings import (
     Setting,
     all_settings,
     answers,
-    cheapest_stored,
-    in_words,
-    linkages,
-    multiples,
-    scenario_of,
+    describe_setting,
+    fastest_first,
+    scenarios,
 )
 
 LEAD = (
-    "Which engine, with which settings, simulates a closed-loop linkage well enough, and at what cost. Every answer below was "
-    "measured against a motion known to far more digits."
+    "This page finds the engine and the settings that simulate a closed-loop linkage accurately enough at the least cost. Errors "
+    "are measured against a motion that is known to far more digits."
 )
 Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]
 
 
-def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> Page:
+def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
+    """Return the first screen; `programs` returns choices -> programs, by default it shows calls of this package."""
     settings = all_settings(run)
-    names = tuple(x for x in linkages(run) if any(s.mechanism == x for s in settings))
+    names = [x for x in scenarios(run) if x in settings]
     preferred = "four_bar" if "four_bar" in names else next(iter(names), "")
-    cards = [made for make in CARDS if (made := make(run)) is not None]
+    cards = [card for make in CARDS if (card := make(run)) is not None]
     body = render(
         "index.html",
         names=names,
@@ -43,70 +42,87 @@ def first_page(run: Run, findings: list[Finding], programs: Programs | None) -> 
         positions=[(i, f"{1e3 * x:g} mm") for i, x in enumerate(POSITIONS)],
         usual=POSITIONS.index(USUAL),
         forces=[(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)],
-        first=first_answers(run, preferred, settings),
+        first=first_answers(run, preferred),
         table=first_table(run),
-        said=SAID,
+        said=EXPLAINED,
         cards=cards,
         lost=headlines(findings),
         found=len(findings),
         authors=AUTHORS,
     )
     data: dict[str, Any] = {"charts": {c.chart.name: c.chart.data() for c in cards if c.chart}}
-    looked_up, later = chooser_data(run, names, settings, programs) if names else ({}, {})
+    later: dict[str, Any] = {}
+    if names:
+        choices = {name: answers(run, name) for name in names}
+        later = program_files(choices, programs)
+        data |= chooser_data(run, choices)
     scripts = ("chooser.js",) if names else ()
-    return Page("index", "Choose an engine for your linkage", LEAD, body, data | looked_up, scripts=scripts, later=later)
+    return Page("index", "Choose an engine for your linkage", LEAD, body, data, scripts=scripts, later=later)
 
 
-def first_answers(run: Run, name: str, settings: Sequence[Setting]) -> list[dict[str, str]]:
+def first_answers(run: Run, name: str) -> list[dict[str, str]]:
     """Return the answers for the default choice: the cheapest setting of each engine, fastest first."""
-    own = [x for x in settings if x.mechanism == name]
-    held = [x for x in cheapest_stored(run, name, own, USUAL, math.inf).values() if is_known(x.seconds)]
-    over = multiples({x.engine: x.seconds for x in held})
-    found = []
-    for x in sorted(held, key=lambda x: x.seconds):
-        words = {"over": times(over[x.engine]), "words": in_words(run, x), "steps": f"{x.steps:g}"}
-        found.append(words | {"engine": x.engine, "page": f"engine-{file_name(x.engine)}.html"})
-    return found
+    timed = fastest_first(run, name, USUAL)
+    return [
+        {
+            "engine": x.engine,
+            "page": f"engine-{file_name(x.engine)}.html",
+            "over": ratio_text(x.seconds / timed[0].seconds),
+            "words": describe_setting(run, x),
+            "steps": f"{x.steps:g}",
+        }
+        for x in timed
+    ]
 
 
-def headlines(findings: list[Finding]) -> list[Finding]:
+def headlines(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings that begin in bold: where the suite's own engines are slower, miss a target, or fail."""
     lost = [x for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
-    return [Finding(x.title, x.text.partition(" The compiled kernel's")[0].replace("**", "")) for x in lost]
+    return [Finding(x.title, x.text.replace("**", "")) for x in lost]
 
 
-def chooser_data(
-    run: Run, names: tuple[str, ...], settings: tuple[Any, ...], programs: Programs | None
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the data of the form, and the programs of each linkage, which a page loads only on demand."""
-    choices = {name: answers(run, name, settings) for name in names}
-    wanted = [x.choice for one in choices.values() for x in one["chosen"]]
-    texts = programs(wanted) if programs else {}
+def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
+    """Return name -> data of the file with each linkage's programs, which a page loads only on demand.
+
+    The settings of `choices` are taken out, and the name of their file is put in their place.
+    """
+    chosen: dict[str, list[Setting]] = {name: one.pop("chosen") for name, one in choices.items()}
+    texts = programs([x.choice for some in chosen.values() for x in some]) if programs else {}
     later = {}
+    for name, some in chosen.items():
+        choices[name]["programs"] = file = f"programs-{file_name(name)}"
+        later[file] = {f"programs of {name}": pack([texts.get(x.choice) or write_call(x) for x in some])}
+    return later
+
+
+def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """Return the data of the form from linkage -> `settings.answers`."""
     for name, one in choices.items():
-        one["programs"] = f"programs-{file_name(name)}"
-        later[one["programs"]] = {f"programs of {name}": pack([texts.get(x.choice) or call_of(name, x) for x in one.pop("chosen")])}
-        one["page"] = f"linkage-{file_name(name)}.html"
-        one["scenario"] = scenario_of(run, name)
-    engines = sorted({x.engine for x in settings} | {e for one in choices.values() for e in one["none"]})
-    names_of = {e: f"engine-{file_name(e)}.html" for e in engines}
-    colours = {e: f"var(--{slot})" for e, slot in slots(engines).items()}
-    levels = {"positions": list(POSITIONS), "forces": [None if math.isinf(x) else x for x in FORCES]}
-    own = [x for x in engines if x in run.own_engines]
-    return {"choices": choices, "engines": names_of, "own": own, "dots": colours} | levels, later
+        one |= {"page": f"linkage-{file_name(name)}.html", "scenario": scenarios(run)[name]}
+    known = {x.engine for some in all_settings(run).values() for x in some}
+    engines = sorted(known.union(*(one["none"] for one in choices.values())))
+    return {
+        "choices": choices,
+        "engines": {e: f"engine-{file_name(e)}.html" for e in engines},
+        "own": [x for x in engines if x in run.own_engines],
+        "dots": {e: f"var(--{slot})" for e, slot in slots(engines).items()},
+        "positions": POSITIONS,
+        "forces": [None if math.isinf(x) else x for x in FORCES],
+    }
 
 
-def pack(texts: list[str]) -> dict[str, Any]:
+def pack(texts: Sequence[str]) -> dict[str, Any]:
     """Store texts as indices into their distinct lines, since programs of one engine share most lines."""
-    lines = {x: i for i, x in enumerate(dict.fromkeys(line for text in texts for line in text.split("\n")))}
-    return {"lines": list(lines), "texts": [[lines[x] for x in text.split("\n")] for text in texts]}
+    lines: dict[str, int] = {}
+    indices = [[lines.setdefault(line, len(lines)) for line in text.split("\n")] for text in texts]
+    return {"lines": list(lines), "texts": indices}
 
 
-def call_of(name: str, x: Setting) -> str:
+def write_call(x: Setting) -> str:
     """Return a Python call of this package that runs a setting, for settings without a program in the engine's own language."""
     named = {k: getattr(x, k) for k in ("engine", "scenario", "settings", "integrator", "stabilization")}
     given = "".join(f"    {k}={v!a},\n" for k, v in named.items() if v)
     step = f"{x.step:.10g}" if is_known(x.step) else "0.001"
     until = f"{x.until:g}" if is_known(x.until) and x.until > 0 else "1"
-    start = f"import gauss_bench\n\nrun = gauss_bench.simulate(\n    {name!a},\n{given}"
+    start = f"import gauss_bench\n\nrun = gauss_bench.simulate(\n    {x.mechanism!a},\n{given}"
     return f"{start}    step={step},\n    at=[0.0, {until}],\n)\nprint(run.to_json())\n"

@@ -28,6 +28,7 @@ def mathml(text: str) -> Markup:
 
 
 def _piece(text: str) -> Markup:
+    """Return the MathML of a formula without line breaks: each symbol with its index, primes and exponent."""
     parts, at = [], 0
     while at < len(text):
         found = TOKEN.match(text, at)
@@ -49,6 +50,7 @@ def _piece(text: str) -> Markup:
 
 
 def _atom(found: re.Match[str]) -> Markup:
+    """Return the MathML of a number, a name or a sign."""
     if found["number"]:
         return Markup("<mn>{}</mn>").format(found["number"])
     if found["name"]:

@@ -4,6 +4,7 @@ Links are drawn once, in their own frames; a script moves them through the state
 kinematics computes.
 """
 
+from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -13,7 +14,7 @@ from markupsafe import Markup
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.canvas import Canvas, Part
-from gauss_bench.report.drawings.drawing import canvas_of, linkage_parts, paths
+from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, linkage_parts
 from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
 from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import inline
@@ -21,8 +22,23 @@ from gauss_bench.report.rows import Run
 from gauss_bench.terms import Array
 
 
-def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
-    """Return a linkage and the states (k, n) of a full turn of its crank; None without a file or without a full turn."""
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """States (k, n) of a full turn of the crank, angles unwrapped."""
+
+    mechanism: Mechanism
+    states: Array
+
+    def at(self, crank: Array) -> Array:
+        """Return states (k, n) at crank angles (k,) [rad]; angles of links may be off by a whole turn."""
+        own = crank_angles(self.mechanism, self.states)
+        sense = np.sign(own[-1] - own[0])
+        place = np.mod((crank - own[0]) * sense, 2 * np.pi)
+        return np.stack([np.interp(place, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
+
+
+def find_turn(run: Run, name: str) -> Turn | None:
+    """Return a full turn of a linkage's crank; None without a file or if the crank cannot turn fully."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:
@@ -31,22 +47,21 @@ def turn_frames(run: Run, name: str) -> tuple[Mechanism, Array] | None:
         return None
     if trace is None or mechanism.crank is None or mechanism.crank < 0:
         return None
-    states = unwrap_angles(trace)
-    turn = np.ptp(crank_angles(mechanism, states)[[0, -1]])
-    return (mechanism, states) if abs(turn - 2 * np.pi) < 1e-6 else None
+    turn = Turn(mechanism, unwrap_angles(trace))
+    first, last = crank_angles(mechanism, turn.states)[[0, -1]]
+    return turn if abs(abs(last - first) - 2 * np.pi) < 1e-6 else None
 
 
-def turning(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
+def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """Return a linkage's SVG with numbered links, and the places of every link in each state [px, degrees]."""
-    motion = turn_frames(run, name)
-    if motion is None:
+    turn = find_turn(run, name)
+    if turn is None:
         return None
-    mechanism, states = motion
-    canvas = canvas_of(mechanism, states)
-    text = svg_of(mechanism, states, canvas)
-    poses = np.round(in_pixels(canvas, states), 2).swapaxes(0, 1).tolist()
-    first, last = (float(x) for x in crank_angles(mechanism, states)[[0, -1]])
-    return Markup(inline(text, name.replace("_", "-"))), {"poses": poses, "first": round(first, 9), "sense": np.sign(last - first)}
+    canvas = canvas_of(turn.mechanism, turn.states)
+    text = draw_numbered(turn.mechanism, turn.states, canvas)
+    first, last = crank_angles(turn.mechanism, turn.states)[[0, -1]].tolist()
+    data = {"poses": list_frames(in_pixels(canvas, turn.states)), "first": round(first, 9), "sense": np.sign(last - first)}
+    return Markup(inline(text, name.replace("_", "-"))), data
 
 
 def in_pixels(canvas: Canvas, states: Array) -> Array:
@@ -55,17 +70,23 @@ def in_pixels(canvas: Canvas, states: Array) -> Array:
     return np.concatenate((canvas.at(links[..., :2]), -np.degrees(links[..., 2:])), axis=-1)
 
 
-def svg_of(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
+def list_frames(places: Array) -> list[Any]:
+    """Return places (k, links, 3) [px, px, degrees] as lists by link, rounded to what is seen."""
+    return list(np.round(places, 2).swapaxes(0, 1).tolist())
+
+
+def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
     """Return the SVG of the first state; each moving part has the number of its link as an attribute."""
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
-    shapes = [*paths(mechanism.observed_points, states, canvas), *(part.draw(_carried(part)) for part in parts)]
+    shapes = [*draw_paths(mechanism.observed_points, states, canvas), *(part.draw(_number_link(part)) for part in parts)]
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(mechanism.name)}">'
     return f"{start}{''.join(shapes)}</svg>"
 
 
-def _carried(part: Part) -> str:
+def _number_link(part: Part) -> str:
+    """Return the attributes by which a script finds a moving part: its link, and its place there if it stays upright."""
     if part.link < 0:
         return ""
-    where = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
-    return f' data-link="{part.link}"{where}'
+    place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
+    return f' data-link="{part.link}"{place}'

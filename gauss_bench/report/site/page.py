@@ -10,17 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import jinja2
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import NOTHING, Cell, Chart, Section, Table
-from gauss_bench.report.pages import MARKED, SENTENCE
+from gauss_bench.report.content import NOTHING, Cell, Table
+from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
-HEADLINE = 260  # largest number of characters of a finding before it is unfolded
-DASH = "A dash: not measured there, or without sense for that row."
-TAGS = {"bad": "where we lose", "warn": "to know", "good": "holds"}
+HEADLINE = 260  # largest number of characters of a finding that is not unfolded
+DASH = "A dash stands for a number that was not measured, or does not apply."
+TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
 
 
 @dataclass(frozen=True)
@@ -28,11 +27,10 @@ class Page:
     """One page.
 
     Attributes:
-        name: of its file, without suffix.
-        title: of the page.
+        name: name of its file, without suffix.
         lead: the sentence below the title.
         body: HTML content.
-        data: of its scripts, such as charts by name.
+        data: data of its scripts, such as charts by name.
         scripts: further scripts that it needs.
         later: name -> data that a script loads only on demand.
         group: its group in the table of contents; empty for pages that are only linked from others.
@@ -49,6 +47,7 @@ class Page:
 
     @property
     def file(self) -> str:
+        """The name of its file."""
         return f"{self.name}.html"
 
 
@@ -86,14 +85,16 @@ def column_classes(content: Table) -> list[Markup]:
 
 def label_class(content: Table) -> str:
     """Return the CSS class of tables with this head; on phones, it labels the cells, which stand below each other."""
-    return f"h{zlib.crc32(repr(content.head).encode()):x}"
+    return f"h{zlib.crc32(repr(tuple(content.head)).encode()):x}"
 
 
 def label(head: str) -> Markup:
+    """Return the head of a column as a CSS string."""
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
 def note_of(content: Table) -> str:
+    """Return the note below a table, which also explains dashes."""
     dashes = DASH if any(cell.text in ("", NOTHING) for row in content.rows for cell in row) else ""
     return " ".join(filter(None, (content.note, dashes)))
 
@@ -138,19 +139,14 @@ def headline(text: str) -> str:
     return f"{short[: ends[-1]].rstrip('.,;: ')}."
 
 
-def _environment() -> jinja2.Environment:
-    loader = jinja2.PackageLoader("gauss_bench.report.site", "templates")
-    strict = jinja2.StrictUndefined
-    environment = jinja2.Environment(loader=loader, undefined=strict, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {f.__name__: f for f in (column_classes, label_class, label, note_of, sort_by, shown, rich, headline)}
-    environment.filters["plain"] = lambda text: text.replace("**", "")
-    environment.filters["sentences"] = lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x]
-    environment.filters["plain_text"] = lambda text: rich(text).striptags()
-    environment.filters["tag"] = lambda tone: TAGS.get(tone, "")
-    return environment
-
-
-ENVIRONMENT = _environment()
+ENVIRONMENT = make_environment("gauss_bench.report.site")
+ENVIRONMENT.filters |= {f.__name__: f for f in (column_classes, label_class, label, note_of, sort_by, shown, rich, headline)}
+ENVIRONMENT.filters |= {
+    "plain": lambda text: text.replace("**", ""),
+    "sentences": lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x],
+    "plain_text": lambda text: rich(text).striptags(),
+    "tag": lambda tone: TAGS.get(tone, ""),
+}
 
 
 def render(template: str, **context: Any) -> Markup:
@@ -165,12 +161,6 @@ def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mappin
     """Make a page from some of PARTS, such as sections, tables or findings."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
-
-
-def charts_in(content: Section) -> dict[str, Any]:
-    """Return name -> data of every figure of a section and its subsections."""
-    own = {x.name: x.data() for x in content.blocks if isinstance(x, Chart)}
-    return own | {name: data for part in content.parts for name, data in charts_in(part).items()}
 
 
 def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:

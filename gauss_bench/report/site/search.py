@@ -1,4 +1,4 @@
-"""The page that searches the site and the documentation: a list of their headings, which a script narrows to what is asked for."""
+"""The page that searches the site and the documentation: a list of headings, which a script reduces to the matching ones."""
 
 import json
 import re
@@ -11,17 +11,17 @@ from markupsafe import Markup
 from gauss_bench.report.site.page import Page, plain_page
 
 HEADING = re.compile(r'<h[2-4] id="([^"]+)">(.*?)</h[2-4]>', re.DOTALL)
-INDEX = "search/search_index.json"  # of the documentation, which mkdocs writes
+INDEX = "search/search_index.json"  # the headings of the documentation, written by mkdocs
 
 
 def search_page(pages: Sequence[Page], guide: Path) -> Page:
-    """Return the page; `guide` is the folder of the documentation, which need not be there."""
-    found = dict.fromkeys((*headings(pages), *documented(guide)))
-    lead = "Every page and heading of this site and its documentation; what you type narrows the list."
-    return replace(plain_page("search", "Search", lead, "Search", found=list(found)), scripts=("search.js",))
+    """Return the search page; `guide` is the folder of the documentation, which need not be there."""
+    found = list(dict.fromkeys((*page_headings(pages), *guide_headings(guide))))
+    lead = "All pages and headings of this site and its documentation; type words to narrow the list."
+    return replace(plain_page("search", "Search", lead, "Search", found=found), scripts=("search.js",))
 
 
-def headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:
+def page_headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:
     """Yield addresses and texts of pages and of their headings."""
     for page in pages:
         yield page.file, page.title
@@ -29,7 +29,7 @@ def headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:
             yield f"{page.file}#{anchor}", f"{page.title}: {Markup(words).striptags()}"
 
 
-def documented(guide: Path) -> Iterator[tuple[str, str]]:
+def guide_headings(guide: Path) -> Iterator[tuple[str, str]]:
     """Yield addresses and texts of the documentation's headings; none if it was not built."""
     if (guide / INDEX).is_file():
         for entry in json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]:

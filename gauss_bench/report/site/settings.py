@@ -8,23 +8,38 @@ that a reader can choose, so that the page only looks it up.
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
-from gauss_bench.report.content import seen, short
+from gauss_bench.report.content import round_digits, to_json
 from gauss_bench.report.reaches import answer, engines_of
-from gauss_bench.report.rows import Key, Row, Run, group_rows, is_known, may_rank, number, own_steps, run_time
+from gauss_bench.report.rows import (
+    METHOD,
+    Key,
+    Row,
+    Run,
+    chose_steps,
+    first_number,
+    group_by,
+    is_known,
+    may_rank,
+    number,
+    run_time,
+    spread,
+    with_number,
+)
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] that can be required
-FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N]
-USUAL = 1e-4  # [m]
-NUMBERS = ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")
-RACED = {"seconds": "seconds", "low": "seconds_low", "high": "seconds_high"}  # a setting's and a race's names
-METHOD = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization")
-HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s], those within the stored run
+FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] that can be required; infinity requires nothing
+USUAL = 1e-4  # [m] the accuracy that is chosen at first
+NUMBERS = ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")  # fields of a setting
+VARIANT = ("mechanism", "scenario", *METHOD)  # columns that are equal at all steps
+HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] times that can be chosen, up to the end of the stored run
+INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
+COMMENTS = ("remark",)  # options that are comments
 
 
 @dataclass(frozen=True)
@@ -56,7 +71,8 @@ class Setting:
     force: float
     until: float
 
-    def holds(self, position: float, force: float) -> bool:
+    def holds(self, position: float, force: float = math.inf) -> bool:
+        """Tell whether both errors are known to be within the requirement; an infinite force requires nothing."""
         return self.position <= position and (math.isinf(force) or self.force <= force)
 
     @property
@@ -67,127 +83,125 @@ class Setting:
     @property
     def choice(self) -> tuple[Any, ...]:
         """Everything on which a program for the setting depends."""
-        return tuple(getattr(self, k) for k in (*METHOD, "step", "tolerance", "until"))
+        return tuple(getattr(self, k) for k in (*VARIANT, "step", "tolerance", "until"))
 
     @property
     def words(self) -> str:
         """Variant, integrator and stabilisation, without "none" and parts that the variant's name contains."""
-        return _name_setting(self.settings, self.integrator, self.stabilization)
+        return _name_variant(self.settings, self.integrator, self.stabilization)
 
 
 @cache
-def _name_setting(settings: str, *more: str) -> str:
+def _name_variant(settings: str, *more: str) -> str:
+    """Return the name of a variant with the words that it does not contain already."""
     return " · ".join(filter(None, (settings, *(x for x in more if x not in ("", "none", *settings.split("/"))))))
 
 
-def size_in_words(x: Setting) -> str:
+def describe_size(x: Setting) -> str:
     """Return the step or tolerance in words; "own" if the engine chooses its steps."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
-INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
+def describe_setting(run: Run, x: Setting) -> str:
+    """Return integrator, stabilisation and the engine's own options that differ from those it is shipped with.
 
-
-def in_words(run: Run, x: Setting) -> str:
-    """Return integrator, stabilisation and the engine's own options that differ from those it is shipped with."""
-    return row_in_words(run, vars(x)) or x.words
-
-
-def row_in_words(run: Run, row: Row) -> str:
-    """Return the words of `in_words` for a row; empty if its options are not stored."""
-    choice = tuple(str(row[k]) for k in ("engine", "settings", "integrator", "stabilization"))
-    options = _options_in_words(run).get(choice)
+    A run that stored no options has the name of the variant instead.
+    """
+    options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
-        return ""
-    *_, integrator, stabilization = choice
-    first = [INTEGRATORS.get(integrator, integrator.replace("_", " ")), "" if stabilization == "none" else stabilization]
-    return ", ".join(filter(None, (*first, *options)))
+        return x.words
+    integrator = INTEGRATORS.get(x.integrator, x.integrator.replace("_", " "))
+    stabilization = "" if x.stabilization == "none" else x.stabilization
+    return ", ".join(filter(None, (integrator, stabilization, *options)))
 
 
 @lru_cache(maxsize=2)
-def _options_in_words(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Return (engine, variant, integrator, stabilisation) -> its options that differ from the engine's first variant."""
-    found: dict[tuple[str, ...], list[str]] = {}
-    for engine, rows in group_rows(run.table("search_space"), lambda r: str(r["engine"])).items():
-        first = json.loads(str(rows[0]["options"]))
+def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
+    """Return METHOD of each variant -> its options that differ from the engine's first variant, in words."""
+    words: dict[tuple[str, ...], list[str]] = {}
+    for rows in group_by(run.table("search_space"), "engine").values():
+        first = json.loads(rows[0]["options"])
         for row in rows:
-            options = json.loads(str(row["options"]))
-            apart = {k: v for k, v in options.items() if k not in UNSAID and v != first.get(k)}
-            key = (engine, *(str(row[k]) for k in ("settings", "integrator", "stabilization")))
-            found[key] = [_option_in_words(k, v) for k, v in apart.items()]
-    return found
+            options = json.loads(row["options"]).items()
+            changed = [_describe_option(k, v) for k, v in options if k not in COMMENTS and v != first.get(k)]
+            words[tuple(row[k] for k in METHOD)] = changed
+    return words
 
 
-UNSAID = ("remark",)  # options that are comments
-
-
-def _option_in_words(name: str, value: Any) -> str:
+def _describe_option(name: str, value: Any) -> str:
+    """Return an option with its value, or its list of values, in words."""
     if isinstance(value, bool):
         value = "on" if value else "off"
     values = value if isinstance(value, list) else [value]
-    return f"{name} {' '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in values)}"
+    words = [f"{v:g}" if isinstance(v, float) else str(v) for v in values]
+    return " ".join([name, *words])
 
 
-def method_of(row: Row) -> tuple[str, ...]:
-    """Return the values of a row in the columns METHOD."""
-    return tuple(str(row[k]) for k in METHOD)
+def variant_of(row: Row) -> tuple[str, ...]:
+    """Return the values of a row in the columns VARIANT."""
+    return tuple(row[k] for k in VARIANT)
 
 
-def _size(row: Row) -> tuple[float, ...]:
-    return tuple(short(row[k], 6) if is_known(row.get(k)) else -1.0 for k in ("step", "tolerance"))
+def place_of(row: Row) -> tuple[Any, ...]:
+    """Return variant, step and tolerance of a row, rounded so that rows of different tables have the same place."""
+    sizes = (round_digits(row[k], 6) if is_known(row.get(k)) else -1.0 for k in ("step", "tolerance"))
+    return (*variant_of(row), *sizes)
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
     """Make a setting from a row and further fields; numbers that both lack are NaN."""
-    known: dict[str, Any] = dict(zip(METHOD, method_of(row), strict=True)) | {k: number(row, k) for k in NUMBERS}
-    return Setting(**{"estimated": False} | known | more)
+    fields: dict[str, Any] = {k: row[k] for k in VARIANT} | {k: number(row, k) for k in NUMBERS} | {"estimated": False}
+    return Setting(**fields | more)
+
+
+def race_time(row: Row) -> dict[str, float]:
+    """Return the time of a race and its spread, as fields of a setting."""
+    time = spread(row, "seconds")
+    return {"seconds": time.value, "low": time.low, "high": time.high}
 
 
 @lru_cache(maxsize=2)
-def all_settings(run: Run) -> tuple[Setting, ...]:
-    """Return every setting with known errors, of all linkages, with or without a time."""
-    searched = {str(r["mechanism"]) for r in run.table("search_ladder")}
-    return (*_search(run), *(x for x in _cases(run) if x.mechanism not in searched))
+def all_settings(run: Run) -> dict[str, list[Setting]]:
+    """Return linkage -> its settings with known errors, with or without a time."""
+    searched = {r["mechanism"] for r in run.table("search_ladder")}
+    return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
 
 
-def _search(run: Run) -> Iterable[Setting]:
+def _search(run: Run) -> Iterator[Setting]:
     """Yield the settings of the searched linkages, each with its raced or estimated time."""
-    raced = group_rows((r for r in run.table("search_times") if r["status"] == "ok" and is_known(r.get("seconds"))), method_of)
-    steps_of: dict[tuple[Any, ...], float] = {(method_of(r), _size(r)): number(r, "steps") for r in run.table("search_ladder")}
-    for row in run.table("search_ladder"):
-        times = raced.get(method_of(row), [])
-        if row["status"] != "ok" or not is_known(row.get("position_error")) or not number(row, "steps") > 0:
+    raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
+    races = group_by(raced, variant_of)
+    at_place = {place_of(r): r for r in reversed(raced)}
+    steps_at = {place_of(r): number(r, "steps") for r in run.table("search_ladder")}
+    for row in with_number(run.table("search_ladder"), "position_error"):
+        steps = number(row, "steps")
+        if row["status"] != "ok" or not steps > 0:
             continue
-        same = next((t for t in times if _size(t) == _size(row)), None)  # the race at this very step or tolerance
+        same = at_place.get(place_of(row))
         if same is not None:
-            raced_at = {
-                "seconds": number(same, "seconds"),
-                "low": number(same, "seconds_low"),
-                "high": number(same, "seconds_high"),
-            }
+            time = race_time(same)
         else:
-            steps = number(row, "steps")
             # estimate: time per step in the race of the same variant whose number of steps is nearest on a log scale
-            by = {steps_of.get((method_of(t), _size(t)), math.nan): number(t, "seconds") for t in times}
-            near = min(by, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
-            raced_at = {"seconds": by.get(near, math.nan) / max(near, 1.0) * steps}
-        errors = {"position": number(row, "position_error"), "force": number(row, "force_error")}
-        yield make_setting(row, **raced_at, **errors, estimated=same is None)
+            seconds = {steps_at.get(place_of(r), math.nan): r["seconds"] for r in races.get(variant_of(row), ())}
+            near = min(seconds, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
+            time = {"seconds": seconds.get(near, math.nan) / max(near, 1.0) * steps}
+        errors = {"position": row["position_error"], "force": number(row, "force_error")}
+        yield make_setting(row, **time, **errors, estimated=same is None)
 
 
-def _cases(run: Run) -> Iterable[Setting]:
+def _cases(run: Run) -> Iterator[Setting]:
     """Yield the valid cases of the accuracy suite as settings with estimated times."""
     for row in run.results:
-        error = number(row, "length_error") if is_known(row.get("length_error")) else number(row, "position_error")
+        error = first_number(number(row, "length_error"), number(row, "position_error"))
         if may_rank(row) and is_known(error) and is_known(run_time(row)):
-            step = math.nan if own_steps(row) else number(row, "step")
+            step = math.nan if chose_steps(row) else number(row, "step")
             costs = {"step": step, "seconds": run_time(row), "until": number(row, "t_end")}
             yield make_setting(row, **costs, position=error, estimated=True)
 
 
-def cheapest(settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
+def cheapest(settings: Iterable[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
     """Return engine -> its cheapest setting that holds the requirement; without a time, the one with the fewest steps."""
     leaders: dict[str, Setting] = {}
     for one in settings:
@@ -196,80 +210,93 @@ def cheapest(settings: Sequence[Setting], position: float, force: float = math.i
     return leaders
 
 
-def cheapest_stored(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float) -> dict[str, Setting]:
+def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Setting]:
     """Return engine -> its cheapest setting; the winner of a race at exactly this requirement replaces the estimate."""
+    settings = all_settings(run).get(mechanism, [])
     leaders = cheapest(settings, position, force)
     if not math.isinf(force):
         return leaders
-    for row in run.table("search_winners"):
-        exact = row["required"] == "position" and math.isclose(number(row, "accuracy"), position, rel_tol=1e-6)
-        if row["mechanism"] == mechanism and exact and row["status"] == "ok" and is_known(row.get("seconds")):
-            alike = (x for x in settings if method_of(row) == method_of(vars(x)) and _size(row) == _size(vars(x)))
-            like = next(alike, None)
-            more = {"force": like.force, "until": like.until} if like else {}
-            ends = {k: number(row, x) for k, x in RACED.items()}
-            leaders[str(row["engine"])] = make_setting(row, **ends, **more, position=number(row, "error"))
+    # times of different races cannot be compared: a race at exactly this requirement decides
+    for row in with_number(run.table("search_winners"), "seconds"):
+        asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
+        if asked and row["mechanism"] == mechanism and row["status"] == "ok":
+            same = next((x for x in settings if place_of(row) == place_of(vars(x))), None)
+            more = {"force": same.force, "until": same.until} if same else {}
+            leaders[row["engine"]] = make_setting(row, **race_time(row), **more, position=number(row, "error"))
     return leaders
+
+
+def fastest_first(run: Run, mechanism: str, position: float) -> list[Setting]:
+    """Return the cheapest timed setting of each engine that holds an accuracy, the fastest first."""
+    settings = cheapest_stored(run, mechanism, position).values()
+    return sorted((x for x in settings if is_known(x.seconds)), key=lambda x: x.seconds)
 
 
 def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
     """Return each time divided by the smallest time."""
-    least = min((x for x in seconds.values() if is_known(x)), default=math.nan)
+    least = min(filter(is_known, seconds.values()), default=math.nan)
     return {k: x / least for k, x in seconds.items() if is_known(x)}
 
 
-def answers(run: Run, mechanism: str, settings: Sequence[Setting]) -> dict[str, Any]:
+def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
+    """Return (linkage, kind of error, accuracy, engine) -> time of the race over that of the fastest engine."""
+    over: dict[tuple[str, str, float, str], float] = {}
+    timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
+    for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
+        least = min(r["seconds"] for r in rows)
+        over |= {(*race, r["engine"]): r["seconds"] / least for r in rows}
+    return over
+
+
+def answers(run: Run, mechanism: str) -> dict[str, Any]:
     """Return the data of the first screen for a linkage: settings, and for each requirement every engine's pick or its reason."""
-    own = [x for x in settings if x.mechanism == mechanism]
-    listed: list[Setting] = []
+    picked: dict[Setting, int] = {}  # setting -> its index on the page
     picks: dict[str, list[Any]] = {}
-    beyond: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it holds
+    reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it holds
     words: dict[str, int] = {}
     for i, position in enumerate(POSITIONS):
         for j, force in enumerate(FORCES):
-            chosen = cheapest_stored(run, mechanism, own, position, force)
+            chosen = cheapest_stored(run, mechanism, position, force)
             over = multiples({engine: x.seconds for engine, x in chosen.items()})
             line: list[Any] = []
             for one in sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine)):
-                if one not in listed:
-                    listed.append(one)
-                line.append([listed.index(one), seen(over.get(one.engine, math.nan))])
+                line.append([picked.setdefault(one, len(picked)), to_json(over.get(one.engine, math.nan))])
             picks[f"{i},{j}"] = line
-            for engine, missed in not_held(run, mechanism, own, position, force).items():
-                places = beyond.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
+            for engine, missed in engines_short_of(run, mechanism, position, force).items():
+                places = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
                 places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
-    described = [_describe(run, x) for x in listed]
-    until = max((x.until for x in own if is_known(x.until)), default=math.nan)
+    until = max((x.until for x in all_settings(run).get(mechanism, []) if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
     return {
-        "settings": described,
+        "settings": [_page_data(run, x) for x in picked],
         "picks": picks,
-        "none": beyond,
+        "none": reasons,
         "words": list(words),
         "until": until,
         "horizons": horizons,
-        "chosen": listed,
+        "chosen": list(picked),
     }
 
 
-def _describe(run: Run, x: Setting) -> dict[str, Any]:
-    known = {k: seen(getattr(x, k)) for k in NUMBERS if k != "until"} | {"estimated": x.estimated}
-    return {"engine": x.engine, "words": in_words(run, x)} | {k: v for k, v in known.items() if v not in (None, False)}
+def _page_data(run: Run, x: Setting) -> dict[str, Any]:
+    """Return the fields of a setting that the page prints; unknown numbers are left out."""
+    numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
+    known = {k: v for k, v in numbers.items() if v not in (None, False)}
+    return {"engine": x.engine, "words": describe_setting(run, x)} | known
 
 
-def not_held(run: Run, mechanism: str, settings: Sequence[Setting], position: float, force: float = math.inf) -> dict[str, Reach]:
+def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
     """Return engine -> its reach, for the engines without a setting that holds the requirement."""
-    held = {x.engine for x in settings if x.holds(position, force)}
+    settings = all_settings(run).get(mechanism, [])
+    hold = {x.engine for x in settings if x.holds(position, force)}
     engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
-    return {e: answer_of(run, mechanism, e, settings, position, force) for e in engines if e not in held}
+    return {e: answer_of(run, mechanism, e, position, force) for e in engines if e not in hold}
 
 
-def answer_of(
-    run: Run, mechanism: str, engine: str, settings: Sequence[Setting], position: float, force: float = math.inf
-) -> Reach:
+def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
     """Return the reach of an engine from its ladders, or from its cases if the linkage was not searched."""
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
-    cases = [x for x in settings if x.engine == engine]
+    cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
     if cases and engine not in engines_of(run, mechanism):
         return _answer_of_cases(cases, wanted)
     return answer(run, mechanism, engine, wanted)
@@ -279,18 +306,14 @@ def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) ->
     """Return the reach of an engine from its cases of the accuracy suite."""
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
-    ladders: dict[tuple[str, ...], list[Trial]] = {}
-    for x in cases:
-        trial = Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps))
-        ladders.setdefault((x.settings, x.integrator, x.stabilization), []).append(trial)
-    return reach(ladders.values(), wanted)
+    variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()
+    trials = [[Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps)) for x in some] for some in variants]
+    return reach(trials, wanted)
 
 
-def linkages(run: Run) -> tuple[str, ...]:
-    """Return the names of the linkages that were searched or run, sorted."""
-    return tuple(sorted({str(r["mechanism"]) for r in (*run.results, *run.table("search_ladder"))}))
-
-
-def scenario_of(run: Run, mechanism: str) -> str:
-    rows: Iterable[Mapping[str, Any]] = (r for r in (*run.results, *run.table("search_ladder")) if r["mechanism"] == mechanism)
-    return next((str(r["scenario"]) for r in rows), "")
+def scenarios(run: Run) -> dict[str, str]:
+    """Return linkage -> scenario, for the linkages that were run or searched, sorted by name."""
+    first: dict[str, str] = {}
+    for row in (*run.results, *run.table("search_ladder")):
+        first.setdefault(row["mechanism"], row["scenario"])
+    return dict(sorted(first.items()))

@@ -23,7 +23,7 @@ from gauss_bench.report.site.first import Programs, first_page
 from gauss_bench.report.site.linkage import linkage_page, rows_page
 from gauss_bench.report.site.page import Page, document, script_text
 from gauss_bench.report.site.search import search_page
-from gauss_bench.report.site.settings import all_settings, linkages, scenario_of
+from gauss_bench.report.site.settings import scenarios
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.tables import write_text
 
@@ -31,12 +31,7 @@ SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
 SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "search.js")
 
 
-def write_site(
-    out: Path,
-    run: Run,
-    findings: Sequence[Finding] = (),
-    programs: Programs | None = None,
-) -> list[Path]:
+def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: Programs | None = None) -> list[Path]:
     """Write the site of a run to `out`/site, replacing an earlier one, and return the written files.
 
     Args:
@@ -44,39 +39,34 @@ def write_site(
         programs: choices -> programs that run them; by default the first screen shows calls of this package.
     """
     folder = out / SITE
-    if (folder / "site.css").is_file():  # an earlier site: no other folder is ever emptied
+    if (folder / "site.css").is_file():  # only an earlier site is emptied, no other folder
         for old in folder.iterdir():
             if old.is_file():
                 old.unlink()
             elif old.name != GUIDE:
                 shutil.rmtree(old)
     guide = f"{GUIDE}/index.html" if (folder / GUIDE / "index.html").is_file() else ""
-    pages = all_pages(run, list(findings), programs)
+    pages = all_pages(run, findings, programs)
     pages.append(search_page(pages, folder / GUIDE))
-    written: list[Path] = []
+    texts = asset_files()
     for page in pages:
-        written.append(folder / page.file)
-        write_text(written[-1], document(page, pages, facts(run), guide))
-        if page.data:
-            data = dict(page.data) | ({"config": GRAMMAR["config"]} if page.data.get("charts") else {})
-            written.append(folder / "data" / f"{page.name}.js")
-            write_text(written[-1], f"site.put({script_text(data)});\n")
-        for name, later in page.later.items():
-            written.append(folder / "data" / f"{name}.js")
-            write_text(written[-1], f"site.put({script_text(later)});\n")
+        texts[page.file] = document(page, pages, facts(run), guide)
+        data = {page.name: dict(page.data)} if page.data else {}
+        if page.data.get("charts"):
+            data[page.name] |= {"config": GRAMMAR["config"]}
+        for name, content in (data | dict(page.later)).items():
+            texts[f"data/{name}.js"] = f"site.put({script_text(content)});\n"
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [*(folder / name for name in texts), *write_data(folder / FOLDER, run.tables)]
+
+
+def asset_files() -> dict[str, str]:
+    """Return name -> text of the files that are the same for every run: scripts, styles and their licences."""
     assets = files("gauss_bench.report.site") / "assets"
-    for name in SCRIPTS:
-        written.append(folder / name)
-        write_text(written[-1], (assets / name).read_text(encoding="utf-8"))
-    style = (assets / "site.css").read_text(encoding="utf-8").replace("/*light*/", hues(False)).replace("/*dark*/", hues(True))
-    for name, text in (
-        ("vega.js", drawing_script()),
-        ("THIRD_PARTY.md", (assets / "THIRD_PARTY.md").read_text(encoding="utf-8")),
-        ("site.css", style),
-    ):
-        written.append(folder / name)
-        write_text(written[-1], text)
-    return [*written, *write_data(folder / FOLDER, run.tables)]
+    texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
+    texts["site.css"] = texts["site.css"].replace("/*light*/", hues(False)).replace("/*dark*/", hues(True))
+    return texts | {"vega.js": drawing_script()}
 
 
 @cache
@@ -86,15 +76,15 @@ def drawing_script() -> str:
     return f"(function () {{\n{bundle}\n}})();\n"
 
 
-def all_pages(run: Run, findings: list[Finding], programs: Programs | None) -> list[Page]:
+def all_pages(run: Run, findings: Sequence[Finding], programs: Programs | None) -> list[Page]:
     """Return all pages in the order of the table of contents."""
-    settings, names = all_settings(run), linkages(run)
-    pages: list[Page | None] = [first_page(run, findings, programs)]
-    pages += [linkage_page(run, name, scenario_of(run, name), settings) for name in names]
-    pages += [rows_page(run, name) for name in names]
-    pages += [engines_page(run)]
-    pages += [engine_page(run, name, settings) for name in engine_names(run)]
-    pages += [
+    names = scenarios(run)
+    pages: list[Page | None] = [
+        first_page(run, findings, programs),
+        *(linkage_page(run, name, scenario) for name, scenario in names.items()),
+        *(rows_page(run, name) for name in names),
+        engines_page(run),
+        *(engine_page(run, name) for name in engine_names(run)),
         papers_page(run),
         kernel_page(run),
         method_page(run),

@@ -1,1 +1,1 @@
-"""Edits: places and tables while they change, and a change as a step of the history."""
+"""Edits of a drawing, and how an edit becomes a step of the history."""

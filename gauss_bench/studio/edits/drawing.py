@@ -1,7 +1,8 @@
 """A document that is being edited, with the places of its points: every edit is a function of a `Drawing`.
 
 An edit changes the tables and, if links move, their poses; the places of points follow from both. At the end the sketch of the file
-is written anew, so that the file opens as it was drawn. Places are complex numbers x + i y [m].
+is written anew, so that the file opens as it was drawn. Places are complex numbers x + i y [m]. A reference is the text
+"LINK.POINT".
 """
 
 import math
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gauss_bench.linkage.build import resolve_points
+from gauss_bench.linkage.limits import follow
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.errors import Refused
@@ -19,21 +21,26 @@ from gauss_bench.studio.reading import Reading, lone_pins, new_faults
 from gauss_bench.studio.scene import pins
 
 DIGITS = 11  # decimals of written lengths [m]: the rounding is far below the tolerance to which joints are closed
-PLACED = 9  # decimals of places and degrees of a sketch or start, which joints are closed from anyway
+PLACED = 9  # decimals of places and degrees of a sketch or start, from which the joints are closed again
 SAME = 1e-9  # [m] distance below which two places are the same
 NAME = re.compile(r"[A-Za-z0-9_]+")
-LETTERS = "PQRSTUVWXYZ"  # names for points of links that are no pins
+LETTERS = "PQRSTUVWXYZ"  # names of points of links that are no pins
 KG_PER_M = 0.8  # steel flat 20 x 5 mm, as in the linkages of the suite
 BLOCK = {"mass": 0.1, "inertia": 5e-5}  # [kg], [kg m^2] of a sliding block, as in the shaper
 
 
 @dataclass(frozen=True)
 class Pin:
-    """A place of the drawing; `members` are the points LINK.POINT that lie there, none if the pin holds nothing yet."""
+    """A place of the drawing; `members` are references of the points that lie there, none if the pin holds nothing yet."""
 
     id: str
     at: complex
     members: tuple[str, ...]
+
+    @property
+    def is_grounded(self) -> bool:
+        """Whether a point of the ground lies there."""
+        return "ground" in map(owner, self.members)
 
 
 def round_digits(x: Any, digits: int = PLACED) -> float:
@@ -42,16 +49,17 @@ def round_digits(x: Any, digits: int = PLACED) -> float:
 
 
 def pair(x: complex, digits: int = DIGITS) -> list[float]:
+    """Return a place as [x, y], rounded for the file."""
     return [round_digits(x.real, digits), round_digits(x.imag, digits)]
 
 
 def owner(reference: str) -> str:
-    """Return the link of "link.point"."""
+    """Return the link of a reference."""
     return reference.partition(".")[0]
 
 
 def tail(reference: str) -> str:
-    """Return the point of "link.point"."""
+    """Return the point of a reference."""
     return reference.partition(".")[2]
 
 
@@ -71,20 +79,20 @@ class Drawing:
         self.made: list[str] = []
 
     def lay(self, poses: dict[str, list[float]]) -> None:
-        """Set the poses of the links from [x, y, theta] each."""
+        """Set the poses of the links from link -> [x, y, theta]."""
         self.poses = {"ground": (0j, 0.0)} | {name: (complex(x, y), theta) for name, (x, y, theta) in poses.items()}
 
     def check(self, where: tuple[str, ...] = ()) -> None:
         """Check that the edit has not made the file faulty.
 
         Raises:
-            Refused: the file has a fault that it did not have before.
+            Refused: the file has a fault that it did not have before; `where` are the ids of the parts that it concerns.
         """
         if faults := new_faults(self.reading.document, self.document):
             raise Refused("; ".join(str(x) for x in faults[:3]), where, faults[0].path.rpartition(".")[2])
 
     def group(self, name: str, key: str | None = None) -> dict[str, Any]:
-        """Return a table of the file, or a table in it; it is made if it is missing.
+        """Return the table `name` of the file, or the table `key` in it; a missing table is added.
 
         Raises:
             Refused: the file has something else under that name.
@@ -93,7 +101,7 @@ class Drawing:
         if key is not None and isinstance(entries, dict):
             entries, called = entries.setdefault(key, {}), f"{name}.{key}"
         if not isinstance(entries, dict):
-            raise Refused(f"{called} is no table in this file: mend its text first", field=called)
+            raise Refused(f"{called} is no table in this file: correct its text first", field=called)
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
@@ -107,17 +115,21 @@ class Drawing:
             raise Refused(f"there is no link {str(name)[:60]!r}", field="link")
         return entries
 
-    def given(self, link: str) -> dict[str, Any]:
+    def is_written(self, link: str) -> bool:
+        """Tell whether the file has a table of a link or the ground; it has none of the parts of a cylinder."""
+        return link == "ground" or link in self.group("links")
+
+    def written_points(self, link: str) -> dict[str, Any]:
         """Return the points of a link or of the ground, as the file writes them."""
         points = self.group("ground", "points") if link == "ground" else self.link(link).setdefault("points", {})
         return points if isinstance(points, dict) else {}
 
     def points(self, link: str) -> dict[str, complex]:
         """Return name -> place of a link's points in its own frame, or of the ground's points in the world."""
-        given = self.given(link)
+        given = self.written_points(link)
         try:
             points = resolve_points(given)
-        except (RecursionError, KeyError, TypeError, ValueError):  # a fault that is reported elsewhere: take what could be read
+        except (RecursionError, KeyError, TypeError, ValueError):  # the reading reports the fault, and has the readable points
             rest = self.reading.rest.get("ground", {}) if link == "ground" else self.reading.rest["links"][link]
             points = resolve_points(rest.get("points", {}))
         return {name: complex(*x) for name, x in points.items()}
@@ -129,45 +141,36 @@ class Drawing:
             Refused: there is no such point.
         """
         link, name = owner(reference), tail(reference)
-        known = self.points(link) if link == "ground" or link in self.group("links") else {}
+        known = self.points(link) if self.is_written(link) else {}
         if name not in known:
             raise Refused(f"there is no point {reference[:80]!r}", field="point")
         return self.world(link, known[name])
 
     def world(self, link: str, local: complex) -> complex:
+        """Return a place in a link's own frame as a place in the world."""
         origin, theta = self.poses[link]
         return origin + rect(1.0, theta) * local
 
     def local(self, link: str, at: complex) -> complex:
-        """Return a place of the world in a link's own frame."""
+        """Return a place in the world as a place in a link's own frame."""
         origin, theta = self.poses[link]
         return (at - origin) * rect(1.0, -theta)
 
     def set_point(self, reference: str, at: complex) -> None:
         """Move a point of a link or of the ground to a place in the world; points that are defined from it stay where they are."""
         link, name = owner(reference), tail(reference)
-        known, given = self.points(link), self.given(link)
-        for other, value in given.items():
-            if isinstance(value, dict) and other != name and name in self._chain(given, other):
+        known, given = self.points(link), self.written_points(link)
+        for other in given:
+            if other != name and name in given and name in follow(given, other)[0]:
                 given[other] = pair(known[other])
         given[name] = pair(self.local(link, at))
-
-    @staticmethod
-    def _chain(given: dict[str, Any], name: str) -> list[str]:
-        """Return the points from which a point is defined, one after the other."""
-        chain: list[str] = []
-        at: Any = given[name].get("from")
-        while isinstance(at, str) and at not in chain and at in given:
-            chain.append(at)
-            at = given[at].get("from") if isinstance(given[at], dict) else None
-        return chain
 
     # names
 
     def fresh(self, word: str, *groups: str) -> str:
-        """Return a new name: a word with the smallest number that is free in these groups.
+        """Return a new name: a word with the smallest number that is free in these groups, by default those of joints.
 
-        Without a word the name is a number, which no pin and no point has either.
+        If the word is empty, the number is also that of no pin and of no point.
         """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
@@ -183,7 +186,7 @@ class Drawing:
     # pins
 
     def pin(self, given: Any) -> Pin:
-        """Return the pin that `{"pin": id}` names, or draw a new one for `{"at": [x, y], "ground": bool}`.
+        """Return the pin that an id or `{"pin": id}` names, or draw a new one at `{"at": [x, y], "ground": bool}`.
 
         Raises:
             Refused: there is no such pin, or no place is given.
@@ -195,10 +198,14 @@ class Drawing:
                 raise Refused(f"there is no pin {given[:60]!r}", field="pin")
             return self.pins[given]
         if not isinstance(given, dict):
-            raise Refused("a pin is named, or placed", field="pin")
-        at, name, grounded = place(given.get("at")), self.fresh(""), bool(given.get("ground"))
-        (self.group("ground", "points") if grounded else self.group("assembly", "sketch"))[name] = pair(at)
-        pin = Pin(f"ground.{name}", at, (f"ground.{name}",)) if grounded else Pin(name, at, ())
+            raise Refused("give the id or the place of a pin", field="pin")
+        at, name = place(given.get("at")), self.fresh("")
+        if given.get("ground"):
+            self.group("ground", "points")[name] = pair(at)
+            pin = Pin(f"ground.{name}", at, (f"ground.{name}",))
+        else:
+            self.group("assembly", "sketch")[name] = pair(at)
+            pin = Pin(name, at, ())
         self.pins[pin.id] = pin
         self.made.append(f"pins.{pin.id}")
         return pin
@@ -211,7 +218,7 @@ class Drawing:
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """Return a name for a new point at a pin: that of its joint or of a point there, unless it is taken."""
+        """Return a name for a new point at a pin: that of its joint or of a point there, unless it is among `taken`."""
         wished = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wished if wished not in taken and NAME.fullmatch(wished) else self.fresh("")
 
@@ -220,18 +227,22 @@ class Drawing:
         table(table(self.document, "assembly"), "sketch").pop(pin.id, None)
 
     def attach(self, pin: Pin, link: str) -> Pin:
-        """Add a point of a link at a pin, join it to the points there, and return the changed pin."""
+        """Add a point to a link at a pin, join it to the points there, and return the changed pin.
+
+        Raises:
+            Refused: the pin is on the link already.
+        """
         if link in map(owner, pin.members):
             raise Refused(f"pin {pin.id} is on {link} already", (f"pins.{pin.id}",))
         name = self.name_at(pin, self.points(link))
-        self.given(link)[name] = pair(self.local(link, pin.at))
+        self.written_points(link)[name] = pair(self.local(link, pin.at))
         return self.hold(pin, f"{link}.{name}")
 
     def hold(self, pin: Pin, reference: str) -> Pin:
         """Join a point that lies at a pin to the pin, and return the changed pin."""
         del self.pins[pin.id]
         joint, joints = self.joint_of(pin), self.group("joints")
-        own = [x for x in pin.members if owner(x) == "ground" or owner(x) in self.group("links")]
+        own = [x for x in pin.members if self.is_written(owner(x))]
         if joint is not None:
             joints[joint]["at"].append(reference)
             id = pin.id
@@ -247,10 +258,12 @@ class Drawing:
         return self.pins[id]
 
     def ends(self, a: Any, b: Any) -> list[str]:
-        """Return two points of different links, at two pins or as they are named; points of links are preferred to the ground's.
+        """Return references of two points of different links; a and b are ids of pins, or references themselves.
+
+        Points of links are preferred to those of the ground.
 
         Raises:
-            Refused: the pins hold no two different links.
+            Refused: there are no two different links at a and b.
         """
         sides = [self.pins[str(x)].members if str(x) in self.pins else (str(x),) for x in (a, b)]
         first, second = (sorted(x, key=lambda y: owner(y) == "ground") for x in sides)
@@ -259,10 +272,10 @@ class Drawing:
             self.place(y)
             return [x, y]
         where = tuple(f"pins.{x}" for x in (a, b) if str(x) in self.pins)
-        raise Refused("it acts between points of two different links", where, "b")
+        raise Refused("two points of different links are needed", where, "b")
 
     def on_link(self, point: str) -> str:
-        """Return a link's point at the pin of that name, or the point that is named itself.
+        """Return the reference of a link's point at the pin with the id `point`, or `point` itself if it is a reference.
 
         Raises:
             Refused: there is no such point.
@@ -275,13 +288,13 @@ class Drawing:
     # links
 
     def add_link(self, name: str, at: complex, theta: float, more: dict[str, Any]) -> None:
-        """Add a link without points, whose frame has this place and angle [rad]."""
+        """Add a link without points; `at` and `theta` [rad] are the place and angle of its frame, `more` further keys."""
         self.group("links")[name] = {"points": {}} | more
         self.poses[name] = at, theta
         self.made.insert(0, f"links.{name}")
 
-    def framed(self, link: str) -> bool:
-        """Tell whether a link's frame lies along its first bar and only its points are given in that frame."""
+    def is_aligned(self, link: str) -> bool:
+        """Tell whether a link's frame lies along its first bar, and nothing but points is given in that frame."""
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
@@ -291,7 +304,7 @@ class Drawing:
         a, b = (points[x] for x in bars[0])
         return abs(a) < SAME and abs(b.imag) < SAME and b.real > 0
 
-    def reframe(self, link: str) -> None:
+    def align(self, link: str) -> None:
         """Align a link's frame with its first bar after one of its points has moved; lines of slides turn with the bar."""
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
@@ -301,10 +314,11 @@ class Drawing:
         given["points"] = {key: pair(self.local(link, x)) for key, x in places.items()}
 
     def sketch(self) -> None:
-        """Write the places of all pins into the table `assembly`, and one more point of each link that has a single pin."""
+        """Write the places of all pins into the table `assembly`, with one more point of each link that has a single pin."""
         assembly = self.group("assembly")
-        old, drawn, joints = table(assembly, "sketch"), dict[str, list[float]](), [*items(self.document, "joints")]
-        pinned: set[str] = set()
+        old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
+        drawn: dict[str, list[float]] = {}  # entries of the new sketch: joints, then points of links
+        pinned: set[str] = set()  # references of points in joints
         for name, joint in joints:
             at = [x for x in sequence(joint, "at") if isinstance(x, str) and owner(x) in self.poses]
             pinned.update(at)
@@ -315,25 +329,32 @@ class Drawing:
         angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}
         slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}
         for link in [x for x in self.group("links") if x in self.poses]:
-            points = self.points(link)
-            known = [k for k in points if f"{link}.{k}" in pinned or f"{link}.{k}" in old] or [*points][:1]
-            apart = [k for k, x in points.items() if abs(x - points[known[0]]) > SAME]
-            if apart and not {*apart} & {*known}:
-                known.append(apart[0])
-            places = {f"{link}.{k}": pair(self.world(link, points[k]), PLACED) for k in known}
-            drawn |= {k: x for k, x in places.items() if k not in pinned}
-            if not apart and link not in angles and link not in slid:
+            known, shows_angle = self._choose_points(link, pinned | old.keys())
+            drawn |= {x: pair(self.place(x), PLACED) for x in known if x not in pinned}
+            if not shows_angle and link not in angles and link not in slid:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0
-        held = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
-        # entries of links that could not be read stay
-        kept = {k: x for k, x in old.items() if k in held or ("." in k and owner(k) not in self.poses)}
+        moving = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
+        # entries of joints and links that could not be read stay
+        kept = {k: x for k, x in old.items() if k in moving or ("." in k and owner(k) not in self.poses)}
         assembly["sketch"] = kept | drawn | lone_pins(self.document)
         for name in angles & self.poses.keys():
             for key, unit in (("angles_deg", math.degrees(1.0)), ("angles", 1.0)):
                 if name in table(assembly, key):
                     assembly[key][name] = round_digits(self.poses[name][1] * unit)
         self.tidy()
+
+    def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
+        """Return references of points that place a link, and whether they show its angle.
+
+        They are the `known` ones, else the first one, and one more if these lie at one place.
+        """
+        points = self.points(link)
+        chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]
+        apart = [name for name, x in points.items() if abs(x - points[chosen[0]]) > SAME]
+        if apart and not {*apart} & {*chosen}:
+            chosen.append(apart[0])
+        return [f"{link}.{name}" for name in chosen], bool(apart)
 
     def tidy(self) -> None:
         """Remove empty tables."""

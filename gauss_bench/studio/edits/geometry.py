@@ -1,8 +1,11 @@
-"""Edits of geometry: add pins, bars, larger links and slides; join, ground and move them; set lengths and angles."""
+"""Edits of geometry: add pins, bars, larger links and slides; join, ground and move pins; set lengths and angles.
+
+The function of each verb has the verb's name; README.md says what its message holds.
+"""
 
 import math
 from cmath import phase
-from typing import Any
+from itertools import combinations
 
 import numpy as np
 
@@ -18,21 +21,25 @@ TURN = math.radians(5.0)  # [rad] largest turn of a link before the joints are c
 
 
 def add_pin(d: Drawing, message: Message) -> None:
+    """Draw a pin at a place, on the ground or holding nothing."""
     d.pin({"at": message.get("at"), "ground": message.get("ground", False)})
 
 
 def add_bar(d: Drawing, message: Message) -> None:
+    """Add a link with one bar between two pins."""
     _connect(d, [d.pin(message.get("from")), d.pin(message.get("to"))], "bar")
 
 
 def add_link(d: Drawing, message: Message) -> None:
+    """Add a rigid link through three or more pins."""
     given = message.get("points")
     if not isinstance(given, list) or not 3 <= len(given) <= 20:
         raise Refused("a link has three points or more, at most 20", field="points")
     _connect(d, [d.pin(x) for x in given], "plate")
 
 
-def on_what(link: str) -> str:
+def describe_owner(link: str) -> str:
+    """Describe the link that a pin is on, for a refusal."""
     return "fixed to the ground" if link == "ground" else f"on {link}"
 
 
@@ -42,21 +49,22 @@ def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
     Raises:
         Refused: two of the pins lie at one place or on the same link.
     """
-    for a, b in ((a, b) for k, a in enumerate(pins) for b in pins[:k]):
+    for b, a in combinations(pins, 2):
         if a.id == b.id or abs(a.at - b.at) < SHORTEST:
             raise Refused("a bar between two pins at one place has no length", (f"pins.{a.id}",))
         both = [x for x in map(owner, a.members) if x in map(owner, b.members)]
         if both:
-            text = f"pins {b.id} and {a.id} are both {on_what(both[0])} already: no bar is needed between them"
+            text = f"pins {b.id} and {a.id} are both {describe_owner(both[0])} already: no bar is needed between them"
             raise Refused(text, (f"pins.{a.id}", f"pins.{b.id}"))
     name = d.fresh(word, "links")
     d.add_link(name, pins[0].at, phase(pins[1].at - pins[0].at), {"bars": [], "kg_per_m": KG_PER_M})
     ends = [tail(d.attach(pin, name).members[-1]) for pin in pins]
-    around = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]
+    around = [[a, b] for a, b in zip(ends, [*ends[1:], ends[0]], strict=True)]  # the polygon of the pins
     d.link(name)["bars"] = around if len(ends) > 2 else around[:1]
 
 
 def add_point(d: Drawing, message: Message) -> None:
+    """Add a point to a link or to the ground."""
     link, at = message.get("link"), place(message.get("at"))
     if link == "ground":
         d.pin({"at": message.get("at"), "ground": True})
@@ -70,8 +78,10 @@ def add_point(d: Drawing, message: Message) -> None:
 
 
 def observe(d: Drawing, message: Message) -> None:
+    """Add a point to the observed ones, or remove it with `on` false."""
     point, listed = d.on_link(str(message.get("point"))), sequence(d.group("observe"), "points")
-    d.group("observe")["points"] = [x for x in listed if x != point] + [point] * bool(message.get("on", True))
+    others = [x for x in listed if x != point]
+    d.group("observe")["points"] = [*others, point] if message.get("on", True) else others
 
 
 def add_slide(d: Drawing, message: Message) -> None:
@@ -82,37 +92,42 @@ def add_slide(d: Drawing, message: Message) -> None:
     if guide in map(owner, pin.members):
         fixed = "the ground" if guide == "ground" else guide
         raise Refused(f"pin {pin.id} is on {fixed} itself, and cannot slide along it", (f"pins.{pin.id}",))
-    through, turn = place(message["through"], "through") if "through" in message else None, d.poses[guide][1]
-    # the direction [rad] in the world: as given, else from a place to the pin, else along the guide's first bar
+    through = place(message["through"], "through") if "through" in message else None
+    # the direction [rad] in the world: as given, else from the place `through` to the pin, else along the guide's first bar
     if "angle_deg" in message:
         angle = math.radians(number(message, "angle_deg"))
     elif through is not None and abs(pin.at - through) > SAME:
         angle = phase(pin.at - through)
+    elif bars:
+        a, b = (d.place(f"{guide}.{x}") for x in bars[0])
+        angle = phase(b - a)
     else:
-        a, b = (d.place(f"{guide}.{x}") for x in bars[0]) if bars else (0j, 0j)
-        angle = phase(b - a) if bars else turn
-    point = _guide_point(d, guide, through or (pin.at if guide == "ground" else None), [x for bar in bars for x in bar])
+        angle = d.poses[guide][1]
+    at_guide = through or (pin.at if guide == "ground" else None)
+    point = _guide_point(d, guide, at_guide, str(bars[0][0]) if bars else next(iter(d.points(guide)), ""))
+    # the distance of the pin from the line through the guide's point, positive to the left of its direction
     offset = ((pin.at - d.place(f"{guide}.{point}")) * complex(math.cos(angle), -math.sin(angle))).imag
     block, name = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
     at = d.attach(pin, block).members[-1]
-    degrees = round_digits(math.degrees(math.remainder(angle - turn, 2 * math.pi)), DIGITS)
+    degrees = round_digits(math.degrees(math.remainder(angle - d.poses[guide][1], 2 * math.pi)), DIGITS)
     joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
-    d.group("joints")[name] = joint | ({"offset": round_digits(offset, DIGITS)} if abs(offset) > SAME else {})
+    if abs(offset) > SAME:
+        joint["offset"] = round_digits(offset, DIGITS)
+    d.group("joints")[name] = joint
     d.made.insert(0, f"slides.{name}")
 
 
-def _guide_point(d: Drawing, guide: str, at: complex | None, ends: list[Any]) -> str:
-    """Return the guide's point at a place, which is added if there is none; without a place, the guide's first point."""
-    points = d.points(guide)
+def _guide_point(d: Drawing, guide: str, at: complex | None, usual: str) -> str:
+    """Return the name of the guide's point at a place, which is added if there is none; without a place, `usual`."""
     if at is None:
-        return str(ends[0]) if ends else next(iter(points))
+        return usual
     local = d.local(guide, at)
-    known = next((k for k, x in points.items() if abs(x - local) < SAME), None)
-    if known is None:
-        known = d.letter(guide)
-        d.given(guide)[known] = pair(local)
-    return known
+    name = next((k for k, x in d.points(guide).items() if abs(x - local) < SAME), None)
+    if name is None:
+        name = d.letter(guide)
+        d.written_points(guide)[name] = pair(local)
+    return name
 
 
 def join(d: Drawing, message: Message) -> None:
@@ -122,9 +137,9 @@ def join(d: Drawing, message: Message) -> None:
         raise Refused("a pin is joined to another", (f"pins.{a.id}",))
     shared = {*map(owner, a.members)} & {*map(owner, b.members)}
     if shared:
-        what = on_what("ground" if "ground" in shared else min(shared))
+        what = describe_owner("ground" if "ground" in shared else min(shared))
         raise Refused(f"pins {a.id} and {b.id} are both {what}: they cannot be one", (f"pins.{a.id}", f"pins.{b.id}"))
-    if any(owner(x) == "ground" for x in a.members):
+    if a.is_grounded:  # the pin on the ground stays where it is
         a, b = b, a
     _shift(d, a, b.at)
     joints, joint = d.group("joints"), d.joint_of(a)
@@ -133,56 +148,64 @@ def join(d: Drawing, message: Message) -> None:
     if not a.members:
         d.unsketch(a)
     del d.pins[a.id]
-    if not b.members:  # nothing was held there: what is joined to it takes its place
+    if not b.members:  # the moved pin takes the place of a pin that held nothing
         d.unsketch(b)
         if joint is not None:
             joints[joint] = {"type": "revolute", "at": [*a.members]}
         return
     for reference in a.members:
-        if owner(reference) in d.group("links") or owner(reference) == "ground":
+        if d.is_written(owner(reference)):
             b = d.hold(b, reference)
     if joint is not None and (kept := d.joint_of(b)) is not None:
-        for _, force in items(d.document, "forces"):  # what acted in one joint acts in the other
+        for _, force in items(d.document, "forces"):  # forces in the removed joint now act in the other
             if force.get("joint") == joint:
                 force["joint"] = kept
     d.made.append(f"pins.{b.id}")
 
 
 def ground(d: Drawing, message: Message) -> None:
-    """Fix a pin to the ground, or release it from the ground."""
+    """Fix a pin to the ground, or with `on` false release it."""
     pin, on = d.pin(message.get("pin")), bool(message.get("on", True))
-    fixed = [x for x in pin.members if owner(x) == "ground"]
-    if on == bool(fixed):
-        return
-    points, joints = d.given("ground"), d.group("joints")
-    if on:
-        d.unsketch(pin)
-        name = d.name_at(pin, points)
-        points[name] = pair(pin.at)
-        if pin.members:
-            joint = joints.get(d.hold(pin, f"ground.{name}").id, {})
-            if "at" in joint:  # the ground first, as in the linkages of the suite
-                joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
-        return
-    held = d.joint_of(pin)
-    for reference in fixed:
+    if on and not pin.is_grounded:
+        _fix(d, pin)
+    elif pin.is_grounded and not on:
+        _release(d, pin)
+
+
+def _fix(d: Drawing, pin: Pin) -> None:
+    """Fix a pin to a new point of the ground."""
+    points, joints = d.written_points("ground"), d.group("joints")
+    d.unsketch(pin)
+    name = d.name_at(pin, points)
+    points[name] = pair(pin.at)
+    if pin.members:
+        joint = joints.get(d.hold(pin, f"ground.{name}").id, {})
+        if "at" in joint:  # the ground first, as in the linkages of the suite
+            joint["at"] = [f"ground.{name}", *(x for x in joint["at"] if x != f"ground.{name}")]
+
+
+def _release(d: Drawing, pin: Pin) -> None:
+    """Release a pin from the ground; points of the ground that a slide uses stay."""
+    points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
+    for reference in (x for x in pin.members if owner(x) == "ground"):
         name = tail(reference)
         if not any(reference in (j.get("guide"), j.get("block")) for _, j in items(d.document, "joints")):
             del points[name]
-        if held is None:
+        if joint is None:
             d.group("assembly", "sketch")[name if name not in joints else d.fresh("")] = pair(pin.at)
-    if held is not None:
-        joints[held]["at"] = [x for x in joints[held]["at"] if owner(x) != "ground"]
-        if len(joints[held]["at"]) < 2:
-            del joints[held]
+    if joint is not None:
+        joints[joint]["at"] = [x for x in joints[joint]["at"] if owner(x) != "ground"]
+        if len(joints[joint]["at"]) < 2:
+            del joints[joint]
 
 
 def move(d: Drawing, message: Message) -> None:
+    """Move a pin to a place."""
     _shift(d, d.pin(message.get("pin")), place(message.get("at")))
 
 
 def _shift(d: Drawing, pin: Pin, at: complex) -> None:
-    """Move a pin: the links on it change their lengths, and a ground guide that it alone slides along moves with it."""
+    """Move a pin: the links on it change their lengths; a point of the ground that guides it alone moves with it."""
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)
     joints = d.group("joints")
@@ -196,8 +219,8 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
         if link == "ground":
             d.set_point(reference, at)
         elif link not in d.group("links"):
-            continue  # an end of a cylinder, which follows the pin by itself
-        elif len(d.points(link)) == 1:  # a block goes where its pin goes
+            continue  # an end of a cylinder follows the pin without a change of the file
+        elif len(d.points(link)) == 1:  # a block is displaced with its pin
             origin, theta = d.poses[link]
             d.poses[link] = origin + at - pin.at, theta
         else:
@@ -207,16 +230,17 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
 def _put(d: Drawing, reference: str, at: complex) -> None:
     """Move a point of a link to a place in the world."""
     link = owner(reference)
-    framed = d.framed(link)
+    is_aligned = d.is_aligned(link)
     d.set_point(reference, at)
     bars = [[d.place(f"{link}.{x}") for x in bar] for bar in sequence(d.link(link), "bars")]
     if any(abs(a - b) < SHORTEST for a, b in bars):
         raise Refused(f"{link} would have no length", (f"links.{link}",))
-    if framed:
-        d.reframe(link)
+    if is_aligned:
+        d.align(link)
 
 
 def set_length(d: Drawing, message: Message) -> None:
+    """Set the distance of two points of a link by moving the second one."""
     name, length = str(message.get("link")), number(message, "value")
     points = d.points(name)
     a, b = str(message.get("a")), str(message.get("b"))
@@ -237,13 +261,14 @@ def set_angle(d: Drawing, message: Message) -> None:
     d.link(name)
     if reading.mechanism is None or reading.joints is None or not reading.closed:
         raise Refused("a link is turned once the drawing assembles", (f"links.{name}",))
-    body, turn = reading.mechanism.placed(name)
+    body, turn = reading.mechanism.find_body(name)
     q, close, k = reading.q, joint_residual(reading.joints), 3 * body + 2
     first, row = float(q[k]), np.eye(len(q))[k]
     way = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)
     for goal in np.linspace(first, first + way, max(1, math.ceil(abs(way) / TURN)) + 1)[1:]:
 
         def residual(x: Array, goal: float = goal) -> tuple[Array, Array]:
+            """Return residual and Jacobian of the joints and of the link's angle against `goal`."""
             F, J = close(x)
             return np.append(F, x[k] - goal), np.vstack([J, row])
 

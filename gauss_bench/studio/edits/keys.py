@@ -8,7 +8,7 @@ from gauss_bench.exchange.toml import GROUPS
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
 from gauss_bench.studio import scene
-from gauss_bench.studio.document import Document, split_path
+from gauss_bench.studio.document import Document, is_driven, split_path
 from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits, tail
 from gauss_bench.studio.edits.scenarios import RELEASED
 from gauss_bench.studio.errors import Refused
@@ -16,20 +16,20 @@ from gauss_bench.studio.messages import Message
 from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
 
 EITHER = (("mass", "kg_per_m"), ("angle", "angle_deg"), ("rest", "rest_deg"), ("start", "start_deg"), ("travel", "travel_deg"))
-USUAL: dict[str, dict[str, Any]] = scene.FORCES["usual"]  # word of a force -> its type and the numbers of one drawn without any
-WORDS = {  # group -> keys anywhere in a file whose texts name an entry of the group
+USUAL: dict[str, dict[str, Any]] = scene.FORCES["usual"]  # word of a force -> its type and its default numbers
+NAMING_KEYS = {  # group -> keys anywhere in a file under which a text or key is the name of an entry of the group
     "links": ("crank", "link", "reaction", "frame", "to", "links", "hold", "angles", "angles_deg", "speeds"),
     "joints": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
     "cylinders": ("joint", "joints", "hold", "slides", "slide_speeds", "sketch"),
 }
-TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that name nothing
+TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that are no names of other entries
 
 
 def set_key(d: Drawing, message: Message) -> None:
     """Set the key at a path, or delete it if the value is null; a key that excludes it, such as angle and angle_deg, is removed."""
     path, given = message.get("path"), message.get("value")
     if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+|\[\d{1,4}\])*", path):
-        raise Refused("a path is keys with dots between them", field="path")
+        raise Refused("a path consists of keys separated by dots", field="path")
     if path in ("format", "scenarios"):
         raise Refused(f"{path} cannot be set", field=path)
     *keys, last = split_path(path)
@@ -56,15 +56,16 @@ def set_key(d: Drawing, message: Message) -> None:
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
     """Return tables and lists with every text and every key x replaced by `change(x, key)`, where `key` is the key above it."""
     if isinstance(x, dict):
-        named = key in GROUPS  # whose entries' names are no keys
-        return {change(k, key): rewrite(y, change, "" if named else k) for k, y in x.items()}
+        has_entries = key in GROUPS  # the keys in it are names of entries
+        return {change(k, key): rewrite(y, change, "" if has_entries else k) for k, y in x.items()}
     if isinstance(x, list):
         return [rewrite(y, change, key) for y in x]
     return change(x, key) if isinstance(x, str) and key not in TEXTS else x
 
 
 def rename(d: Drawing, message: Message) -> None:
-    id, to = str(message.get("what", message.get("id"))), str(message.get("to"))  # pages of before called it id, as the message is
+    """Rename the drawing, or the part with an id, and all references to it."""
+    id, to = str(message.get("what", message.get("id"))), str(message.get("to"))  # older pages call the part "id"
     group, name = owner(id), tail(id)
     if not NAME.fullmatch(to) or len(to) > 60:
         raise Refused("a name has letters, digits and underscores", (id,), "to")
@@ -74,11 +75,18 @@ def rename(d: Drawing, message: Message) -> None:
     if group == "pins":
         _rename_pin(d, name, to)
         return
-    group = "cylinders" if group == "forces" and name in d.group("cylinders") else {"slides": "joints"}.get(group, group)
+    if group == "slides":
+        group = "joints"
+    elif group == "forces" and name in d.group("cylinders"):
+        group = "cylinders"
     if group not in GROUPS or name not in d.group(group):
         raise Refused(f"there is no {id[:60]}", (id,), "id")
-    others = {"links": {"ground"}, "joints": d.group("cylinders").keys(), "cylinders": d.group("joints").keys()}.get(group, set())
-    if to != name and to in others | d.group(group).keys():
+    taken = {*d.group(group)}
+    if group == "links":
+        taken.add("ground")
+    elif group in ("joints", "cylinders"):
+        taken = {*d.group("joints"), *d.group("cylinders")}
+    if to != name and to in taken:
         raise Refused(f"{to} is taken already", (id,), "to")
     _rename_in(d.document, group, name, to)
     if group == "links":
@@ -87,10 +95,11 @@ def rename(d: Drawing, message: Message) -> None:
 
 def _rename_in(document: Document, group: str, old: str, new: str) -> None:
     """Rename an entry of a group and all references to it."""
-    words = (group, *WORDS.get(group, ()))
+    keys = (group, *NAMING_KEYS.get(group, ()))
 
     def change(x: str, key: str) -> str:
-        if key in words and x == old:
+        """Return the new text of a key or value x."""
+        if key in keys and x == old:
             return new
         return f"{new}.{tail(x)}" if group == "links" and x.startswith(f"{old}.") else x
 
@@ -110,7 +119,7 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
     old = joint or tail(pin.members[0])
     for reference in pin.members:
         link, point = owner(reference), tail(reference)
-        if (link == "ground" or link in d.group("links")) and point == old:
+        if d.is_written(link) and point == old:
             if to not in d.points(link):
                 _rename_point(d, link, point, to)
             elif joint is None:
@@ -120,9 +129,10 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
 
 
 def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
+    """Rename a point of a link or of the ground, in its own table and in references to it."""
     given = d.group("ground") if link == "ground" else d.link(link)
-    words = ("points", "bars", "point", "from")  # of the link's own table
-    given.update(rewrite(given, lambda x, key: new if x == old and key in words else x))
+    keys = ("points", "bars", "point", "from")
+    given.update(rewrite(given, lambda x, key: new if x == old and key in keys else x))
     d.document.update(rewrite(d.document, lambda x, key: f"{link}.{new}" if x == f"{link}.{old}" else x))
 
 
@@ -141,10 +151,10 @@ def delete(d: Drawing, message: Message) -> None:
             block = owner(str(d.group("joints").pop(name).get("block")))
             if len(table(table(d.document, "links").get(block, {}), "points")) == 1:
                 del d.group("links")[block]
-        elif group in GROUPS and group != "joints" and name in d.group(group):  # else it went with something else
+        elif group in GROUPS and group != "joints" and name in d.group(group):  # else it is deleted already, with another part
             del d.group(group)[name]
-            ends = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())
-            d.poses = {k: x for k, x in d.poses.items() if k not in ends}
+            links = {"links": {name}, "cylinders": {f"{name}_barrel", f"{name}_rod"}}.get(group, set())
+            d.poses = {k: x for k, x in d.poses.items() if k not in links}
     prune(d)
 
 
@@ -156,7 +166,7 @@ def _delete_pin(d: Drawing, name: str) -> None:
     for reference in pin.members:
         link, point = owner(reference), tail(reference)
         if link == "ground":
-            d.given("ground").pop(point, None)
+            d.written_points("ground").pop(point, None)
         elif link in d.group("links"):
             given = d.link(link)
             if len(given["points"]) <= 2:
@@ -165,14 +175,15 @@ def _delete_pin(d: Drawing, name: str) -> None:
             given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
             kept = [bar for bar in sequence(given, "bars") if point not in bar]
             beside = [x for bar in sequence(given, "bars") if point in bar for x in bar if x != point]
+            # in a polygon of bars, a new bar joins the neighbours of the deleted point
             if len(beside) == 2 and beside[0] != beside[1] and not any({*beside} == {*bar} for bar in kept):
-                kept.append(beside)  # in a polygon of bars, a new bar joins the neighbours of the deleted point
+                kept.append(beside)
             if "bars" in given:
                 given["bars"] = kept or [[*given["points"]][:2]]
 
 
 def prune(d: Drawing) -> None:
-    """Delete everything that refers to deleted parts."""
+    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without them."""
     before = d.reading.document
     for _ in range(1000):
         faults = [x for x in new_faults(before, d.document) if x.path not in ("links", "scenarios")]
@@ -183,7 +194,7 @@ def prune(d: Drawing) -> None:
         del d.group("joints")[joint]
     sketched = table(table(d.document, "assembly"), "sketch")
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
-        sketched.pop(joint, None)  # otherwise its place would be shown as a pin that holds nothing
+        sketched.pop(joint, None)  # its place would be read as a pin that holds nothing
     for name, scenario in [*items(d.document, "scenarios")]:
         if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
@@ -192,7 +203,7 @@ def prune(d: Drawing) -> None:
 def add_force(d: Drawing, message: Message) -> None:
     """Add a force with its default numbers, and let it act in the released scenario, or else in the first free one."""
     word = str(message.get("type"))
-    given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}
+    given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}  # keys of the force
     if "a" in message or "b" in message:
         given["between"] = d.ends(*(d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b"))))
     if word == "cylinder":
@@ -216,7 +227,7 @@ def add_force(d: Drawing, message: Message) -> None:
     d.check()
     d.made.append(f"forces.{name}")
     for key, scenario in items(d.document, "scenarios"):
-        if key == RELEASED or (RELEASED not in d.group("scenarios") and not {"driver", "drivers"} & scenario.keys()):
+        if key == RELEASED or (RELEASED not in d.group("scenarios") and not is_driven(scenario)):
             scenario["forces"] = [*sequence(scenario, "forces"), name]
             break
 
@@ -228,11 +239,17 @@ def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
 
 
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
+    """Add a cylinder between two points, which makes the file one of the second edition.
+
+    Raises:
+        Refused: there are no two points, or a damper of the file has another meaning in the second edition.
+    """
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
     part = {"length": round_digits(max(0.6 * _apart(d, given), 1e-3)), "kg_per_m": KG_PER_M}
     name = d.fresh("cylinder", "cylinders", "joints")
-    if d.document.get("format") == FORMAT:  # cylinders need the second edition, in which damping of a pin of three links differs
+    if d.document.get("format") == FORMAT:
+        # cylinders need the second edition, in which damping of a pin of three links means something else
         for damper, force in items(d.document, "forces"):
             joint = table(d.document, "joints").get(str(force.get("joint")), {})
             if force.get("type") == "joint_damping" and len(sequence(joint, "at")) > 2:
@@ -245,13 +262,17 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
 
 
 def lock_of(d: Drawing, message: Message) -> str:
-    """Return the id of the part that a message locks: a pin, a slide, a length or an angle."""
+    """Return the id of the part that a message locks: a pin, a slide, a length or an angle.
+
+    Raises:
+        Refused: there is no such part.
+    """
     if "pin" in message:
         return f"pins.{d.pin(message.get('pin')).id}"
     if "joint" in message:
         joint = d.joint_of(d.pin(message["joint"]))
         if joint is None:
-            raise Refused("nothing turns here: an angle is between links that a pin joins", field="joint")
+            raise Refused("only the angle between links that a pin joins can be locked", field="joint")
         return f"joints.{joint}"
     if "slide" in message:
         return f"slides.{message['slide']}"

@@ -1,6 +1,7 @@
-"""The scenarios that the studio writes: "driven", in which laws prescribe coordinates, and "released", at rest from the drawing.
+"""The scenarios that the studio writes: "driven", in which laws prescribe coordinates, and "released", which starts at rest.
 
-Both start where the linkage is drawn. When the drawing changes, so do their starts, and any other start that was at the drawing.
+Both start where the linkage is drawn. A change of the drawing also changes their starts, and any other start that was at the
+drawing.
 """
 
 import math
@@ -12,7 +13,7 @@ import numpy as np
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.closure import null_space
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
-from gauss_bench.linkage.surest import HELD, candidates, surest
+from gauss_bench.linkage.start_coordinates import choose_held
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Angle, Coordinate, Distance, Mechanism, Prismatic
 from gauss_bench.studio.document import Document
@@ -25,34 +26,40 @@ DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
 FREE = 2.0  # [s] usual duration of "released"
 STROKE = 0.1  # usual travel of a driven length, relative to the linkage's size
 FOLLOWS = 1e-6  # [m, rad] a start that is nearer to the drawing than this changes with it
-UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key -> its unit in 1/rad
+UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key -> its value for one radian
 
 
 def drive(d: Drawing, message: Message) -> None:
     """Prescribe a coordinate in the scenario "driven", starting from the drawing; `off` removes its driver again."""
     scenarios = d.group("scenarios")
-    scenario, where = scenarios.get(DRIVEN, {}), _coordinate(d, message.get("coordinate"))
+    scenario, where = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
     drivers = [x for x in drivers_of(scenario) if not where.items() <= x.items()]
     if not message.get("off"):
-        more = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
-        stroke = round_digits(STROKE * (d.reading.mechanism.size if d.reading.mechanism else 1.0))
-        usual = {"law": "constant", "speed": 2 * math.pi} if "link" in where else {"law": "sine", "travel": stroke, "time": 1.0}
-        drivers.append(where | ({"law": usual["law"]} | more if more else usual))
+        law = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
+        usual: dict[str, Any] = {"law": "constant", "speed": 2 * math.pi}  # one turn a second
+        if "link" not in where:
+            size = d.reading.mechanism.size if d.reading.mechanism else 1.0
+            usual = {"law": "sine", "travel": round_digits(STROKE * size), "time": 1.0}
+        drivers.append(where | ({"law": usual["law"]} | law if law else usual))
         if "link" in where:
             d.document.setdefault("crank", where["link"])
     if not drivers:
         scenarios.pop(DRIVEN, None)
         return
     kept = {k: x for k, x in scenario.items() if k not in ("driver", "drivers", "start", "hold")}
-    lasts = number(message, "duration", kept.get("duration") or max(_lasts(x) for x in drivers))
-    scenarios[DRIVEN] = {**kept, "duration": lasts, "drivers": drivers}
+    duration = number(message, "duration", kept.get("duration") or max(_duration(x) for x in drivers))
+    scenarios[DRIVEN] = {**kept, "duration": duration, "drivers": drivers}
     start_driven(d.document, d.reading, fresh=where)
     d.check((f"scenarios.{DRIVEN}",))
     d.made.append(f"scenarios.{DRIVEN}")
 
 
-def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
-    """Return the key of a driver that names its coordinate: link, joint or between."""
+def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
+    """Return the key and value that name a coordinate in the table of a driver: link, joint or between.
+
+    Raises:
+        Refused: there is no such coordinate.
+    """
     if isinstance(given, dict) and "between" in given:
         return {"between": d.ends(*[*sequence(given, "between"), None, None][:2])}
     name = given.get("name") if isinstance(given, dict) else given
@@ -60,11 +67,11 @@ def _coordinate(d: Drawing, given: Any) -> dict[str, Any]:
         return {"link": name}
     if isinstance(name, str) and table(write_out(d.document).get("joints", {}), name).get("type") == "prismatic":
         return {"joint": name}
-    raise Refused(f"nothing can be driven that is called {str(name)[:60]!r}", field="coordinate")
+    raise Refused(f"there is no coordinate {str(name)[:60]!r} that can be driven", field="coordinate")
 
 
-def _lasts(driver: Mapping[str, Any]) -> float:
-    """Return the duration of a law [s]; a constant speed lasts for one turn, or for one second."""
+def _duration(driver: Mapping[str, Any]) -> float:
+    """Return the duration of a driver's law [s]: one turn of a link at constant speed, else one second if the law has no end."""
     if driver.get("law") == "constant":
         speed = driver.get("speed")
         turns = isinstance(speed, (int, float)) and speed != 0 and "link" in driver
@@ -75,13 +82,13 @@ def _lasts(driver: Mapping[str, Any]) -> float:
 
 
 def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate | None:
-    """Return the coordinate that a driver's key link, joint or between names, or None if the linkage does not have it."""
+    """Return the coordinate that the table of a driver names by link, joint or between; None if the linkage does not have it."""
     try:
         if "link" in driver:
-            return Angle(GROUND, mechanism.placed(driver["link"])[0])
+            return Angle(GROUND, mechanism.find_body(driver["link"])[0])
         if "joint" in driver:
             return next(j.motion for j in mechanism.joints if isinstance(j, Prismatic) and j.name == driver["joint"])
-        return Distance(*map(mechanism.named_point, driver["between"]))
+        return Distance(*map(mechanism.find_point, driver["between"]))
     except (KeyError, StopIteration, ValueError, TypeError, AttributeError):
         return None
 
@@ -92,12 +99,12 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
     coordinate = None if mechanism is None else coordinate_of(mechanism, driver)
     if mechanism is None or coordinate is None:
         return None
-    turn = mechanism.placed(driver["link"])[1] if "link" in driver else 0.0  # of a link in the body that it is welded into
+    turn = mechanism.find_body(driver["link"])[1] if "link" in driver else 0.0  # angle of a welded link in its body
     return float(value(coordinate, reading.q)) + float(turn)
 
 
 def start_driven(document: Document, reading: Reading, fresh: Mapping[str, Any] | None = None) -> None:
-    """Set the starts of the drivers of "driven" to the drawing (of the driver `fresh`, or of all that give no start).
+    """Let the drivers of "driven" that give no start begin at the drawing; with `fresh`, only those of this coordinate.
 
     Coordinates that the drivers leave free are prescribed in the scenario's start.
     """
@@ -119,25 +126,26 @@ def start_driven(document: Document, reading: Reading, fresh: Mapping[str, Any] 
 def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
     """Return the table of a start at rest in the drawing.
 
-    It prescribes the coordinates that determine most surely what joints and drivers leave free.
+    It prescribes as many coordinates as joints and drivers leave free, chosen so that they determine the free motions best.
     """
     mechanism, joints, q = reading.mechanism, reading.joints, reading.q
     if mechanism is None or joints is None:
         return {}
-    held = [gradient(x, q) for x in (coordinate_of(mechanism, driver) for driver in drivers) if x is not None]
-    free = null_space(np.vstack([joints(0.0, q, np.zeros_like(q)).J, *held]), mechanism.n)
+    driven = [coordinate_of(mechanism, driver) for driver in drivers]
+    rows = [gradient(x, q) for x in driven if x is not None]
+    free = null_space(np.vstack([joints(0.0, q, np.zeros_like(q)).J, *rows]), mechanism.n)
     start: dict[str, Any] = {}
-    for kind, key, chosen in surest(candidates(mechanism, q), q, free):
-        name, unit = ("angles_deg", UNITS["_deg"]) if kind == "angle" else (HELD[kind][0], 1.0)
-        values = [round_digits(value(x, q) * unit, PLACED) for x in chosen]
-        start.setdefault(name, {})[key] = values if kind == "point" else values[0]
+    for chosen in choose_held(mechanism, q, free):
+        table_name, unit = ("angles_deg", UNITS["_deg"]) if chosen.kind == "angle" else (chosen.tables[0], 1.0)
+        values = [round_digits(value(x, q) * unit, PLACED) for x in chosen.coordinates]
+        start.setdefault(table_name, {})[chosen.name] = values if chosen.kind == "point" else values[0]
     return start
 
 
 def release(document: Document, reading: Reading) -> None:
-    """Update the start of "released" to the drawing; a drawing without other scenarios gets this scenario."""
-    own = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
-    if reading.mechanism is None or not own:
+    """Update the start of "released" to the drawing; add this scenario if the file has no scenario of its own."""
+    is_ours = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
+    if reading.mechanism is None or not is_ours:
         return
     scenarios = document.setdefault("scenarios", {})
     kept = scenarios.get(RELEASED, {"duration": FREE, "forces": [*table(document, "forces")]})
@@ -154,21 +162,24 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
         start_driven(document, new)
 
     def move(entry: dict[str, Any], key: str, coordinate: Mapping[str, Any], unit: float) -> None:
+        """Move the value of a coordinate, in 1/`unit` rad or m, if it was at the old drawing."""
         was, now, x = place_of(old, coordinate), place_of(new, coordinate), entry.get(key)
         if was is None or now is None or not isinstance(x, (int, float)):
             return
         away = x / unit - was
-        turns = away - math.remainder(away, 2 * math.pi) if "link" in coordinate else 0.0  # whole turns do not matter
+        turns = away - math.remainder(away, 2 * math.pi) if "link" in coordinate else 0.0  # whole turns of an angle [rad]
         if abs(away - turns) < FOLLOWS:
             entry[key] = round_digits((now + turns) * unit)
 
     for name, scenario in items(document, "scenarios"):
         start = table(scenario, "start")
-        for ending, unit in UNITS.items() if name != RELEASED else ():
+        if name == RELEASED:  # its start is always the drawing
+            continue
+        for ending, unit in UNITS.items():
             for driver in drivers_of(scenario):
                 move(driver, f"start{ending}", driver, unit)
             move(start, f"crank{ending}", {"link": document.get("crank")}, unit)
-            for held in table(start, f"angles{ending}"):
-                move(start[f"angles{ending}"], held, {"link": held}, unit)
-        for held in table(start, "slides") if name != RELEASED else ():
-            move(start["slides"], held, {"joint": held}, 1.0)
+            for link in table(start, f"angles{ending}"):
+                move(start[f"angles{ending}"], link, {"link": link}, unit)
+        for slide in table(start, "slides"):
+            move(start["slides"], slide, {"joint": slide}, 1.0)

@@ -16,14 +16,14 @@ from gauss_bench.studio.session import Session
 from gauss_bench.terms import Array
 
 EDITS: dict[str, Callable[[Drawing, Message], None]] = {**GEOMETRY, **KEYS, "drive": drive}
-STAYING = ("observe", "add_force", "drive", "rename")  # edits that move nothing
-LENGTH = 1e-8  # [m] by which a locked length may change, because of rounding in the file
+STAYING = ("observe", "add_force", "drive", "rename")  # edits that move no link
+LENGTH = 1e-8  # [m] largest change of a locked length, by rounding in the file
 SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # paths that determine the places of links
 PICTURES = tuple(f"data:image/{x};base64," for x in ("png", "jpeg", "webp", "gif"))
 
 
-def edit_document(session: Session, change: Callable[[Drawing], object], still: bool = False) -> list[str]:
-    """Make a change as one step of the history, and return the ids of the parts it made; `still` says that nothing moves.
+def edit_document(session: Session, change: Callable[[Drawing], object], moves: bool = True) -> list[str]:
+    """Make a change as one step of the history, and return the ids of the parts it made; `moves` tells whether links may move.
 
     Raises:
         Refused: the change cannot be made; the session is then unchanged.
@@ -31,9 +31,13 @@ def edit_document(session: Session, change: Callable[[Drawing], object], still: 
     before = session.reading
     d = Drawing(session.document, before)
     change(d)
-    d.tidy() if still else _settle(session.locks, d)
+    if moves:
+        _check_locks(session.locks, d)
+        d.sketch()
+    else:
+        d.tidy()
     after = read(d.document)
-    if not still and after.closed:
+    if moves and after.closed:
         Drawing(d.document, after).sketch()
         follow(d.document, before, after)
     release(d.document, after)
@@ -48,10 +52,10 @@ def edit(session: Session, message: Message) -> list[str]:
         Refused: the edit cannot be made.
     """
     verb = str(message.get("do"))
-    still = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
+    stays = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
     if verb == "move":
-        _movable(session.locks, message)
-    return edit_document(session, lambda d: EDITS[verb](d, message), still)
+        _check_pin(session.locks, message)
+    return edit_document(session, lambda d: EDITS[verb](d, message), not stays)
 
 
 def try_edit(session: Session, message: Message) -> Reading:
@@ -60,22 +64,28 @@ def try_edit(session: Session, message: Message) -> Reading:
     Raises:
         Refused: the pin cannot be there.
     """
-    _movable(session.locks, message)
+    _check_pin(session.locks, message)
     d = Drawing(session.document, session.reading)
     move(d, message)
-    _settle(session.locks, d)
+    _check_locks(session.locks, d)
+    d.sketch()
     return read(d.document, starts=False)
 
 
-def _movable(locks: frozenset[str], message: Message) -> None:
+def _check_pin(locks: frozenset[str], message: Message) -> None:
+    """Check that the pin that a message moves is not locked.
+
+    Raises:
+        Refused: it is locked.
+    """
     given = message.get("pin")
     pin = given.get("pin") if isinstance(given, dict) else given
     if f"pins.{pin}" in locks:
         raise Refused(f"pin {pin} is locked", (f"pins.{pin}",))
 
 
-def _settle(locks: frozenset[str], d: Drawing) -> None:
-    """Check that locked lengths have not changed, and write the sketch.
+def _check_locks(locks: frozenset[str], d: Drawing) -> None:
+    """Check that locked lengths have not changed.
 
     Raises:
         Refused: a locked length has changed.
@@ -87,10 +97,9 @@ def _settle(locks: frozenset[str], d: Drawing) -> None:
         was, now = (x.points(link) if link in x.poses else {} for x in (before, d))
         if {a, b} <= was.keys() & now.keys() and abs(abs(was[a] - was[b]) - abs(now[a] - now[b])) > LENGTH:
             raise Refused(f"the length {ends} of {link} is locked: free it, or drag the linkage instead", (f"links.{link}",))
-    d.sketch()
 
 
-def pose_sketch(session: Session, q: Array) -> None:
+def redraw(session: Session, q: Array) -> None:
     """Redraw the linkage at another position q (n,), at which its joints are closed."""
     edit_document(session, lambda d: d.lay(d.reading.poses(q)))
 
@@ -102,7 +111,8 @@ def lock(session: Session, message: Message) -> None:
         Refused: there is no such part.
     """
     id = lock_of(Drawing(session.document, session.reading), message)
-    session.put(session.text, session.locks | {id} if message.get("on", True) else session.locks - {id})
+    locks = session.locks | {id} if message.get("on", True) else session.locks - {id}
+    session.put(session.text, locks)
 
 
 def picture(session: Session, message: Message) -> None:

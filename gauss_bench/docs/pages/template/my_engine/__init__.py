@@ -11,7 +11,7 @@ from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 
 class Heun:
-    """An engine before there is a model: names, choices, refusals."""
+    """An engine: its names and choices, and the linkages that it refuses."""
 
     name = "heun"
     integrators = ("heun",)
@@ -21,17 +21,17 @@ class Heun:
     python_loop = True
 
     def version(self):
-        """Of the library, for the report."""
+        """Return the version of the library, for the report."""
         return "my_engine 0.1"
 
     def skip(self, mechanism, choice):
-        """The reason why this linkage cannot be run with these choices, or None. Refuse rather than be wrong."""
+        """Return why this linkage cannot be run with these choices, or None. An engine refuses what it would compute wrongly."""
         if mechanism.has_friction or mechanism.redundant:
             return "neither dry friction nor redundant rows are modelled here"
         return None
 
     def build(self, mechanism, choice):
-        """Translate the linkage into the library's terms; nothing else happens here."""
+        """Return the linkage as a model of the library, ready to run."""
         return Model(mechanism, choice)
 
 
@@ -42,16 +42,16 @@ class Model:
         self.mechanism, self.choice, self.evaluator = mechanism, choice, Evaluator(mechanism)
 
     def acceleration(self, t, q, v):
-        """At a given state, before any integration: tells another model from another integrator."""
+        """Return the accelerations (n,) at a given state, which separate errors of the model from errors of the integrator."""
         return lagrange(self.evaluator.terms(t, q, v)).a
 
     def prepare(self, times, native=True):
-        """Get ready for samples at these times [s], the first of them 0, and start anew."""
+        """Prepare a run from the start, with samples at these times [s], the first of them 0."""
         start = np.concatenate([self.mechanism.q0, self.mechanism.v0])
         self.times, self.y, self.steps = times, np.tile(start, (len(times), 1)), 0
 
     def run(self):
-        """Integrate; this alone is timed."""
+        """Integrate; only this is timed."""
         for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
             y = self.y[k]
             for i in range(count):
@@ -61,7 +61,7 @@ class Model:
             self.y[k + 1], self.steps = y, self.steps + count
 
     def read(self):
-        """The samples of the last run."""
+        """Return the samples of the last run."""
         if not np.isfinite(self.y).all():
             raise RunFailure(Status.NAN, "not finite; a smaller step may help")
         q, v = np.split(self.y, 2, axis=1)

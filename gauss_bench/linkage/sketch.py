@@ -1,0 +1,137 @@
+"""First guess of a position: links are placed one after the other from the points and angles that the file gives.
+
+A link is placed by two known points, or by one known point and a known angle. An angle is known from the file, or from a slide that
+connects the link to a placed one. A placed link makes its pins known to its neighbours.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.linkage.bodies import write_out
+from gauss_bench.linkage.errors import NotPlaced
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.mechanism.numbers import turn_vector
+from gauss_bench.terms import Array
+
+
+def sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
+    """Return a first guess q (n,) of the position.
+
+    Raises:
+        NotPlaced: the file does not determine the places of some links; the error names them.
+    """
+    placing = _Placing(mechanism, document)
+    waiting = list(range(len(mechanism.links)))
+    while waiting:
+        placed = [i for i in waiting if placing.place(i)]
+        if not placed:
+            raise NotPlaced(tuple(mechanism.links[i].name for i in waiting))
+        waiting = [i for i in waiting if i not in placed]
+    return np.concatenate([[*placing.centre[i], placing.theta[i]] for i in range(len(mechanism.links))])
+
+
+class _Placing:
+    """The links placed so far.
+
+    Attributes:
+        given: body -> angle [rad] that the file gives.
+        drawn: name of a point -> world position (2,) [m] that the file gives, by joints, single points and ground pivots.
+        theta, centre: body -> angle [rad] and centre of mass (2,) [m] of the placed bodies.
+        pin_ends: both ends of every pin, in both orders.
+    """
+
+    def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
+        self.mechanism = mechanism
+        assembly = document.get("assembly", {})
+        angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()}
+        angles |= assembly.get("angles", {})
+        self.given: dict[int, float] = {}
+        for name, angle in angles.items():
+            body, turn = mechanism.find_body(name)
+            self.given[body] = angle - turn
+        self.drawn = self._read_points(document, assembly.get("sketch", {}))
+        self.theta: dict[int, float] = {GROUND: 0.0}
+        self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
+        self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
+
+    def _read_points(self, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
+        """Return name -> world position (2,) [m] of the points that the file gives; a joint places all points that it joins."""
+        points: dict[str, Any] = {}
+        for name, joint in write_out(document).get("joints", {}).items():
+            references = joint.get("at") or [joint["block"]]
+            if name in drawing:
+                points |= dict.fromkeys(references, drawing[name])
+                continue
+            for reference in references:
+                owner, _, point = reference.partition(".")
+                if owner == "ground":  # a pin on the ground places all links that it joins
+                    points |= dict.fromkeys(references, self.mechanism.ground_points[point])
+                    break
+        points |= {reference: x for reference, x in drawing.items() if "." in reference}
+        return {self.mechanism.find_point(reference).name: np.array(x, dtype=float) for reference, x in points.items()}
+
+    def world(self, point: Point) -> Array:
+        return np.asarray(self.centre[point.link] + turn_vector(point.local, self.theta[point.link]))
+
+    def place(self, i: int) -> bool:
+        """Place body i if enough is known, and return whether it was placed."""
+        link = self.mechanism.links[i]
+        known = {name: self.drawn[f"{link.name}.{name}"] for name in link.points if f"{link.name}.{name}" in self.drawn}
+        for mine, other in self.pin_ends:
+            if mine.link == i and other.link in self.theta:
+                known.setdefault(mine.name.partition(".")[2], self.world(other))
+        if not known:
+            return False
+        first = next(iter(known))  # this point is placed exactly, a second one only gives the angle
+        angle = self._angle(i, first, known)
+        if angle is None:
+            return False
+        self.theta[i] = angle
+        self.centre[i] = known[first] - turn_vector(link.points[first] - link.com, angle)
+        return True
+
+    def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
+        """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; or None."""
+        points = self.mechanism.links[i].points
+        near, angle = self._angle_by_partner(i), self.given.get(i)
+        second = next((name for name in known if np.any(points[name] != points[first])), None)
+        if angle is None and second is not None:
+            own, drawn = points[second] - points[first], known[second] - known[first]
+            angle = float(np.arctan2(drawn[1], drawn[0]) - np.arctan2(own[1], own[0]))
+        elif angle is None:
+            angle = self._angle_by_line(i) if near is None else near
+        if angle is not None and near is not None:
+            # points give angles up to whole turns, but a slide compares the angles of its links
+            angle += 2 * np.pi * round((near - angle) / (2 * np.pi))
+        return angle
+
+    def _angle_by_partner(self, i: int) -> float | None:
+        """Return the angle [rad] of body i from a slide that connects it to a placed body; None if there is none."""
+        for joint in self.mechanism.slides:
+            if joint.block.link == i and joint.guide.link in self.theta:
+                return self.theta[joint.guide.link] + joint.turn
+            if joint.guide.link == i and joint.block.link in self.theta:
+                return self.theta[joint.block.link] - joint.turn
+        return None
+
+    def _angle_by_line(self, i: int) -> float | None:
+        """Return the angle [rad] of body i from a slide whose guide and block points are known, the block ahead of the guide."""
+        for joint in self.mechanism.slides:
+            guide, block = self._find(joint.guide), self._find(joint.block)
+            if i not in (joint.guide.link, joint.block.link) or guide is None or block is None:
+                continue
+            x, y = block - guide
+            distance = float(np.hypot(x, y))
+            if distance > abs(joint.offset):
+                # the axis passes the block at the offset: it is turned off the line of both points by arcsin(offset / distance)
+                line = float(np.arctan2(y, x)) - float(np.arcsin(joint.offset / distance)) - joint.angle
+                return line if i == joint.guide.link else line + joint.turn
+        return None
+
+    def _find(self, point: Point) -> Array | None:
+        """Return where a point is: in the drawing, else at a pin that it shares with a placed body; or None."""
+        if point.name in self.drawn:
+            return self.drawn[point.name]
+        shared = next((other for mine, other in self.pin_ends if mine.name == point.name and other.link in self.theta), None)
+        return None if shared is None else self.world(shared)
