@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from gauss_bench.api.diagnose import diagnose
@@ -17,10 +16,8 @@ from gauss_bench.exchange.errors import ExchangeError
 from tests.conftest import DATA, needs
 
 FOUR_BAR = DATA / "four_bar_default.xml"
-CLOSURE = '    <connect name="top" body1="coupler" body2="rocker" anchor="0.3 0 0.2"/>\n'
-
-# A program that knows neither the suite nor constraints: the four-bar in the one coordinate of its crank, by scipy; it steps a model
-# file in plain MuJoCo beside that, and prints the largest distance [m] of any body's origin from where it should be.
+# A program without the suite and without constraints: the four-bar in the one coordinate of its crank, by scipy. Beside that it
+# steps a model file in plain MuJoCo, and prints the largest distance [m] of the coupler's pins from where they should be.
 PROGRAM = """
 import sys
 import mujoco
@@ -92,7 +89,8 @@ def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_att
     needs("mujoco")
     out = tmp_path / "tuned.xml"
     tuned = tune(str(FOUR_BAR), out, position=1e-4, until=1.0)
-    assert tuned.succeeded and tuned.errors["position"] <= 0.5e-4 < tuned.before["position"]
+    assert tuned.succeeded
+    assert tuned.errors["position"] <= 0.5e-4 < tuned.before["position"]
     assert largest_error(out, 1.0) < 1e-4 < largest_error(FOUR_BAR, 1.0)
     option, closure = lines_changed(FOUR_BAR.read_text(), out.read_text())
     assert {*tuned.changed} == {"integrator", "solref", "solimp", "tolerance"}
@@ -105,7 +103,9 @@ def test_what_cannot_be_reached_is_exit_code_one_and_nothing_is_written(tmp_path
     out = tmp_path / "tuned.xml"
     assert main(["tune", str(FOUR_BAR), "--position", "1e-13", "--until", "0.1", "--out", str(out), "--json"]) == 1
     answer = json.loads(capsys.readouterr().out)
-    assert answer["file"] == "" and answer["errors"]["position"] > 1e-13 and not list(tmp_path.iterdir())
+    assert answer["file"] == ""
+    assert answer["errors"]["position"] > 1e-13
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_shorter_timestep_is_taken_only_where_it_is_allowed(tmp_path: Path) -> None:
@@ -114,14 +114,20 @@ def test_a_shorter_timestep_is_taken_only_where_it_is_allowed(tmp_path: Path) ->
     wanted = {"position": 2e-9, "until": 0.1}
     assert not tune(str(FOUR_BAR), out, **wanted).succeeded
     tuned = tune(str(FOUR_BAR), out, **wanted, allow_step=True)
-    assert tuned.succeeded and tuned.step < 1e-3 and f'timestep="{tuned.step!r}"' in out.read_text()
+    assert tuned.succeeded
+    assert tuned.step < 1e-3
+    assert f'timestep="{tuned.step!r}"' in out.read_text()
 
 
 @pytest.mark.parametrize(
-    "old, new, named",
+    ("old", "new", "named"),
     [
         ('contype="0" conaffinity="0"', "", "<geom> number 3 of coupler touches <geom> number 4 of rocker"),
-        ('<joint name="rocker_pin"/>', '<joint name="rocker_pin" limited="true" range="-0.001 0.001"/>', '<joint name="rocker_pin">'),
+        (
+            '<joint name="rocker_pin"/>',
+            '<joint name="rocker_pin" limited="true" range="-0.001 0.001"/>',
+            '<joint name="rocker_pin">',
+        ),
         ('damping="0.01"', 'frictionloss="0.01"', '<joint name="crank_pin">'),
         ('<joint name="rocker_pin"/>', '<joint name="rocker_pin" axis="1 0 0"/>', "joint rocker_pin"),
     ],
@@ -142,7 +148,8 @@ def test_closures_of_an_included_file_take_a_default_and_the_result_stays_beside
     model = tmp_path / "model.xml"
     model.write_text(FOUR_BAR.read_text().replace(f"<equality>{closures}</equality>", '<include file="closures.xml"/>'))
     tuned = tune(str(model), tmp_path / "tuned.xml", position=1e-4, until=0.5)
-    assert tuned.succeeded and '<equality solref="0.002 1.0"' in (tmp_path / "tuned.xml").read_text()
+    assert tuned.succeeded
+    assert '<equality solref="0.002 1.0"' in (tmp_path / "tuned.xml").read_text()
     (tmp_path / "elsewhere").mkdir()
     with pytest.raises(ExchangeError, match=r"closures\.xml"):
         tune(str(model), tmp_path / "elsewhere" / "tuned.xml", position=1e-4, until=0.5)
@@ -153,7 +160,8 @@ def test_the_input_is_never_written_over(tmp_path: Path, capsys: pytest.CaptureF
     model = tmp_path / "model.xml"
     model.write_bytes(FOUR_BAR.read_bytes())
     assert main(["tune", str(model), "--position", "1e-4", "--out", str(model), "--replace"]) == 2
-    assert "is what is read" in capsys.readouterr().err and model.read_bytes() == FOUR_BAR.read_bytes()
+    assert "is what is read" in capsys.readouterr().err
+    assert model.read_bytes() == FOUR_BAR.read_bytes()
 
 
 def test_an_edit_leaves_every_other_byte_and_reads_quotes_comments_and_entities() -> None:
@@ -168,9 +176,13 @@ def test_an_edit_leaves_every_other_byte_and_reads_quotes_comments_and_entities(
 def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is_tuned(tmp_path: Path) -> None:
     needs("mujoco")
     soft = diagnose(str(FOUR_BAR))
-    assert soft.part == "constraint softness" and soft.step == 0.001 and soft.engine == "mujoco"
+    assert soft.part == "constraint softness"
+    assert soft.step == 0.001
+    assert soft.engine == "mujoco"
     assert any("solref 0.02 1" in x for x in soft.remarks)
     out = tmp_path / "tuned.xml"
     tune(str(FOUR_BAR), out, position=1e-4)
     good = diagnose(str(out), position=1e-4)
-    assert good.numbers is not None and good.numbers.error < 1e-6 and any("as good as" in x for x in good.remarks)
+    assert good.numbers is not None
+    assert good.numbers.error < 1e-6
+    assert any("as good as" in x for x in good.remarks)

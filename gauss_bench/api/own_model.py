@@ -69,7 +69,7 @@ def read_plainly(path: Path, close: list[str]) -> dict[str, Any]:
     if close:
         raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
     document, flattened, _, _ = own_linkage(path, name)
-    return {"document": document, "kind": kind, "settings": settings_as_they_stand(str(path)), "left_out": flattened.told}
+    return {"document": document, "kind": kind, "settings": settings_as_they_stand(str(path)), "left_out": flattened.remarks}
 
 
 def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
@@ -83,3 +83,15 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
         raise ExchangeError(
             f"{file.path}: {found['what']} at t = {found['at']:.4g} s, which no linkage has: its motion cannot be judged"
         )
+
+
+def describe_closures(settings: dict[str, Any]) -> list[str]:
+    """Return a sentence for each group of closures of an MJCF file that have the same solref and solimp."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, solref in settings["solref"].items():
+        words = tuple(" ".join(f"{x:g}" for x in numbers) for numbers in (solref, settings["solimp"][name]))
+        groups.setdefault((words[0], words[1]), []).append(name)
+    return [
+        f"closures are springs: {', '.join(names)} with solref {solref} and solimp {solimp}"
+        for (solref, solimp), names in groups.items()
+    ]

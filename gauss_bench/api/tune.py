@@ -21,12 +21,15 @@ from gauss_bench.api.files import writable
 from gauss_bench.api.own_model import OwnFile, read_own_file, refuse_what_acts
 from gauss_bench.api.recommend import list_requirements
 from gauss_bench.api.telling import Result, Told, nobody
+from gauss_bench.bench.clock import interleave, stepping, time_of
 from gauss_bench.bench.ways import Run, Way, judge_trial
+from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.edit_mjcf import write_settings
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.own_model import ENGINE, compare_models, race_models, setting_text
+from gauss_bench.exchange.own_model import ENGINE, compare_models, setting_text
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS, Trial
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import check_budget, duration
@@ -45,7 +48,7 @@ STIFF = {"solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0], "tolerance": 1e-15, "itera
 IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
 UNWRITABLE = {"body_invweight0": 1e-6}
 MOST_BYTES = 4 << 20
-RACING = 60.0  # [s] for the race of both models
+RACING, ROUNDS = 60.0, 7  # [s] for the race of both models, and its rounds
 
 
 class NotHeld(ExchangeError):
@@ -276,8 +279,8 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
     try:
         for by_default in (False, True):
             part.write_bytes(write_settings(content, str(source), option, closures, by_default))
-            arguments = (str(source), str(part), best.changes)
-            reason = answer_in_worker(worker, compare_models, arguments, READING, str(path))["reason"]
+            files = (str(source), str(part))
+            reason = answer_in_worker(worker, compare_models, (*files, best.changes), READING, str(path))["reason"]
             if not reason:
                 break
         if reason:
@@ -285,11 +288,27 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
         written = judge.try_setting({key: x for key, x in best.changes.items() if key == "timestep"}, part)
         if written.share > HOLDS:
             raise ExchangeError(f"{path}: not written: the file itself is off by {errors_said(written)}")
-        cost = answer_in_worker(worker, race_models, (str(source), str(part), judge.run.until), RACING, str(path))["ratio"]
+        arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
+        cost = answer_in_worker(worker, race_there, arguments, RACING, str(path))["ratio"]
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
     return Tried(best.changes, written.trial, written.share), float(cost)
+
+
+def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
+    """Return the processor time of a second of motion of one model file over that of another, by interleaved blocks of steps."""
+    engine, steps = get(ENGINE), (step_before, step_after)
+    blocks = []
+    for k, path in enumerate((before, after)):
+        model = engine.build(mechanism, Choice(setting_text(Path(path), {}), "", "none", steps[k]))
+        blocks.append(stepping(k, model, steps[k], native=True))
+    times: list[list[float]] = [[], []]
+    for block, _, seconds in interleave(blocks, ROUNDS):
+        k = 0 if block is blocks[0] else 1
+        times[k].append(seconds / steps[k])
+    one, other = (time_of(np.array(x)) for x in times)
+    return {"ratio": other / one}
 
 
 def list_remarks(judge: Judge, best: Tried) -> list[str]:

@@ -121,7 +121,7 @@ def write_settings(
 
 
 def default_closures(content: bytes, tags: list[Tag], closures: Mapping[str, str]) -> tuple[list[tuple[Tag, bytes]], bytes]:
-    """Return edits of the document's defaults by which closures get these attributes, and what is to be inserted at its beginning."""
+    """Return edits of the document's defaults that give closures these attributes, and the text to insert at its beginning."""
     root = tags[0].path
     written = b"<equality" + attributes(closures) + b"/>"
     for tag in tags:

@@ -1,8 +1,7 @@
 """A user's MJCF file as an engine: the very model, stepped by MuJoCo with its own options, seen as the motion of its linkage.
 
-The linkage is the one that `import` makes of the file. Body g of the model stands for a link where g is the first of the bodies that
-are rigidly connected. Its pose in the plane follows from MuJoCo's own kinematics, because the file's joints are coordinates and
-closures are soft:
+The linkage is the one that `import` makes of the file. Where bodies are rigidly connected, the first of them stands for their link.
+Its pose in the plane follows from MuJoCo's kinematics of the joint coordinates, which holds however far soft closures are open:
 
     theta  = theta_0 + sum over its hinges of +-(qpos - ref),    omega = J_rotation qvel . normal,    alpha alike with qacc
     r_com  = xpos + xmat c,    dr/dt = J_point qvel,    d2r/dt2 = J_point qacc + dJ_point/dt qvel
@@ -12,7 +11,6 @@ import copy
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -20,7 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.adapter import heard
+from gauss_bench.engines.mujoco.adapter import collect_warnings
 from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_file
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.from_mjcf import Reader
@@ -28,7 +26,6 @@ from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
@@ -43,7 +40,6 @@ INTEGRATORS = {
 CLOSE = 1e-10  # [m, rad] by which joint coordinates may miss a given state after Newton's method
 ITERATIONS = 30
 UNCOMPARED = ("opt", "signature", "paths", "text_data", "names", "stat", "vis", "nbuffer")
-ROUNDS, MOST_RACED = 7, 2000  # of the race; steps in each of its blocks at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +100,10 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
 def see(flattened: Flattened, mechanism: Mechanism) -> Seen:
     """Return how the links of the linkage that `flattened` became are seen in the model."""
     spatial, plane = flattened.spatial, flattened.plane
-    turns = np.zeros((len(flattened.index), len(spatial.joints)))
+    turns = np.zeros((len(flattened.links), len(spatial.joints)))
     places = []
-    for link, g in enumerate(flattened.index):
-        body, com = spatial.bodies[g], flattened.unfolded(g, complex(*mechanism.links[link].com))
+    for link, g in enumerate(flattened.links):
+        body, com = spatial.bodies[g], flattened.to_plane(g, complex(*mechanism.links[link].com))
         away = com - plane.flat(body.origin)
         places.append(body.turn.T @ (away.real * plane.x + away.imag * plane.y))
         while g:  # hinges on the way to the world, body 0
@@ -116,9 +112,9 @@ def see(flattened: Flattened, mechanism: Mechanism) -> Seen:
                     turns[link, k] += flattened.sign(spatial.joints[k])
             g = spatial.bodies[g].parent
     refs = np.array([joint.ref for joint in spatial.joints])
-    angles = np.array([flattened.frames[g][1] for g in flattened.index]) - turns @ refs
+    angles = np.array([flattened.frames[g][1] for g in flattened.links]) - turns @ refs
     axes = np.array([plane.x, plane.y, plane.normal])
-    return Seen(tuple(flattened.index), np.array(places), axes, angles, turns)
+    return Seen(tuple(flattened.links), np.array(places), axes, angles, turns)
 
 
 def own_linkage(path: Path, name: str) -> tuple[dict[str, Any], Flattened, dict[str, Any], Element]:
@@ -205,8 +201,8 @@ class OwnModelRun:
 
     Attributes:
         model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy that evaluates accelerations at given states: explicit Euler, whose qacc is the acceleration at the
-            state, and no warm start, so that the result does not depend on what was evaluated before.
+        still, still_data: a copy that evaluates accelerations at given states. It has the Euler integrator, whose qacc is the
+            acceleration at the state, and no warm start, so that results do not depend on what was evaluated before.
         y0, dy0: joint coordinates and rates at the keyframe.
     """
 
@@ -251,8 +247,9 @@ class OwnModelRun:
     def absolute(self, y: Array, dy: Array) -> tuple[Array, Array, Array, Array]:
         """Return q, v, a (n,) of the links at joint coordinates and rates, and the Jacobian dq/dy (n, nv)."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
-        q, jacobian, bias = np.empty((3, 0)), [], []
-        q = []
+        q: list[float] = []
+        jacobian: list[Array] = []
+        bias: list[float] = []
         for link, body in enumerate(seen.bodies):
             place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ seen.locals[link]
             point, turn, point_rate, turn_rate = np.zeros((4, 3, model.nv))
@@ -298,7 +295,7 @@ class OwnModelRun:
 
     def read(self) -> Trajectory:
         complaints: list[str] = []
-        with heard(self.mujoco, complaints):
+        with collect_warnings(self.mujoco, complaints):
             states = [self.absolute(*state)[:3] for state in zip(self.y, self.dy, strict=True)]
         q, v, a = (np.array(x) for x in zip(*states, strict=True))
         return Trajectory(self.times, q, v, a, sum(stretch.steps for stretch in self.plan))
@@ -366,22 +363,3 @@ def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[
             if not np.array_equal(np.asarray(here), np.asarray(getattr(other, name))):
                 return {"reason": f"{name} of the compiled model is not as it should be: a file that it includes may set it"}
     return {"reason": ""}
-
-
-def race_models(before: str, after: str, until: float) -> dict[str, Any]:
-    """Return the processor time of a run of one file's model over that of another, by interleaved blocks of steps."""
-    import mujoco
-
-    models = [mujoco.MjModel.from_xml_path(path) for path in (before, after)]
-    for model in models:
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    steps = [max(1, min(round(until / model.opt.timestep), MOST_RACED)) for model in models]
-    times: list[list[float]] = [[], []]
-    for _ in range(ROUNDS):
-        for k, model in enumerate(models):
-            data = mujoco.MjData(model)
-            if model.nkey:
-                mujoco.mj_resetDataKeyframe(model, data, 0)
-            run = partial(mujoco.mj_step, model, data, nstep=steps[k])
-            times[k].append(measure_seconds(run) / steps[k] / model.opt.timestep)  # for a second of motion
-    return {"ratio": float(np.median(times[1]) / np.median(times[0]))}
