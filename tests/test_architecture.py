@@ -35,7 +35,7 @@ ALLOWED = {  # room -> those that it may import
     "diagnosis": f"bench engines formulations integrate judge linkage mechanism metrics reference runs tables {LIGHT}",
     "report": f"linkage mechanism reach reference tables {LIGHT}",
     "docs": f"api engines formulations integrate linkage mechanism {LIGHT}",
-    "exchange": f"compiler engines gauss_bench integrate linkage mechanism {LIGHT}",
+    "exchange": f"compiler engines gauss_bench linkage mechanism {LIGHT}",
     "atlas": f"engines exchange judge linkage mechanism report runs {LIGHT}",
     "sweep": f"bench compiler engines judge linkage mechanism metrics report runs tables {LIGHT}",
     "studio": "advice api engines exchange gauss_bench integrate judge "

@@ -17,7 +17,8 @@ from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_ru
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.own_model import ENGINE, INTEGRATORS, setting_text
+from gauss_bench.engines.mujoco.own_model import INTEGRATORS
+from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import state_errors

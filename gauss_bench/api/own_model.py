@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.api.exchange import READING, answer_in_worker, tell_plainly
+from gauss_bench.engines.mujoco.own_model import acts_beside_loops, settings_as_they_stand
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.imports import FORMS, import_file
-from gauss_bench.exchange.own_model import acts_beside_loops, own_linkage, settings_as_they_stand
+from gauss_bench.exchange.own_model import own_linkage
 from gauss_bench.exchange.safe_xml import read_xml
 from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.model import Mechanism

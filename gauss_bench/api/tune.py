@@ -25,9 +25,10 @@ from gauss_bench.bench.clock import interleave, stepping, time_of
 from gauss_bench.bench.ways import Run, Way, judge_trial
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.own_model import compare_models
 from gauss_bench.exchange.edit_mjcf import write_settings
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.own_model import ENGINE, compare_models, setting_text
+from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS, Trial
