@@ -5,6 +5,7 @@
     history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
     diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, with a verdict
+    tune(model, out, position=...) -> Tuned: an MJCF file given back with settings that hold an accuracy
     selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks see them
     kinematics(name_or_path, ...) -> Kinematics: motion through a law, without forces
     recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
@@ -30,6 +31,7 @@ _ROOMS = {
     "trajectory": "History",
     "api.compare": "compare",
     "api.diagnose": "diagnose Diagnosis",
+    "api.tune": "tune Tuned",
     "api.selftest": "selftest",
     "diagnosis.selftest": "SelfTest",
     "api.kinematics": "kinematics Kinematics",

@@ -1,28 +1,36 @@
 """The diagnosis of an engine on a linkage: the object that `gauss-bench diagnose --json` prints."""
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gauss_bench.advice import truth as truths
+from gauss_bench.api.own_model import OwnFile, describe_closures, is_model_file, read_own_file, refuse_what_acts
+from gauss_bench.api.recommend import list_requirements
 from gauss_bench.api.simulate import OneRun, name_run
-from gauss_bench.api.telling import Told, nobody
+from gauss_bench.api.telling import UNLESS_EMPTY, Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, nothing_to_see
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.own_model import INTEGRATORS
+from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.metrics import state_errors
+from gauss_bench.reach import UNITS
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, duration, offer
+from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_size, duration, offer
 from gauss_bench.runs.one_run import Run, Sampling
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Reference
+from gauss_bench.trajectory import Reference, Trajectory
 
+STEP = 1e-3  # [s] where none is given
 BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion by default: in longer runs errors grow until they no longer add up linearly
 LEAST = 1.0  # [s] that every run may take, even after the deadline
@@ -44,6 +52,7 @@ class Diagnosis(OneRun):
         candidates: the explanations that reproduce the accelerations within their noise, each with its amount and residual.
         runs: status and message of each run.
         reference: how the reference was made.
+        remarks: sentences on the closures of a model file, and on whether a required accuracy is held.
     """
 
     until: float
@@ -56,23 +65,49 @@ class Diagnosis(OneRun):
     candidates: tuple[Explained, ...]
     runs: tuple[Ended, ...]
     reference: str
+    remarks: tuple[str, ...] = field(default=(), metadata=UNLESS_EMPTY)
 
     @property
     def succeeded(self) -> bool:
         return self.cause is not Cause.UNKNOWN
 
 
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What is diagnosed: a linkage in an engine, or a model file as it stands.
+
+    Attributes:
+        linkage: name or path; mechanism: that it describes.
+        engine: as `engines.get` takes it; name, settings: as they are printed.
+        choice: of the first run.
+        offered: the engine's offer.
+        file: the user's model file, where its own settings are judged.
+    """
+
+    linkage: str
+    mechanism: Mechanism
+    engine: str
+    name: str
+    settings: str
+    choice: Choice
+    offered: Offer
+    file: OwnFile | None = None
+
+
 def diagnose(
     linkage: str,
-    engine: str,
+    engine: str | None = None,
     scenario: str | None = None,
     settings: str | None = None,
     integrator: str | None = None,
     stabilization: str | None = None,
-    step: float = 1e-3,
+    step: float | None = None,
     until: float | None = None,
     budget: float | None = None,
     told: Told = nobody,
+    close: Sequence[str] = (),
+    position: float | None = None,
+    angle: float | None = None,
 ) -> Diagnosis:
     """Split an engine's error on a linkage (a built-in name or a file) by its causes, and name the one that dominates.
 
@@ -80,53 +115,134 @@ def diagnose(
     steps). "No dominant cause" means that the largest position error is below 1e-6 m or rad, or below three times the error bar of
     the reference, and that the reported accelerations agree with the linkage's to 1e-3: `diagnosis.diagnosis`.
 
+    A model file of the user is judged as the linkage that it is: an MJCF file in MuJoCo with its own timestep, integrator and
+    closures, at its keyframe and with the keyframe's controls; any model file in another engine that is named.
+
     Args:
-        linkage: name of a built-in linkage, or a path.
-        engine: one of `gauss_bench.engines.names()`.
+        linkage: name of a built-in linkage, or a path; MODEL.xml (MJCF) or MODEL.urdf.
+        engine: one of `gauss_bench.engines.names()`; needed but for MJCF, which MuJoCo runs.
         scenario: of the file; the first with a start where not given.
-        settings, integrator, stabilization: of the engine; its defaults where not given.
-        step: integration step [s].
+        settings, integrator, stabilization: of the engine; its defaults where not given, or those of the MJCF file.
+        step: integration step [s]; 0.001, or the timestep of the MJCF file, where not given.
         until: [s]; one second, or the scenario's duration where that is shorter, where not given.
         budget: seconds for everything (120).
         told: called with each sentence of progress.
+        close: the loops of a URDF, each as LINK.FRAME=LINK.FRAME.
+        position, angle: errors [m], [rad] that are allowed; a remark says whether the run is as good.
 
     Raises:
-        LinkageError: the file has faults.
+        LinkageError, ExchangeError: the file has faults, or more acts in the model than a linkage has.
         ChoiceError: the engine does not offer what was asked for, the run has too few steps, or no reference can be made.
         KeyError: unknown engine.
     """
-    offered = offer(engine)
-    choice = offered.choose(settings, integrator, stabilization, step)
-    mechanism = load(linkage, scenario)
+    required = {kind: x for kind, x in (("position", position), ("angle", angle)) if x is not None}
+    if required:
+        list_requirements(**required)
+    if is_model_file(linkage):
+        subject = choose_model(linkage, tuple(close), engine, settings, integrator, stabilization, step)
+    else:
+        subject = choose_subject(linkage, load(linkage, scenario), engine, settings, integrator, stabilization, step)
+    mechanism, choice, offered = subject.mechanism, subject.choice, subject.offered
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     check_size(choice.step, end)
     checkpoints(choice.step, end)  # refused before anything is run
 
-    def make_diagnosis(verdict: Verdict, reference: str) -> Diagnosis:
+    def make_diagnosis(verdict: Verdict, reference: str, remarks: Sequence[str] = ()) -> Diagnosis:
         fields = ("cause", "parts", "numbers", "explanations", "candidates", "runs")
         found = {x: getattr(verdict, x) for x in fields} | {"part": verdict.cause.part, "verdict": verdict.sentence}
-        return Diagnosis(**name_run(mechanism, engine, choice), **found, until=end, reference=reference)
+        names = name_run(mechanism, subject.name, replace(choice, settings=subject.settings))
+        return Diagnosis(**names, **found, until=end, reference=reference, remarks=tuple(remarks))
 
     if not offered.usable:
         return make_diagnosis(nothing_to_see(Ended(offered.status, offered.reason)), "")
     adaptive = choice.integrator in offered.adaptive
+    runs: list[Run] = []
     with Worker() as worker:
-        told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")
-        reference = truth(linkage, mechanism, end, deadline, told)
+        if subject.file is not None:
+            refuse_what_acts(subject.file, end, worker)
+        told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the reference")
+        reference = find_reference(linkage, mechanism, end, deadline, told)
 
         def run(chosen: Choice, wanted: Sampling) -> Run:
             left = max(LEAST, deadline - time.monotonic())
-            return run_apart(Request(linkage, mechanism.scenario, engine, chosen, wanted), mechanism, left, worker)
+            request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
+            runs.append(run_apart(request, mechanism, left, worker))
+            return runs[-1]
 
         # drift is recognised by what projection takes off the error of the same setting
         can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
         projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
         verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
-    return make_diagnosis(verdict, reference.method)
+    remarks = [] if subject.file is None else describe_closures(subject.file.settings)
+    if required and runs and runs[0].trajectory is not None:
+        remarks += compare_errors(mechanism, runs[0].trajectory, reference, required)
+    return make_diagnosis(verdict, reference.method, remarks)
 
 
-def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
+def choose_subject(
+    linkage: str,
+    mechanism: Mechanism,
+    engine: str | None,
+    settings: str | None,
+    integrator: str | None,
+    stabilization: str | None,
+    step: float | None,
+) -> Subject:
+    """Return a linkage in an engine that is named.
+
+    Raises:
+        ChoiceError: no engine, or one that does not offer what was asked for; KeyError: unknown engine.
+    """
+    if engine is None:
+        raise ChoiceError("--engine: say which engine is to be diagnosed")
+    offered = offer(engine)
+    choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
+    return Subject(linkage, mechanism, engine, engine, choice.settings, choice, offered)
+
+
+def choose_model(
+    model: str,
+    close: tuple[str, ...],
+    engine: str | None,
+    settings: str | None,
+    integrator: str | None,
+    stabilization: str | None,
+    step: float | None,
+) -> Subject:
+    """Return a model file: as it stands where it is MJCF and neither another engine nor other settings are named.
+
+    Raises:
+        ExchangeError, MissingExtra: as `read_own_file`; ChoiceError, KeyError: as `choose_subject`.
+    """
+    with Worker() as worker:
+        file = read_own_file(model, close, worker)
+    if file.kind != "MJCF" or engine not in (None, "mujoco") or settings is not None:
+        return choose_subject(model, file.mechanism, engine, settings, integrator, stabilization, step)
+    integrator = integrator or file.settings["integrator"]
+    if integrator not in INTEGRATORS:
+        raise ChoiceError(f"--integrator {integrator}: MJCF has {', '.join(INTEGRATORS)}")
+    step = file.settings["timestep"] if step is None else step
+    choice = Choice(setting_text(file.path, {}), integrator, "none", step)
+    return Subject(model, file.mechanism, ENGINE, "mujoco", f"as {file.path.name} has them", choice, offer(ENGINE), file)
+
+
+def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference, required: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each requirement [m], [rad]: whether a run is as good as it asks for."""
+    if not reference.certified:  # its samples are equally spaced, and need not lie at those of the run
+        q, v = truths.between(reference, trajectory.t)
+        none = np.zeros(len(q))
+        reference = Reference(trajectory.t, q, v, np.full_like(q, np.nan), none, none, none, none, none, none, reference.method)
+    errors = state_errors(mechanism, trajectory, reference)
+    largest = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
+    return [
+        f"{'as good as' if largest[kind] <= limit else 'not as good as'} the required {kind} error of {limit:g} {UNITS[kind]}: "
+        f"{largest[kind]:.1e} {UNITS[kind]}"
+        for kind, limit in required.items()
+    ]
+
+
+def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: float, told: Told) -> Reference:
     """Return the certified motion, or a reference by smaller and smaller steps before the deadline, as for a recommendation.
 
     Raises:
@@ -138,6 +254,7 @@ def truth(linkage: str, mechanism: Mechanism, until: float, deadline: float, tol
         with Worker() as worker:
             found = truths.truth(WayRun(linkage, mechanism, until), KNOWN, lambda: deadline - time.monotonic(), worker, told)
     except truths.NoTruth as failure:
-        raise ChoiceError(f"{mechanism.name}, scenario {mechanism.scenario}, has no truth to compare with: {failure}") from failure
+        motion = f"{mechanism.name}, scenario {mechanism.scenario}"
+        raise ChoiceError(f"{motion}, has no reference to compare with: {failure}") from failure
     bar = np.full(len(found.reference.t), max(found.bars[kind] for kind in KNOWN))
     return replace(found.reference, error_q=bar, error_v=bar, error_a=bar)

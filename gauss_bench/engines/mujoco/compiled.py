@@ -1,6 +1,7 @@
 """An MJCF document with its defaults, classes, frames and masses resolved by MuJoCo's compiler, as plain data."""
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,30 @@ class DoesNotCompile(ValueError):
 
 
 def compile_document(text: str) -> dict[str, Any]:
-    """Compile a document and return the model's fields, the names of its parts, and all poses at qpos0.
+    """Compile a document, which opens no other file, and return what `describe_model` does.
+
+    Raises:
+        DoesNotCompile: MuJoCo rejects the document.
+        ImportError: MuJoCo is not installed.
+    """
+    import mujoco
+
+    return describe_model(mujoco, lambda: mujoco.MjModel.from_xml_string(text))
+
+
+def compile_file(path: Path) -> dict[str, Any]:
+    """Compile a file with all that it includes and refers to, and return what `describe_model` does.
+
+    Raises:
+        DoesNotCompile, ImportError: as `compile_document`.
+    """
+    import mujoco
+
+    return describe_model(mujoco, lambda: mujoco.MjModel.from_xml_path(str(path)))
+
+
+def describe_model(mujoco: Any, compiler: Callable[[], Any]) -> dict[str, Any]:
+    """Return a compiled model's fields, the names of its parts, and all poses at qpos0.
 
     The result holds the fields that `fields.toml` lists and these:
 
@@ -26,13 +50,10 @@ def compile_document(text: str) -> dict[str, Any]:
         gravity, medium, disabled     medium is (density, viscosity); `disabled` lists flags
 
     Raises:
-        DoesNotCompile: MuJoCo rejects the document.
-        ImportError: MuJoCo is not installed.
+        DoesNotCompile: MuJoCo rejects the model.
     """
-    import mujoco
-
     try:
-        model = mujoco.MjModel.from_xml_string(text)
+        model = compiler()
         data = mujoco.MjData(model)
     except ValueError as error:
         raise DoesNotCompile(str(error)) from error

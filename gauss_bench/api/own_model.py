@@ -1,0 +1,98 @@
+"""A user's own model file (MJCF or URDF) as the subject of a verb: the linkage that it is, and its settings as they stand."""
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gauss_bench.api.exchange import READING, answer_in_worker, tell_plainly
+from gauss_bench.engines.mujoco.own_model import acts_beside_loops, settings_as_they_stand
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.imports import FORMS, import_file
+from gauss_bench.exchange.own_model import own_linkage
+from gauss_bench.exchange.safe_xml import read_xml
+from gauss_bench.linkage.load import load_document
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.worker import Worker
+
+ENDINGS = (".xml", ".urdf", ".mjcf")
+ACTING = 60.0  # [s] that a run may take in which contacts and limits are looked for
+
+
+@dataclass(frozen=True, eq=False)
+class OwnFile:
+    """A model file that has been read.
+
+    Attributes:
+        path: of the file; kind: "MJCF" or "URDF".
+        mechanism: the linkage that it is, at its keyframe and with the keyframe's controls.
+        settings: of an MJCF file, option -> value as compiled; empty for a URDF, which holds none.
+        left_out: sentences on its parts that the linkage lacks or has changed.
+    """
+
+    path: Path
+    kind: str
+    mechanism: Mechanism
+    settings: dict[str, Any]
+    left_out: tuple[str, ...]
+
+
+def is_model_file(name: str | Path) -> bool:
+    """Tell whether a name is that of a model file, by its ending."""
+    return Path(name).suffix.lower() in ENDINGS
+
+
+def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> OwnFile:
+    """Read a model file in a worker, since MuJoCo's compiler may crash or hang.
+
+    Raises:
+        ExchangeError: it cannot be read, or an element cannot be part of a planar linkage.
+        MissingExtra: MuJoCo is not installed.
+    """
+    path = Path(name).absolute()
+    read = answer_in_worker(worker, read_own_there, (str(path), list(close)), READING, str(name))
+    mechanism = load_document(read["document"], None, str(path), "", read["document"]["name"])
+    return OwnFile(path, read["kind"], mechanism, read["settings"], tuple(read["left_out"]))
+
+
+def read_own_there(path: str, close: list[str]) -> dict[str, Any]:
+    """Read a file in the worker, and return plain data."""
+    return tell_plainly(lambda: read_plainly(Path(path), close))
+
+
+def read_plainly(path: Path, close: list[str]) -> dict[str, Any]:
+    """Return the document of the linkage that a file is, its kind and its settings."""
+    name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
+    if kind != "MJCF":
+        imported = import_file(path, name, close)
+        return {"document": tomllib.loads(imported.text), "kind": kind, "settings": {}, "left_out": imported.left_out}
+    if close:
+        raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
+    document, flattened, _, _ = own_linkage(path, name)
+    return {"document": document, "kind": kind, "settings": settings_as_they_stand(str(path)), "left_out": flattened.remarks}
+
+
+def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
+    """Refuse a model in which more than its loops and forces acts: a contact, the end of a range, dry friction.
+
+    Raises:
+        ExchangeError: naming the element, and the time at which it acts first.
+    """
+    found = answer_in_worker(worker, acts_beside_loops, (str(file.path), until), ACTING, str(file.path))
+    if found["at"] is not None:
+        raise ExchangeError(
+            f"{file.path}: {found['what']} at t = {found['at']:.4g} s, which no linkage has: its motion cannot be judged"
+        )
+
+
+def describe_closures(settings: dict[str, Any]) -> list[str]:
+    """Return a sentence for each group of closures of an MJCF file that have the same solref and solimp."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, solref in settings["solref"].items():
+        words = tuple(" ".join(f"{x:g}" for x in numbers) for numbers in (solref, settings["solimp"][name]))
+        groups.setdefault((words[0], words[1]), []).append(name)
+    return [
+        f"closures are springs: {', '.join(names)} with solref {solref} and solimp {solimp}"
+        for (solref, solimp), names in groups.items()
+    ]

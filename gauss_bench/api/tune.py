@@ -1,0 +1,345 @@
+"""A user's MJCF file, given back with settings that hold an accuracy: what `gauss-bench tune --json` prints.
+
+Only attributes that MJCF has are changed, in the text of the file. Every setting is tried at the file's own timestep first; with
+`allow_step` the timestep is halved until one holds. What is written is compiled again from its place and run again: the file itself
+is judged, not the setting that it was made from.
+"""
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.advice.budget import Budget
+from gauss_bench.advice.truth import NoTruth, Truth, truth
+from gauss_bench.api.exchange import READING, answer_in_worker
+from gauss_bench.api.files import writable
+from gauss_bench.api.own_model import OwnFile, read_own_file, refuse_what_acts
+from gauss_bench.api.recommend import list_requirements
+from gauss_bench.api.telling import Result, Told, nobody
+from gauss_bench.bench.clock import interleave, stepping, time_of
+from gauss_bench.bench.ways import Run, Way, judge_trial
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.own_model import compare_models
+from gauss_bench.exchange.edit_mjcf import write_settings
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.own_model import ENGINE, setting_text
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reach import UNITS, Trial
+from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.offers import check_budget, duration
+from gauss_bench.runs.one_run import Sampling
+from gauss_bench.runs.worker import Worker
+from gauss_bench.untrusted import read_bytes
+
+BUDGET = 60.0  # [s]
+REFERENCE = 0.5  # of the budget, for the reference
+HOLDS = 0.5  # of a requirement: the largest error of a setting that holds it, as in `recommend`
+KNOWN = 0.1  # of a requirement: the largest error bar of the reference that is aimed at
+SHORTER = 4.0  # factor by which the time is shortened where no reference is known over it
+SAMPLES = 200  # of a run
+HALVINGS = 10  # of the timestep at most
+STIFF = {"solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0], "tolerance": 1e-15, "iterations": 100}
+IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
+UNWRITABLE = {"body_invweight0": 1e-6}
+MOST_BYTES = 4 << 20
+RACING, ROUNDS = 60.0, 7  # [s] for the race of both models, and its rounds
+
+
+class NotHeld(ExchangeError):
+    """No setting that was tried holds the requirement."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned(Result):
+    """A model file with settings that hold a requirement, or why none was written.
+
+    Attributes:
+        model: the file that was read; file: the one that was written, or empty.
+        changed: attribute -> value in the written file.
+        required: kind -> largest allowed error [m], [rad], [N]; the file holds half of it.
+        until: end of the runs [s]; step: the file's timestep [s].
+        before, errors: kind -> largest error of the file as it was, and of the written one, or of the nearest setting.
+        reference: how the reference was made; known: kind -> its error bar.
+        cost: processor time of the written model's run over that of the model as it was, both over the same time; None without one.
+        left_out: parts of the file that its linkage lacks.
+        remarks: sentences, on better settings that no MJCF attribute expresses among others.
+    """
+
+    computed = ("succeeded",)
+    model: str
+    file: str
+    changed: Mapping[str, Any]
+    required: Mapping[str, float]
+    until: float
+    step: float
+    before: Mapping[str, float]
+    errors: Mapping[str, float]
+    reference: str
+    known: Mapping[str, float]
+    cost: float | None
+    left_out: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def succeeded(self) -> bool:
+        return bool(self.file)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A setting that was run.
+
+    Attributes:
+        changes: attribute -> value, among them the timestep where it differs from the file's.
+        trial: its largest errors; share: the largest of them over what is required, or infinite.
+    """
+
+    changes: dict[str, Any]
+    trial: Trial
+    share: float
+
+
+class Judge:
+    """Runs of one model file, judged by one reference."""
+
+    def __init__(self, file: OwnFile, until: float, required: Mapping[str, float], known: Truth, worker: Worker, budget: Budget):
+        self.file, self.required, self.known = file, required, known
+        self.run = Run(str(file.path), file.mechanism, until)
+        self.evaluator, self.worker, self.budget = Evaluator(file.mechanism), worker, budget
+
+    def try_setting(self, changes: Mapping[str, Any], path: Path | None = None) -> Tried:
+        """Run the model of the file, or of another `path`, with these changes, and judge the run."""
+        step = float(changes.get("timestep", self.file.settings["timestep"]))
+        steps = max(1, int(self.run.until / step * (1 + 1e-12)))
+        times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # where whole steps arrive
+        options = {key: x for key, x in changes.items() if key != "timestep"}
+        choice = Choice(setting_text(path or self.file.path, options), "", "none", step)
+        wanted = Sampling(times, step, steps, 0)
+        request = Request(self.run.linkage, self.run.mechanism.scenario, ENGINE, choice, wanted)
+        ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.left()), self.worker)
+        way = Way(ENGINE, "", "", "none", step)
+        trial = judge_trial(self.run, self.evaluator, self.known.at(self.run, times), way, ran)
+        bars = self.known.bars  # the run may be off by them beyond what is measured
+        shares = [(trial.errors.get(kind, math.inf) + bars.get(kind, 0.0)) / limit for kind, limit in self.required.items()]
+        return Tried(dict(changes), trial, math.inf if any(map(math.isnan, shares)) else max(shares))
+
+
+def tune(
+    model: str,
+    out: str | Path,
+    position: float | None = None,
+    angle: float | None = None,
+    force: float | None = None,
+    until: float | None = None,
+    allow_step: bool = False,
+    budget: float | None = None,
+    replace: bool = False,
+    told: Told = nobody,
+) -> Tuned:
+    """Write a copy of an MJCF file whose settings hold an accuracy; every byte but the values of a few attributes stays.
+
+    Args:
+        model: the file; it is judged at its keyframe and with the keyframe's controls.
+        out: the file to write, in a folder from which what the model includes is found.
+        position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N].
+        until: [s] over which it must hold; five seconds, or less where no reference is known over so long a time.
+        allow_step: whether the timestep may be shortened.
+        budget: seconds for everything (60).
+        replace: whether a file that is there already may be replaced.
+        told: called with each sentence of progress.
+
+    Raises:
+        ExchangeError: the file is no planar linkage, more than its loops and forces acts in it, or it is a URDF.
+        ChoiceError: no requirement, or one that is no positive number.
+        MissingExtra: MuJoCo is not installed.
+        OSError: the file cannot be written.
+    """
+    required = list_requirements(position=position, angle=angle, force=force)
+    path = writable(out, replace, suffix=".xml", source=model)
+    seconds = Budget(check_budget(budget, BUDGET))
+    with Worker() as worker:
+        told(f"{model}: the model")
+        file = read_own_file(model, (), worker)
+        if file.kind != "MJCF":
+            raise ExchangeError(
+                f"{model}: a {file.kind} holds no settings; `gauss-bench import`, then `export` writes a tuned model"
+            )
+        end, known = find_reference(file, until, required, seconds, worker, told)
+        refuse_what_acts(file, end, worker)
+        judge = Judge(file, end, required, known, worker, seconds)
+        before = judge.try_setting({})
+        told(f"as it stands: {errors_said(before)}")
+        best = find_setting(judge, before, allow_step, told)
+        written = best.share <= HOLDS
+        remarks = list_remarks(judge, best)
+        if not written and not allow_step:
+            remarks.append(f"the timestep stays {file.settings['timestep']:g} s: --allow-step shortens it where that helps")
+        cost = None
+        if written:
+            best, cost = write_tuned(judge, best, path, worker)
+    return Tuned(
+        model=model,
+        file=str(path) if written else "",
+        changed=best.changes,
+        required=required,
+        until=end,
+        step=float(best.changes.get("timestep", file.settings["timestep"])),
+        before=before.trial.errors,
+        errors=best.trial.errors,
+        reference=known.told,
+        known=known.bars,
+        cost=cost,
+        left_out=file.left_out,
+        remarks=tuple(remarks),
+    )
+
+
+def find_reference(
+    file: OwnFile, until: float | None, required: Mapping[str, float], budget: Budget, worker: Worker, told: Told
+) -> tuple[float, Truth]:
+    """Return a duration and the reference over it; where no duration is asked for, a shorter one if the motion is chaotic.
+
+    The last reference that was found is returned even where its error bar is too large; no setting holds anything by it then.
+
+    Raises:
+        ExchangeError: no reference is known at all.
+    """
+    end = duration(file.mechanism.duration, until=until)
+    shortest = end if until is not None else end / SHORTER**2
+    wanted, last, reason = {kind: KNOWN * x for kind, x in required.items()}, None, ""
+    while end >= shortest:
+        attempt = Budget(budget.left(REFERENCE) / 2)  # half of what is left, so that a shorter time has its turn
+        try:
+            found = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.left, worker, told)
+            last = (end, found)
+            if all(found.bars.get(kind, 0.0) <= x for kind, x in wanted.items()):
+                return last
+        except NoTruth as failure:
+            reason = str(failure)
+        end /= SHORTER
+    if last is None:
+        raise ExchangeError(f"{file.path}: cannot be judged over {end * SHORTER:g} s: {reason}")
+    return last
+
+
+def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
+    """Yield the settings that are tried at a step [s], those that change least first."""
+    own = file.settings["integrator"]
+    integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
+    at = {} if step == file.settings["timestep"] else {"timestep": step}
+    stiff = {"solref": [2 * step, 1.0], **STIFF}  # two steps are the least that the guard refsafe allows
+    for closures in ({}, stiff):
+        for integrator in integrators:
+            changes = at | {"integrator": integrator} | closures
+            yield {key: x for key, x in changes.items() if key == "timestep" or not is_set(file.settings[key], x)}
+
+
+def is_set(value: Any, wanted: Any) -> bool:
+    """Tell whether an option has a value already; one of closures, whether every closure has it."""
+    return all(x == wanted for x in value.values()) if isinstance(value, dict) else bool(value == wanted)
+
+
+def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
+    """Return the first setting that holds, at the longest step at which one does, else the nearest one."""
+    best, step = before, float(judge.file.settings["timestep"])
+    for _ in range(HALVINGS if allow_step else 1):
+        for changes in list_settings(judge.file, step):
+            if judge.budget.left() <= 0:
+                return best
+            tried = judge.try_setting(changes) if changes else before
+            told(f"{changes_said(changes)}: {errors_said(tried)}")
+            if tried.share < best.share:
+                best = tried
+            if best.share <= HOLDS:
+                return best
+        step /= 2
+    return best
+
+
+def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[Tried, float]:
+    """Write the edited file, judge it anew from its place, and return its errors and its cost in times of the file as it was.
+
+    Raises:
+        ExchangeError: an attribute does not take effect, something else changed, includes are not found from there, or the
+            written file does not hold what the setting held.
+        OSError: the file cannot be written.
+    """
+    source = judge.file.path
+    content = read_bytes(source, MOST_BYTES)
+    option = {key: attribute_text(x) for key, x in best.changes.items() if key in IN_OPTION}
+    closures = {key: attribute_text(x) for key, x in best.changes.items() if key not in IN_OPTION}
+    part = path.with_name(f".{path.stem}.{os.getpid()}.xml")  # in the folder of the result, as MuJoCo looks for what it includes
+    reason = ""
+    try:
+        for by_default in (False, True):
+            part.write_bytes(write_settings(content, str(source), option, closures, by_default))
+            files = (str(source), str(part))
+            reason = answer_in_worker(worker, compare_models, (*files, best.changes), READING, str(path))["reason"]
+            if not reason:
+                break
+        if reason:
+            raise ExchangeError(f"{path}: not written: {reason}")
+        written = judge.try_setting({key: x for key, x in best.changes.items() if key == "timestep"}, part)
+        if written.share > HOLDS:
+            raise ExchangeError(f"{path}: not written: the file itself is off by {errors_said(written)}")
+        arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
+        cost = answer_in_worker(worker, race_there, arguments, RACING, str(path))["ratio"]
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return Tried(best.changes, written.trial, written.share), float(cost)
+
+
+def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
+    """Return the processor time of a second of motion of one model file over that of another, by interleaved blocks of steps."""
+    engine, steps = get(ENGINE), (step_before, step_after)
+    blocks = []
+    for k, path in enumerate((before, after)):
+        model = engine.build(mechanism, Choice(setting_text(Path(path), {}), "", "none", steps[k]))
+        blocks.append(stepping(k, model, steps[k], native=True))
+    times: list[list[float]] = [[], []]
+    for block, _, seconds in interleave(blocks, ROUNDS):
+        k = 0 if block is blocks[0] else 1
+        times[k].append(seconds / steps[k])
+    one, other = (time_of(np.array(x)) for x in times)
+    return {"ratio": other / one}
+
+
+def list_remarks(judge: Judge, best: Tried) -> list[str]:
+    """Return sentences on what could not be written, and on what was not tried."""
+    remarks = []
+    if judge.budget.left() <= 0:
+        remarks.append("the budget ended before all settings were tried: a larger --budget may find one")
+    if judge.budget.left() > 0:
+        factor = UNWRITABLE["body_invweight0"]
+        stiffer = judge.try_setting(best.changes | UNWRITABLE)
+        if stiffer.share < best.share / 2:
+            remarks.append(
+                f"with body_invweight0 scaled by {factor:g} after compiling, which no attribute of MJCF expresses, "
+                f"the same setting would be off by {errors_said(stiffer)}"
+            )
+    return remarks
+
+
+def errors_said(tried: Tried) -> str:
+    """Return the errors of a run in words, or why it has none."""
+    if not tried.trial.errors:
+        return tried.trial.message or str(tried.trial.status)
+    return ", ".join(f"{kind} {tried.trial.errors[kind]:.2e} {UNITS[kind]}" for kind in UNITS if kind in tried.trial.errors)
+
+
+def changes_said(changes: Mapping[str, Any]) -> str:
+    """Return a setting as MJCF writes it."""
+    return " ".join(f'{key}="{attribute_text(x)}"' for key, x in changes.items()) or "as it stands"
+
+
+def attribute_text(value: Any) -> str:
+    """Return the value of an attribute: numbers so that they are read again without a change."""
+    return " ".join(map(repr, value)) if isinstance(value, list) else value if isinstance(value, str) else repr(value)

@@ -1,0 +1,258 @@
+"""A user's MJCF model in MuJoCo: stepped with its own options, and seen as the motion of a planar linkage.
+
+Where bodies are rigidly connected, the first of them stands for their link. Its pose in the plane follows from MuJoCo's kinematics
+of the joint coordinates, which holds however far soft closures are open:
+
+    theta  = theta_0 + sum over its hinges of +-(qpos - ref),    omega = J_rotation qvel . normal,    alpha alike with qacc
+    r_com  = xpos + xmat c,    dr/dt = J_point qvel,    d2r/dt2 = J_point qacc + dJ_point/dt qvel
+"""
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.adapter import collect_warnings
+from gauss_bench.integrate.fixed_step import stretches
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+
+INTEGRATORS = {
+    "Euler": "mjINT_EULER",
+    "RK4": "mjINT_RK4",
+    "implicit": "mjINT_IMPLICIT",
+    "implicitfast": "mjINT_IMPLICITFAST",
+    "discrete": "mjINT_DISCRETE",
+}
+CLOSE = 1e-10  # [m, rad] by which joint coordinates may miss a given state after Newton's method
+ITERATIONS = 30
+UNCOMPARED = ("opt", "signature", "paths", "text_data", "names", "stat", "vis", "nbuffer")  # options are compared one by one
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """How the links of a linkage are seen in a compiled model of `nq` joint coordinates.
+
+    Attributes:
+        bodies: link -> number of its first body.
+        locals: (links, 3) centres of mass in the frames of these bodies [m].
+        plane: (3, 3) rows: the plane's axes and its normal.
+        angles: (links,) angles of the links where all joint coordinates are zero [rad].
+        turns: (links, nq) derivative of the angles by the joint coordinates: 0, 1 or -1.
+    """
+
+    bodies: tuple[int, ...]
+    locals: Array
+    plane: Array
+    angles: Array
+    turns: Array
+
+
+def settings_as_they_stand(path: str) -> dict[str, Any]:
+    """Return the options of a file's model by their names in MJCF; solref and solimp are those of every closure, by its name."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(path)
+    words = {int(getattr(mujoco.mjtIntegrator, value)): key for key, value in INTEGRATORS.items()}
+    names = [mujoco.mj_id2name(model, int(mujoco.mjtObj.mjOBJ_EQUALITY), k) or f"closure {k + 1}" for k in range(model.neq)]
+    return {
+        "timestep": float(model.opt.timestep),
+        "integrator": words[int(model.opt.integrator)],
+        "iterations": int(model.opt.iterations),
+        "tolerance": float(model.opt.tolerance),
+        "solref": {name: [float(x) for x in model.eq_solref[k]] for k, name in enumerate(names)},
+        "solimp": {name: [float(x) for x in model.eq_solimp[k]] for k, name in enumerate(names)},
+    }
+
+
+def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
+    """Set options of a compiled model, named as attributes of MJCF.
+
+    `disable` lists flags, and "body_invweight0" a factor on the compiled inverse weights, which no attribute can express.
+    """
+    option = model.opt
+    for key, value in changes.items():
+        match key:
+            case "solref":
+                model.eq_solref[:] = value
+            case "solimp":
+                model.eq_solimp[:] = value
+            case "integrator":
+                option.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[value])
+            case "disable":
+                option.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag.upper()}")) for flag in value)
+            case "body_invweight0":
+                model.body_invweight0[:] *= value
+            case "iterations" | "tolerance":
+                setattr(option, key, value)
+            case _:
+                raise KeyError(key)
+
+
+class OwnModelRun:
+    """The model of a file, under the options of a choice.
+
+    Attributes:
+        model, data: MuJoCo's model and state that a run steps.
+        still, still_data: a copy that evaluates accelerations at given states. It has the Euler integrator, whose qacc is the
+            acceleration at the state, and no warm start, so that results do not depend on what was evaluated before.
+        y0, dy0: joint coordinates and rates at the keyframe.
+    """
+
+    def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
+        import mujoco
+
+        self.mujoco: Any = mujoco
+        self.seen, self.choice = seen, choice
+        self.model: Any = mujoco.MjModel.from_xml_path(str(path))
+        change_options(mujoco, self.model, changes)
+        if choice.integrator:
+            change_options(mujoco, self.model, {"integrator": choice.integrator})
+        self.model.opt.timestep = choice.step
+        # Otherwise MuJoCo resets a diverging run to the start, and the reset would pass for a motion.
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.still: Any = copy.copy(self.model)
+        self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+        self.data, self.still_data = mujoco.MjData(self.model), mujoco.MjData(self.still)
+        self.key = key if self.model.nkey else None
+        for model, data in ((self.model, self.data), (self.still, self.still_data)):
+            self._reset(model, data)
+        self.y0, self.dy0 = np.array(self.data.qpos), np.array(self.data.qvel)
+
+    def _reset(self, model: Any, data: Any) -> None:
+        """Set the keyframe: joint coordinates, rates and controls; without a keyframe the model's own start."""
+        if self.key is None:
+            self.mujoco.mj_resetData(model, data)
+        else:
+            self.mujoco.mj_resetDataKeyframe(model, data, self.key)
+
+    def forward(self, y: Array, dy: Array) -> Any:
+        """Evaluate the model at joint coordinates y and rates dy (nv,), and return MuJoCo's data."""
+        self.still_data.qpos[:], self.still_data.qvel[:] = y, dy
+        self.mujoco.mj_forward(self.still, self.still_data)
+        return self.still_data
+
+    def absolute(self, y: Array, dy: Array) -> tuple[Array, Array, Array, Array]:
+        """Return q, v, a (n,) of the links at joint coordinates and rates, and the Jacobian dq/dy (n, nv)."""
+        data, model, seen = self.forward(y, dy), self.still, self.seen
+        q: list[float] = []
+        jacobian: list[Array] = []
+        bias: list[float] = []
+        for link, body in enumerate(seen.bodies):
+            place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ seen.locals[link]
+            point, turn, point_rate, turn_rate = np.zeros((4, 3, model.nv))
+            self.mujoco.mj_jac(model, data, point, turn, place, body)
+            self.mujoco.mj_jacDot(model, data, point_rate, turn_rate, place, body)
+            q += [*(seen.plane[:2] @ place), seen.angles[link] + seen.turns[link] @ y]
+            jacobian += [*(seen.plane[:2] @ point), seen.plane[2] @ turn]
+            bias += [*(seen.plane[:2] @ point_rate @ dy), seen.plane[2] @ turn_rate @ dy]
+        J = np.array(jacobian)
+        return np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J
+
+    def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the joint coordinates and rates of a state q, v (n,), by Newton's method from the start.
+
+        Raises:
+            RunFailure: the tree of joints cannot take the state.
+        """
+        y = self.y0.copy()
+        for _ in range(ITERATIONS):
+            here, _, _, J = self.absolute(y, np.zeros_like(y))
+            change = np.linalg.lstsq(J, q - here, rcond=None)[0]
+            y += change
+            if np.abs(change).max() < CLOSE:
+                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y))[3], v, rcond=None)[0]
+        raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self.absolute(*self.relative(q, v))[2]
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times, self.plan = times, list(stretches(times, self.choice.step))
+        self.y, self.dy = np.full((2, len(times), self.model.nv), np.nan)
+        self.y[0], self.dy[0] = self.y0, self.dy0
+        self._reset(self.model, self.data)
+        self.data.time = times[0]
+
+    def run(self) -> None:
+        for _, count, size, _, row in self.plan:
+            self.model.opt.timestep = size
+            self.mujoco.mj_step(self.model, self.data, nstep=count)
+            if row is not None:
+                self.y[row], self.dy[row] = self.data.qpos, self.data.qvel
+
+    def read(self) -> Trajectory:
+        complaints: list[str] = []
+        with collect_warnings(self.mujoco, complaints):
+            states = [self.absolute(*state)[:3] for state in zip(self.y, self.dy, strict=True)]
+        q, v, a = (np.array(x) for x in zip(*states, strict=True))
+        return Trajectory(self.times, q, v, a, sum(stretch.steps for stretch in self.plan))
+
+
+def acts_beside_loops(path: str, until: float) -> dict[str, Any]:
+    """Run the model of a file as it stands, and name what first acts beside its loops: a contact, a limit, dry friction."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(path)
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    mujoco.mj_forward(model, data)
+    while True:
+        for row in range(data.nefc):
+            kind, number = int(data.efc_type[row]), int(data.efc_id[row])
+            if kind == equality:
+                continue
+            return {"at": float(data.time), "what": name_row(mujoco, model, data, kind, number)}
+        if data.time >= until:
+            return {"at": None, "what": ""}
+        mujoco.mj_step(model, data)
+
+
+def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
+    """Return the element that a row of MuJoCo's constraints comes from, as a message names it, and what it does."""
+    objects = mujoco.mjtObj
+
+    def call(tag: str, sort: Any, k: int) -> str:
+        name = mujoco.mj_id2name(model, int(sort), k)
+        return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
+
+    rows = {
+        "FRICTION_DOF": ("joint", objects.mjOBJ_JOINT, "has frictionloss"),
+        "FRICTION_TENDON": ("tendon", objects.mjOBJ_TENDON, "has frictionloss"),
+        "LIMIT_JOINT": ("joint", objects.mjOBJ_JOINT, "is at the end of its range"),
+        "LIMIT_TENDON": ("tendon", objects.mjOBJ_TENDON, "is at the end of its range"),
+    }
+    for name, (tag, sort, does) in rows.items():
+        if kind == int(getattr(mujoco.mjtConstraint, f"mjCNSTR_{name}")):
+            return f"{call(tag, sort, number)} {does}"
+    a, b = (int(x) for x in data.contact.geom[number])
+    bodies = [mujoco.mj_id2name(model, int(objects.mjOBJ_BODY), int(model.geom_bodyid[x])) or "the world" for x in (a, b)]
+    return f"{call('geom', objects.mjOBJ_GEOM, a)} of {bodies[0]} touches {call('geom', objects.mjOBJ_GEOM, b)} of {bodies[1]}"
+
+
+def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Tell whether two files compile to models that differ in the changed options alone; `reason` says why not, or is empty."""
+    import mujoco
+
+    try:
+        old, new = (mujoco.MjModel.from_xml_path(path) for path in (before, after))
+    except ValueError as error:
+        return {"reason": f"MuJoCo does not compile it from there: {' '.join(str(error).split())}"}
+    change_options(mujoco, old, {key: x for key, x in changes.items() if key != "timestep"})
+    old.opt.timestep = changes.get("timestep", old.opt.timestep)
+    for holder, kind in ((old, mujoco.MjModel), (old.opt, mujoco.MjOption)):
+        other = new if holder is old else new.opt
+        for name in dir(kind):
+            here = getattr(holder, name)
+            if name.startswith("_") or callable(here) or name in UNCOMPARED:
+                continue
+            if not np.array_equal(np.asarray(here), np.asarray(getattr(other, name))):
+                return {"reason": f"{name} of the compiled model is not as it should be: a file that it includes may set it"}
+    return {"reason": ""}
