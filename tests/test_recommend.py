@@ -1,7 +1,10 @@
 """Recommendations hold what they promise, in the time that they are given, and are the same again."""
 
 import json
+import os
 import queue
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +25,7 @@ from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import snippet
-from gauss_bench.linkage.load import load
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import Trial
@@ -361,6 +364,28 @@ def pasted(mechanism: Mechanism, engine: str, choice: Choice, file: Path, end: f
     np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
 
 
+@pytest.mark.slow
+def test_the_programs_of_a_recommendation_start_from_any_folder(tmp_path: Path) -> None:
+    """As processes: the folder is made, and no file in it shadows a library that a program imports."""
+    needs("mujoco")
+    (tmp_path / "crank_slider.toml").write_bytes(built_in()["crank_slider"].read_bytes())
+    environment = os.environ | {"PYTHONPATH": str(Path(gauss_bench.__file__).parents[1])}
+
+    def start(*arguments: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, *map(str, arguments)]
+        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False)
+
+    asked = ["crank_slider.toml", "--position", "1e-2", "--until", "0.05", "--engine", "mujoco,gauss", "--budget", "100"]
+    made = start("-m", "gauss_bench", "recommend", *asked, "--out", "rec")
+    assert made.returncode == 0, made.stderr
+    programs = sorted((tmp_path / "rec").iterdir())
+    assert [x.name for x in programs] == ["run-gauss.py", "run-mujoco.py"]
+    for program, folder in ((programs[0], tmp_path / "rec"), (programs[1], tmp_path / "rec"), (programs[1], tmp_path)):
+        ended = start(program.relative_to(folder), folder=folder)
+        assert ended.returncode == 0, ended.stderr
+        assert ended.stdout
+
+
 @pytest.mark.long
 @pytest.mark.slow
 def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(
@@ -373,8 +398,8 @@ def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(
     asked += ["--budget", "300", "--out", str(tmp_path), "--json"]
     assert main(["recommend", "crank_slider", *asked]) == 0
     (answer,) = json.loads(capsys.readouterr().out)["answers"]
-    assert (tmp_path / "mujoco.py").read_text() == answer["snippet"]
-    _, rows = rows_of(python_alone(tmp_path / "mujoco.py"))  # its end and step are the recommended ones
+    assert (tmp_path / "run-mujoco.py").read_text() == answer["snippet"]
+    _, rows = rows_of(python_alone(tmp_path / "run-mujoco.py"))  # its end and step are the recommended ones
     assert rows[-1, 0] == pytest.approx(SHORT.until)
     places = np.arange(SHORT.mechanism.n) % 3 != 2
     off = np.abs(rows[:, 1 : 1 + SHORT.mechanism.n] - known.at(SHORT, rows[:, 0]).q)[:, places]

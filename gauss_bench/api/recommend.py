@@ -15,7 +15,7 @@ from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet
-from gauss_bench.linkage.load import load
+from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
 from gauss_bench.runs.worker import WorkerFailure
@@ -155,7 +155,10 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
 def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remark: str) -> dict[str, Any]:
     """Run `snippet` in a worker and return plain data."""
     mechanism = replace(load(linkage, scenario), duration=until)
-    return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})
+    source = find(linkage)
+    # the program may be started from any folder, so it names a user's file by its whole path
+    name = str(source.resolve()) if source.is_file() and linkage not in built_in() else linkage
+    return tell_plainly(lambda: {"text": snippet(mechanism, name, engine, Choice(*choice), until, (remark,))})
 
 
 def list_requirements(**limits: float | None) -> dict[str, float]:
