@@ -15,7 +15,7 @@ import pytest
 import gauss_bench
 from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
-from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, by_loop, choices, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
@@ -466,15 +466,15 @@ def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[floa
     """Two workers at a time, each of which waits half of the time: half of the seconds count."""
     own = Budget(60.0)
     slow[:] = 40.0, 40.0
-    assert own.spent() == pytest.approx(20.0)
-    assert own.left() == pytest.approx(40.0)
+    assert own.seconds_used() == pytest.approx(20.0)
+    assert own.remaining() == pytest.approx(40.0)
     slow[0] = 60.0
-    assert own.spent() == pytest.approx(40.0), "nobody waited meanwhile"
-    assert own.left(0.5) == pytest.approx(-18.0), "half of the budget ends at 42 s by the clock on the wall at the latest"
+    assert own.seconds_used() == pytest.approx(40.0), "nobody waited meanwhile"
+    assert own.remaining(0.5) == pytest.approx(-18.0), "half of the budget ends at 42 s by the clock on the wall at the latest"
     slow[:] = 86.0, 1000.0
-    assert own.spent() == 0.0
-    assert own.left() == pytest.approx(-2.0)
-    assert own.left(1.25) == pytest.approx(1.0), "everything has ended within one and a half times the budget"
+    assert own.seconds_used() == 0.0
+    assert own.remaining() == pytest.approx(-2.0)
+    assert own.remaining(1.25) == pytest.approx(1.0), "everything has ended within one and a half times the budget"
 
 
 @pytest.mark.skipif(not budget.wait(), reason="this system does not tell of waiting")
@@ -490,7 +490,7 @@ def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch:
     """The time for searching has ended before it began: an answer for every engine, with what its one run came to."""
     spaces = {name: variants(offer(name)) for name in ("schur", "lagrange", "gauss")}
     with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(60.0), quiet) as recommender:
-        left = recommender.budget.left
+        left = recommender.budget.remaining
         monkeypatch.setattr(
             recommender.budget, "left", lambda share=1.0: min(0.0, left(share)) if share == SEARCHED else left(share)
         )
@@ -601,7 +601,7 @@ def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_wh
         assert [recommender._next() for _ in range(3)] == [never, once, twice]
         for engine in (once, twice, never):
             engine.busy = False
-        recommender.budget.left = lambda share=1.0: 0.0  # type: ignore[method-assign]
+        recommender.budget.remaining = lambda share=1.0: 0.0  # type: ignore[method-assign]
         assert recommender._next() is never
         recommender.engines = {"once": once, "twice": twice}
         assert recommender._next() is None
@@ -649,6 +649,6 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_so(
 
 
 def test_a_setting_is_said_with_each_word_once() -> None:
-    assert setting_said("default", "rk4", "none") == "rk4"
-    assert setting_said("tuned", "rk4", "projection") == "tuned, rk4, projection"
-    assert setting_said("Newton/rk4", "rk4", "none") == "Newton/rk4"
+    assert format_setting("default", "rk4", "none") == "rk4"
+    assert format_setting("tuned", "rk4", "projection") == "tuned, rk4, projection"
+    assert format_setting("Newton/rk4", "rk4", "none") == "Newton/rk4"

@@ -57,7 +57,7 @@ class Answer:
     snippet: str = ""
 
 
-def setting_said(settings: str, integrator: str, stabilization: str) -> str:
+def format_setting(settings: str, integrator: str, stabilization: str) -> str:
     """Return a setting in words, naming each choice once: the name of a variant often holds its integrator already."""
     words = [] if settings == "default" else [settings]
     words += [x for x in (integrator, stabilization) if x != "none" and x not in settings.split("/")]

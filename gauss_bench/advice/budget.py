@@ -25,26 +25,26 @@ class Budget:
         self._seen: dict[str, float] = wait()
         self._lost, self._looking = 0.0, threading.Lock()
 
-    def passed(self) -> float:
+    def wall_time(self) -> float:
         """Return the elapsed seconds."""
         return time.monotonic() - self.started
 
-    def spent(self) -> float:
+    def seconds_used(self) -> float:
         """Return the seconds that count against the budget."""
         with self._looking:
             now = wait()
             self._lost += sum(max(0.0, x - self._seen.get(task, 0.0)) for task, x in now.items())
             self._seen |= now
-            passed = self.passed()
+            passed = self.wall_time()
             return passed - min(self._lost / self.lanes, passed)
 
-    def left(self, share: float = 1.0) -> float:
+    def remaining(self, share: float = 1.0) -> float:
         """Return the seconds left until a share of the budget is spent, or its limit of elapsed time if that ends first."""
-        return min(share * self.seconds - self.spent(), self.wall(share))
+        return min(share * self.seconds - self.seconds_used(), self.remaining_wall_time(share))
 
-    def wall(self, share: float = 1.0) -> float:
+    def remaining_wall_time(self, share: float = 1.0) -> float:
         """Return the elapsed seconds left until a share of the budget must have ended."""
-        return min(WALL * share, END) * self.seconds - self.passed()
+        return min(WALL * share, END) * self.seconds - self.wall_time()
 
 
 def wait() -> dict[str, float]:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.advice.answer import LOOPS, UNITS, Answer, setting_said
+from gauss_bench.advice.answer import LOOPS, UNITS, Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
@@ -171,9 +171,9 @@ class Recommender:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def told(self, sentence: str) -> None:
+    def report(self, sentence: str) -> None:
         with self._say:
-            self._told(f"{self.budget.passed():5.1f} s  {sentence}")
+            self._told(f"{self.budget.wall_time():5.1f} s  {sentence}")
 
     # What is exact enough
 
@@ -211,7 +211,7 @@ class Recommender:
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(TRUE)
         worker = own.worker if own is not None and own.refused is None else self._stack.enter_context(Worker())
-        return truth(self.run, wanted, lambda: self.budget.left(TRUTH), worker, self.told)
+        return truth(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
 
     def _lane(self) -> None:
         try:
@@ -230,7 +230,7 @@ class Recommender:
         """
         with self._state:
             while self._failures.empty():
-                due = self.budget.left(SEARCHED) > 0
+                due = self.budget.remaining(SEARCHED) > 0
                 open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.trials)]
                 if not open_ones:
                     return None
@@ -254,18 +254,18 @@ class Recommender:
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
         # The search asks for some sizes twice; each is run once.
         seen: dict[float, Trial] = {}
-        until = self.budget.spent() + self._slice(engine)
+        until = self.budget.seconds_used() + self._slice(engine)
 
         def evaluate(size: float) -> Trial:
             if size not in seen:
-                if (seen or len(engine.trials) > 1) and self.budget.spent() >= until:
+                if (seen or len(engine.trials) > 1) and self.budget.seconds_used() >= until:
                     raise _Over
                 seen[size] = self._evaluate(engine, way._replace(size=size), adaptive)
                 trials.append(seen[size])
             return seen[size]
 
         try:
-            late = len(engine.trials) == 1 and self.budget.left(SEARCHED) <= 0  # one run is all: rather too fine
+            late = len(engine.trials) == 1 and self.budget.remaining(SEARCHED) <= 0  # one run is all: rather too fine
             start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
             # Begin at coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference.
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
@@ -279,7 +279,7 @@ class Recommender:
 
     def _slice(self, engine: _Engine) -> float:
         """Return the seconds that a variant may take: an engine's first gets twice its share, so that every engine has a turn."""
-        left = self.budget.left(SEARCHED)
+        left = self.budget.remaining(SEARCHED)
         waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
         return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
 
@@ -302,7 +302,7 @@ class Recommender:
         # Samples must divide the steps evenly, so that no shorter step is needed to meet a sample time.
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sample(self.run, steps, samples)
-        limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
+        limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
         engine.ran, engine.longest = True, max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
@@ -320,9 +320,9 @@ class Recommender:
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]; an engine's first run, which loads and compiles its library, has a minimum."""
         if engine.ran:
-            return max(min(LONGEST * self.budget.seconds, self.budget.left(SEARCHED + AFTER)), 1.0)
+            return max(min(LONGEST * self.budget.seconds, self.budget.remaining(SEARCHED + AFTER)), 1.0)
         waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
-        share = max(self.budget.left(SEARCHED + AFTER), LANES * self.budget.left(TRIED) / waiting)
+        share = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
         return max(min(2 * LONGEST * self.budget.seconds, share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
@@ -330,12 +330,12 @@ class Recommender:
         if after is None:
             best = nearest(trials, SHARE)
             if engine.refused:
-                self.told(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
+                self.report(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
             elif best is not None and len(engine.trials) == 1:
-                self.told(f"{engine.name}: not yet; nearest {self._errors(best)}")
+                self.report(f"{engine.name}: not yet; nearest {self._errors(best)}")
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
             how = "holds" if before is None else "better"
-            self.told(f"{engine.name}: {how}: {said(after[0], engine)}: {self._errors(after[1])}")
+            self.report(f"{engine.name}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
             with self._say:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
@@ -350,21 +350,21 @@ class Recommender:
         lists = [choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
             chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
-        if not chosen or self.budget.left(RACED) <= 0:
+        if not chosen or self.budget.remaining(RACED) <= 0:
             return {}
-        self.told(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
+        self.report(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
         rows = [[*way, steps] for way, steps in chosen.items()]
         place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
-        deadline = time.monotonic() + self.budget.left(RACED)
+        deadline = time.monotonic() + self.budget.remaining(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
-        limits = (max(1.0, x()) for x in (self.budget.left, self.budget.wall))
+        limits = (max(1.0, x()) for x in (self.budget.remaining, self.budget.remaining_wall_time))
         try:
             tables, lost = list_survivors(race_there, (*place_of, rows, deadline), names, *limits)
         except WorkerFailure as error:
-            self.told(f"race: {error}")
+            self.report(f"race: {error}")
             return {}
         for name, failure in lost.items():
-            self.told(f"race: {name}: {failure}")
+            self.report(f"race: {name}: {failure}")
         return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
 
     def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
@@ -387,14 +387,14 @@ class Recommender:
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
-    def asked(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Call a function in the engine's worker, until LAST times the budget at the latest.
 
         Raises:
             WorkerFailure: the call failed or took too long.
         """
         return self.engines[engine].worker.call(
-            function, arguments, max(1.0, self.budget.left(LAST)), longest=max(1.0, self.budget.wall(LAST))
+            function, arguments, max(1.0, self.budget.remaining(LAST)), longest=max(1.0, self.budget.remaining_wall_time(LAST))
         )
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
@@ -426,7 +426,7 @@ class Recommender:
             return Answer(engine.name, status, found.words, **counts)
         way, trial = min(best, key=lambda x: x[1].errors[SHARE])
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
-        placed = said(way._replace(size=trial.size), engine)
+        placed = describe_setting(way._replace(size=trial.size), engine)
         untried = "" if counts["complete"] else "; some variants were not tried"
         message = f"{found.words}; came to {self._errors(trial)} with {placed}{untried}"
         return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
@@ -465,7 +465,7 @@ def answer_of(engine: _Engine) -> Reach:
     return reach(engine.trials.values(), [HALF])
 
 
-def said(way: Way, engine: _Engine) -> str:
+def describe_setting(way: Way, engine: _Engine) -> str:
     """Return a setting in words."""
     size = f"tolerance {way.size:.2g}" if way.integrator in engine.adaptive else f"step {way.size:.4g} s"
-    return f"{setting_said(way.settings, way.integrator, way.stabilization)}, {size}"
+    return f"{format_setting(way.settings, way.integrator, way.stabilization)}, {size}"

@@ -10,7 +10,7 @@ from gauss_bench.api.simulate import OneRun, name_run
 from gauss_bench.api.telling import Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, nothing_to_see
+from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, without_run
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
@@ -109,7 +109,7 @@ def diagnose(
         return Diagnosis(**name_run(mechanism, engine, choice), **found, until=end, reference=reference)
 
     if not offered.usable:
-        return make_diagnosis(nothing_to_see(Ended(offered.status, offered.reason)), "")
+        return make_diagnosis(without_run(Ended(offered.status, offered.reason)), "")
     adaptive = choice.integrator in offered.adaptive
     with Worker() as worker:
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the truth")

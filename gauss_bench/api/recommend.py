@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.recommending import BEATS, Better, Recommender
 from gauss_bench.api.exchange import tell_plainly
@@ -141,7 +141,7 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remark)
     try:
         needs_library = answer.engine in WRITERS
-        program = recommender.asked(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
+        program = recommender.call_worker(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
     except WorkerFailure as failure:
         program = {"refused": str(failure)}
     match program:
@@ -242,7 +242,7 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
 def setting_of(answer: Answer) -> str:
     """Return a setting in words."""
     size = f"tolerance {answer.tolerance:.2g}" if answer.step is None else f"step {answer.step:.4g} s"
-    return f"{setting_said(answer.settings, answer.integrator, answer.stabilization)}, {size}"
+    return f"{format_setting(answer.settings, answer.integrator, answer.stabilization)}, {size}"
 
 
 def duration_of(seconds: float) -> str:
