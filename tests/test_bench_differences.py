@@ -54,8 +54,8 @@ def test_cases_of_one_run_alone_are_counted_and_not_judged(tmp_path: Path) -> No
     assert (found.only_here, found.only_there, found.beyond) == (1, 2, ())
     said = render("differences", found, there=there)
     assert f"0 of {found.compared}" in said
-    assert "1 cases are here only" in said
-    assert "2 cases are there only" in said
+    assert "1 cases are only in this run" in said
+    assert "2 cases are only in the other" in said
 
 
 def test_a_folder_without_a_run_is_refused_before_anything_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -103,7 +103,7 @@ def test_what_changed_is_said_as_markdown(tmp_path: Path, capsys: pytest.Capture
     before = sorted(tmp_path.rglob("*"))
     assert main(["report", "--out", str(here), "--against", str(there)]) == 0
     said = capsys.readouterr().out
-    assert "**1 of 6 accuracy figures beyond the gate's limits; 2 of 2 ratios, targets and claims of times changed sides.**" in said
+    assert "**1 of 6 accuracy figures differ by more than the gate allows; 2 of 2 statements on times" in said
     assert "| position_error | 3e-06 | 1e-06 | 2e-06 |" in said
     assert "ratio | 0.9 (0.8..0.99) | 1.5 (1.4..1.6) |" in said
     assert "met | no | yes |" in said

@@ -235,11 +235,11 @@ def test_the_linkages_own_flow_is_that_of_the_certificate_forwards_and_backwards
     own = OwnMotion(mechanism)
     k = np.array([3, 10, 20])
     for by in (1, -1):
-        found = own.moved(States(truth.t[k], truth.q[k], truth.v[k]), by * np.full(3, 0.01))
+        found = own.flow(States(truth.t[k], truth.q[k], truth.v[k]), by * np.full(3, 0.01))
         np.testing.assert_allclose(found.q, truth.q[k + by], atol=1e-11)
         np.testing.assert_allclose(found.v, truth.v[k + by], atol=1e-10)
     between = TrueMotion(own, truth).at(np.array([0.1234]))
-    again = own.moved(between, np.array([0.13 - 0.1234]))
+    again = own.flow(between, np.array([0.13 - 0.1234]))
     np.testing.assert_allclose(again.q[0], truth.q[13], atol=1e-11)
 
 

@@ -67,7 +67,7 @@ class Open:
     def gaps(self, x: States) -> Array:
         return x.q
 
-    def projected(self, x: States) -> States:
+    def project(self, x: States) -> States:
         return States(x.t, 0 * x.q, x.v)
 
     def parts(self, x: States) -> Any:

@@ -74,6 +74,6 @@ def test_what_is_built_once_is_there_or_not_yet_or_cannot_be(monkeypatch: pytest
     for value, (missing, absent) in states.items():
         monkeypatch.setattr(building, "missing", lambda missing=missing: missing)
         monkeypatch.setattr(building, "absent", lambda absent=absent: absent)
-        (found,) = room._builds([pinocchio])
+        (found,) = room._check_builds([pinocchio])
         assert (found.name, found.value, found.status) == ("pinocchio, compiled", value, "ok" if value == "built" else "missing")
     assert "C++ compiler" in found.message

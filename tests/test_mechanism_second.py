@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.api.driven import driven
+from gauss_bench.api.driven import load_with_drivers
 from gauss_bench.api.kinematics import kinematics
 from gauss_bench.api.simulate import simulate
 from gauss_bench.cli import main
@@ -216,7 +216,7 @@ def test_what_the_drivers_leave_free_is_named_and_can_be_held() -> None:
     for hold, text in (("nix", "no such link or joint; there"), ("payload=low", "is not a number of")):
         with pytest.raises(ChoiceError, match=text):
             kinematics(str(LEG), intervals=4, hold=[hold])
-    arms = [driven(str(ARM), scenario, None, hold) for scenario, hold in (("held", None), ("lift", ["T", "E"]))]
+    arms = [load_with_drivers(str(ARM), scenario, None, hold) for scenario, hold in (("held", None), ("lift", ["T", "E"]))]
     assert [arm.dof for arm in arms] == [1, 1]  # stick and bucket are welded on
     np.testing.assert_array_equal(arms[0].q0, arms[1].q0)
 

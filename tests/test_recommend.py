@@ -1,7 +1,10 @@
 """Recommendations hold what they promise, in the time that they are given, and are the same again."""
 
 import json
+import os
 import queue
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +15,7 @@ import pytest
 import gauss_bench
 from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
-from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, by_loop, choices, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
@@ -22,7 +25,7 @@ from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import snippet
-from gauss_bench.linkage.load import load
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import Trial
@@ -361,6 +364,28 @@ def pasted(mechanism: Mechanism, engine: str, choice: Choice, file: Path, end: f
     np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
 
 
+@pytest.mark.slow
+def test_the_programs_of_a_recommendation_start_from_any_folder(tmp_path: Path) -> None:
+    """As processes: the folder is made, and no file in it shadows a library that a program imports."""
+    needs("mujoco")
+    (tmp_path / "crank_slider.toml").write_bytes(built_in()["crank_slider"].read_bytes())
+    environment = os.environ | {"PYTHONPATH": str(Path(gauss_bench.__file__).parents[1])}
+
+    def start(*arguments: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, *map(str, arguments)]
+        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False)
+
+    asked = ["crank_slider.toml", "--position", "1e-2", "--until", "0.05", "--engine", "mujoco,gauss", "--budget", "100"]
+    made = start("-m", "gauss_bench", "recommend", *asked, "--out", "rec")
+    assert made.returncode == 0, made.stderr
+    programs = sorted((tmp_path / "rec").iterdir())
+    assert [x.name for x in programs] == ["run-gauss.py", "run-mujoco.py"]
+    for program, folder in ((programs[0], tmp_path / "rec"), (programs[1], tmp_path / "rec"), (programs[1], tmp_path)):
+        ended = start(program.relative_to(folder), folder=folder)
+        assert ended.returncode == 0, ended.stderr
+        assert ended.stdout
+
+
 @pytest.mark.long
 @pytest.mark.slow
 def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(
@@ -373,8 +398,8 @@ def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(
     asked += ["--budget", "300", "--out", str(tmp_path), "--json"]
     assert main(["recommend", "crank_slider", *asked]) == 0
     (answer,) = json.loads(capsys.readouterr().out)["answers"]
-    assert (tmp_path / "mujoco.py").read_text() == answer["snippet"]
-    _, rows = rows_of(python_alone(tmp_path / "mujoco.py"))  # its end and step are the recommended ones
+    assert (tmp_path / "run-mujoco.py").read_text() == answer["snippet"]
+    _, rows = rows_of(python_alone(tmp_path / "run-mujoco.py"))  # its end and step are the recommended ones
     assert rows[-1, 0] == pytest.approx(SHORT.until)
     places = np.arange(SHORT.mechanism.n) % 3 != 2
     off = np.abs(rows[:, 1 : 1 + SHORT.mechanism.n] - known.at(SHORT, rows[:, 0]).q)[:, places]
@@ -441,15 +466,15 @@ def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[floa
     """Two workers at a time, each of which waits half of the time: half of the seconds count."""
     own = Budget(60.0)
     slow[:] = 40.0, 40.0
-    assert own.spent() == pytest.approx(20.0)
-    assert own.left() == pytest.approx(40.0)
+    assert own.seconds_used() == pytest.approx(20.0)
+    assert own.remaining() == pytest.approx(40.0)
     slow[0] = 60.0
-    assert own.spent() == pytest.approx(40.0), "nobody waited meanwhile"
-    assert own.left(0.5) == pytest.approx(-18.0), "half of the budget ends at 42 s by the clock on the wall at the latest"
+    assert own.seconds_used() == pytest.approx(40.0), "nobody waited meanwhile"
+    assert own.remaining(0.5) == pytest.approx(-18.0), "half of the budget ends at 42 s by the clock on the wall at the latest"
     slow[:] = 86.0, 1000.0
-    assert own.spent() == 0.0
-    assert own.left() == pytest.approx(-2.0)
-    assert own.left(1.25) == pytest.approx(1.0), "everything has ended within one and a half times the budget"
+    assert own.seconds_used() == 0.0
+    assert own.remaining() == pytest.approx(-2.0)
+    assert own.remaining(1.25) == pytest.approx(1.0), "everything has ended within one and a half times the budget"
 
 
 @pytest.mark.skipif(not budget.wait(), reason="this system does not tell of waiting")
@@ -465,7 +490,7 @@ def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch:
     """The time for searching has ended before it began: an answer for every engine, with what its one run came to."""
     spaces = {name: variants(offer(name)) for name in ("schur", "lagrange", "gauss")}
     with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(60.0), quiet) as recommender:
-        left = recommender.budget.left
+        left = recommender.budget.remaining
         monkeypatch.setattr(
             recommender.budget, "left", lambda share=1.0: min(0.0, left(share)) if share == SEARCHED else left(share)
         )
@@ -576,7 +601,7 @@ def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_wh
         assert [recommender._next() for _ in range(3)] == [never, once, twice]
         for engine in (once, twice, never):
             engine.busy = False
-        recommender.budget.left = lambda share=1.0: 0.0  # type: ignore[method-assign]
+        recommender.budget.remaining = lambda share=1.0: 0.0  # type: ignore[method-assign]
         assert recommender._next() is never
         recommender.engines = {"once": once, "twice": twice}
         assert recommender._next() is None
@@ -624,6 +649,6 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_so(
 
 
 def test_a_setting_is_said_with_each_word_once() -> None:
-    assert setting_said("default", "rk4", "none") == "rk4"
-    assert setting_said("tuned", "rk4", "projection") == "tuned, rk4, projection"
-    assert setting_said("Newton/rk4", "rk4", "none") == "Newton/rk4"
+    assert format_setting("default", "rk4", "none") == "rk4"
+    assert format_setting("tuned", "rk4", "projection") == "tuned, rk4, projection"
+    assert format_setting("Newton/rk4", "rk4", "none") == "Newton/rk4"

@@ -1,1 +1,1 @@
-"""Advice: which setting of which engine holds what a user requires of a linkage, within the seconds that he has: see README.md."""
+"""Recommendations: the cheapest setting of each engine that meets an accuracy requirement within a time budget. See README.md."""

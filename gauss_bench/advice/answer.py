@@ -6,7 +6,7 @@ from typing import Any
 
 from gauss_bench import reach
 
-LOOPS = "loops"  # an error that needs no truth: how far joints open
+LOOPS = "loops"  # kind of error that needs no reference: the largest gap of a joint
 UNITS = reach.UNITS | {LOOPS: "m"}
 
 
@@ -15,19 +15,19 @@ class Answer:
     """The recommendation for an engine, or the reason why there is none.
 
     Attributes:
-        status: "ok", "not reached", "not tried" or "skip"; message: the answer of `gauss_bench.reach` as a sentence.
-        settings, integrator, stabilization: of the engine; empty without a setting.
-        step, tolerance: [s] or relative; one of them.
-        steps: of the run.
-        errors: kind -> largest error of the whole run [m], [rad], [N], under the setting, or under the best one where none holds.
+        status: "ok", "not reached", "not tried" or "skip"; message: the reason in one sentence, from `gauss_bench.reach`.
+        settings, integrator, stabilization: names of the engine's choices; empty if there is no setting.
+        step, tolerance: integration step [s], or relative tolerance of an integrator that chooses its own steps.
+        steps: number of steps of the run.
+        errors: kind -> largest error of the whole run [m], [rad], [N], with this setting or the best that was found.
         seconds, seconds_low, seconds_high: processor time of a run [s], with the 5 % and the 95 % point; None without a race.
-        ratio, ratio_low, ratio_high: to the fastest engine.
-        tried, variants: how many of its variants were tried, and how many there are.
-        evaluations: runs of the search.
-        complete: whether the search ended before its time.
+        ratio, ratio_low, ratio_high: time of a run over that of the fastest engine, with the 5 % and the 95 % point.
+        tried, variants: number of variants that were tried, and of all variants of the engine.
+        evaluations: number of runs in the search.
+        complete: whether every variant was searched to its end.
         loops: time loop -> time of its cheapest setting over that of the fastest engine, where an engine has several loops.
         in_python: the part of the suite's own code that runs in Python inside the measured time.
-        options: the engine's options that its settings stand for.
+        options: the engine's options under these settings.
         snippet: a program that runs the setting, in the engine's own language where possible; empty where there is none.
     """
 
@@ -57,8 +57,8 @@ class Answer:
     snippet: str = ""
 
 
-def setting_said(settings: str, integrator: str, stabilization: str) -> str:
-    """Return a setting in words, naming each choice once: the name of a variant often holds its integrator already."""
+def format_setting(settings: str, integrator: str, stabilization: str) -> str:
+    """Return a setting in words; an integrator or stabilization that the name of the settings contains is not repeated."""
     words = [] if settings == "default" else [settings]
     words += [x for x in (integrator, stabilization) if x != "none" and x not in settings.split("/")]
     return ", ".join(words)

@@ -1,4 +1,4 @@
-"""The race of settings that hold a requirement, in a worker: first choices of every engine first, as long as there is time."""
+"""The race of settings that meet a requirement, in a worker; the first choices of all engines come first, while there is time."""
 
 import time
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from gauss_bench.bench.tasks import Tables
 from gauss_bench.bench.ways import Models, Run, Way, pace_run
 from gauss_bench.linkage.load import load
 
-ROUNDS = (3, 10)  # of the race, at least where there is time, and at most
-LEAD = 0.03  # [s] of a run at equal steps that is timed
-SLOW = 0.3  # [s] a run that takes longer is timed once
+ROUNDS = (3, 10)  # fewest and most rounds of the race
+LEAD = 0.03  # [s] length of the part of a run with equal steps that is timed
+SLOW = 0.3  # [s] a run that takes longer is timed only once
 
 
 def race_there(
@@ -29,7 +29,7 @@ def race_there(
 
     Args:
         samples: number of samples of a run whose integrator chooses its own steps.
-        deadline: in time.monotonic, which all processes share and which does not jump with the time of day.
+        deadline: in terms of time.monotonic, which all processes share and which does not jump with the time of day.
     """
     run = Run(linkage, load(linkage, scenario), until)
     race, round_time = Race(watching(path)), 0.0
@@ -46,7 +46,7 @@ def race_there(
         begun = time.monotonic()
         seconds = race.blocks[-1].seconds()
         taken = time.monotonic() - begun
-        if taken > SLOW:  # far behind all that a race could tell apart: once is enough
+        if taken > SLOW:  # too slow to compete: one measurement is enough
             slow[way.engine] = way, seconds
             race.blocks.pop()
         else:

@@ -1,13 +1,14 @@
-"""Recommending: for each engine the cheapest setting that holds what a user requires, within the seconds that the user has.
+"""Search, for each engine, the cheapest setting that meets a user's accuracy requirement within a time budget.
 
-`search.py` finds what is exact enough, as it does for suites; here it is asked in an order that gives every engine an answer early:
-first one variant of each engine, then the others, in turn. Whatever runs, runs in workers, two at a time; nothing is timed there. A
-variant is not tried at more than SPARE times the evaluations that its engine's best needs so far. Errors are those of the whole run
-against the reference of `truth.py`, and a setting must stay within half of the requirement, since the reference and the samples may
-miss as much as the other half. So candidates, their order and their errors are the same in every recommendation; when time ends the
-search, only the last candidates are missing, and the answer says so.
+The search over steps and tolerances is that of suites (`bench/search.py`). The variants are tried in an order that gives every
+engine an early answer: first one variant of each engine, then the others in turn. Runs take place in worker processes, two at a
+time, and are not timed. A variant is not tried with more than SPARE times the evaluations of the engine's best setting so far.
+Errors are the largest of the whole run against the reference of `truth.py`. A setting must stay within half of the requirement,
+because the error of the reference and the time between samples may account for the other half. Candidates, their order and their
+errors are therefore the same in every recommendation. If the budget ends the search, only the last candidates are missing, and the
+answer says so.
 
-Then the settings that hold race in one process, as in suites: the ones with the least work of each engine, first choices first.
+Then the accurate settings with the least work of each engine are timed side by side in one process, as in suites.
 """
 
 import math
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.advice.answer import LOOPS, UNITS, Answer, setting_said
+from gauss_bench.advice.answer import LOOPS, UNITS, Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import NoTruth, Truth, truth
@@ -41,32 +42,34 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-SHARE = "share of the requirement"  # the largest error over what is required of it
+SHARE = "share of the requirement"  # largest of the errors, each divided by its requirement
 HALF = Requirement(SHARE, 0.5)
-KNOWN = 0.1  # of a requirement: the largest error bar that the reference may have
-TRUE = "gauss-native"  # the engine whose compiled model computes the reference, and is then searched like any other
-BEATS = 200  # samples of a run whose integrator chooses its own steps
-DENSE = 400  # samples of a run by equal steps at most
-EVALUATED = 24  # runs of one variant at most
-MOST = 200_000  # steps of a run at most
-TURNED = 0.7  # [rad] that the fastest link turns in the longest step tried: beyond it methods say nothing, and guards take long
-ORDER = 8.0  # of the reference's method: others first try the steps that it would need, and coarser ones only if these hold
-SPARE = 8.0  # times the evaluations of the engine's best so far
-CHOICES = 4  # settings of an engine that race at most
-NEAR = 4.0  # times the least work of an engine: settings with more work are not raced
-TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # of the budget, when each ends at the latest
-AFTER = 0.05  # of the budget, that a run of the search may take beyond
-ONE_TRY = 0.1  # of the budget, that the first run of an engine may take in any case
-TRIED = 0.85  # of the budget: until then an engine that had no turn may have one
-LAST = 1.25  # times the budget: snippets are written after the race
-LONGEST = 0.15  # of the budget, that one run may take; twice as much where a library is loaded or compiled first
+KNOWN = 0.1  # largest error bar of the reference, as a share of the requirement
+TRUE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
+BEATS = 200  # number of samples of a run whose integrator chooses its own steps
+DENSE = 400  # most samples of a run with equal steps
+EVALUATED = 24  # most runs of one variant
+MOST = 200_000  # most steps of a run
+TURNED = 0.7  # [rad] largest turn of the fastest link in a step that is tried: larger steps are never accurate
+ORDER = (
+    8.0  # of the reference's integrator: others first try the steps that it would need, and coarser ones only if these are accurate
+)
+SPARE = 8.0  # most evaluations of a variant, in units of those of the engine's best setting so far
+CHOICES = 4  # most settings of one engine that are timed
+NEAR = 4.0  # settings with more than NEAR times the least work of their engine are not timed
+TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # shares of the budget at which these phases end
+AFTER = 0.05  # share of the budget by which a run may exceed the end of the search
+ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in any case
+TRIED = 0.85  # share of the budget until which an engine without a run gets one
+LAST = 1.25  # end of writing the programs, which follows the race, in units of the budget
+LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine, which loads or compiles, twice that
 
 Told = Callable[[str], object]
 Better = Callable[[Answer], object]
 
 
 class _Over(Exception):
-    """The time for searching has ended."""
+    """The time for the search of a variant has ended."""
 
 
 @dataclass
@@ -74,7 +77,7 @@ class _Engine:
     """The state of the search for one engine.
 
     Attributes:
-        left: variants that were not tried yet; options: of all of them.
+        left: variants that were not tried yet; options: settings -> options of the engine.
         trials: variant -> its trials; ended: variant -> why its search ended.
         cut: whether time ended the search of a variant; busy: whether a lane runs it now; ran: whether it has been run.
         longest: the largest time limit of its runs [s].
@@ -96,7 +99,7 @@ class _Engine:
     refused: tuple[Status, str] | None = None
 
     def passing(self) -> dict[Way, Trial]:
-        """Return the settings that hold the requirement, from the least work to the most; ties in the order of trying."""
+        """Return the settings that meet the requirement, from the least work to the most; equal ones in the order of trying."""
         holding = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
         return {
             way._replace(size=trial.size): trial
@@ -108,21 +111,21 @@ class _Engine:
         return str(self.options.get(way.settings, {}).get("loop", ""))
 
     def best(self) -> tuple[Way, Trial] | None:
-        """Return the setting that holds with the least work so far, or None."""
+        """Return the setting with the least work that meets the requirement so far, or None."""
         return next(iter(self.passing().items()), None)
 
 
 def work(integrator: str, trial: Trial) -> float:
-    """Return the evaluations of accelerations in a run; where the engine does not count them, steps times evaluations a step."""
+    """Return the number of acceleration evaluations of a run; else steps times evaluations per step."""
     return float(trial.evaluations or trial.steps * EVALUATIONS.get(integrator, 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """The result of the search, before the race: it depends on time only in where the search ended.
+    """The result of the search, before the race. The time budget only decides which candidates are missing.
 
     Attributes:
-        truth: the reference that runs were judged by.
+        truth: the reference of all errors.
         engines: name -> trials of every variant (sizes 0) in the order of trying.
     """
 
@@ -131,10 +134,10 @@ class Searched:
 
 
 class Recommender:
-    """The making of one recommendation: use it as a context, then call `search`, `race`, `answers`.
+    """One recommendation, as a context manager: call `search`, `race` and `answers` in this order.
 
     Attributes:
-        run: linkage, scenario and duration; wanted: kind of error -> the largest that is allowed [m], [rad], [N].
+        run: linkage, scenario and duration; wanted: kind of error -> largest allowed error [m], [rad], [N].
         spaces: engine -> its variants in the order in which they are tried, or a sentence why it has none.
     """
 
@@ -171,11 +174,11 @@ class Recommender:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def told(self, sentence: str) -> None:
+    def report(self, sentence: str) -> None:
         with self._say:
-            self._told(f"{self.budget.passed():5.1f} s  {sentence}")
+            self._told(f"{self.budget.wall_time():5.1f} s  {sentence}")
 
-    # What is exact enough
+    # The search for accurate settings
 
     def search(self) -> Searched:
         """Try variants until all have been tried or the time has ended.
@@ -200,7 +203,7 @@ class Recommender:
         for lane in lanes:
             lane.start()
         for lane in lanes:
-            while lane.is_alive():  # an interrupt is heard between these
+            while lane.is_alive():  # an interrupt of the user is noticed between two of these waits
                 lane.join(0.2)
         if not failures.empty():
             raise failures.get()
@@ -211,7 +214,7 @@ class Recommender:
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(TRUE)
         worker = own.worker if own is not None and own.refused is None else self._stack.enter_context(Worker())
-        return truth(self.run, wanted, lambda: self.budget.left(TRUTH), worker, self.told)
+        return truth(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
 
     def _lane(self) -> None:
         try:
@@ -224,13 +227,13 @@ class Recommender:
             self._failures.put(error)
 
     def _next(self) -> _Engine | None:
-        """Return the engine whose turn it is: the idle one with the fewest variants tried; None at the end.
+        """Return the idle engine with the fewest variants tried, or None at the end of the search.
 
-        When the time for searching has ended, each engine without a run gets one, at the steps that should hold.
+        When the time for the search has ended, each engine without a run still gets one, with steps that should be accurate enough.
         """
         with self._state:
             while self._failures.empty():
-                due = self.budget.left(SEARCHED) > 0
+                due = self.budget.remaining(SEARCHED) > 0
                 open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.trials)]
                 if not open_ones:
                     return None
@@ -254,18 +257,20 @@ class Recommender:
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
         # The search asks for some sizes twice; each is run once.
         seen: dict[float, Trial] = {}
-        until = self.budget.spent() + self._slice(engine)
+        until = self.budget.seconds_used() + self._slice(engine)
 
         def evaluate(size: float) -> Trial:
             if size not in seen:
-                if (seen or len(engine.trials) > 1) and self.budget.spent() >= until:
+                if (seen or len(engine.trials) > 1) and self.budget.seconds_used() >= until:
                     raise _Over
                 seen[size] = self._evaluate(engine, way._replace(size=size), adaptive)
                 trials.append(seen[size])
             return seen[size]
 
         try:
-            late = len(engine.trials) == 1 and self.budget.left(SEARCHED) <= 0  # one run is all: rather too fine
+            late = (
+                len(engine.trials) == 1 and self.budget.remaining(SEARCHED) <= 0
+            )  # the engine gets a single run: its step is rather too fine
             start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
             # Begin at coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference.
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
@@ -278,13 +283,13 @@ class Recommender:
         self._tell(engine, before)
 
     def _slice(self, engine: _Engine) -> float:
-        """Return the seconds that a variant may take: an engine's first gets twice its share, so that every engine has a turn."""
-        left = self.budget.left(SEARCHED)
+        """Return the seconds that a variant may take. The first of an engine gets twice an equal share of the time."""
+        left = self.budget.remaining(SEARCHED)
         waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
         return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
-        """Leave an engine that refused the linkage one more variant, of another integrator; without one, keep the reason."""
+        """Keep one variant with another integrator for an engine that refused the linkage; without one, record the reason."""
         others = [x for x in engine.left if x.integrator != next(iter(engine.trials)).integrator][:1]
         engine.left = others
         engine.refused = None if others else (trial.status, trial.message)
@@ -302,7 +307,7 @@ class Recommender:
         # Samples must divide the steps evenly, so that no shorter step is needed to meet a sample time.
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sample(self.run, steps, samples)
-        limit, wall = self._limit(engine), max(self.budget.wall(TRIED), 1.0)
+        limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
         engine.ran, engine.longest = True, max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
@@ -312,17 +317,17 @@ class Recommender:
         errors = dict(trial.errors)
         if LOOPS in self.wanted and ran.trajectory is not None:
             errors[LOOPS] = float(drift(self.judge, ran.trajectory).position.max())
-        # The worst of several requirements decides; an error that is not determined must not pass as small.
+        # The requirement that is met worst counts; an undetermined error (NaN) must not pass as small.
         shares = [errors[kind] / limit for kind, limit in self.wanted.items()]
         share = math.nan if any(map(math.isnan, shares)) else max(shares)
         return Trial(trial.size, {**errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
 
     def _limit(self, engine: _Engine) -> float:
-        """Return the time limit of a run [s]; an engine's first run, which loads and compiles its library, has a minimum."""
+        """Return the time limit of a run [s]. The first run of an engine, which loads or compiles its library, has a minimum."""
         if engine.ran:
-            return max(min(LONGEST * self.budget.seconds, self.budget.left(SEARCHED + AFTER)), 1.0)
+            return max(min(LONGEST * self.budget.seconds, self.budget.remaining(SEARCHED + AFTER)), 1.0)
         waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
-        share = max(self.budget.left(SEARCHED + AFTER), LANES * self.budget.left(TRIED) / waiting)
+        share = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
         return max(min(2 * LONGEST * self.budget.seconds, share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
@@ -330,45 +335,45 @@ class Recommender:
         if after is None:
             best = nearest(trials, SHARE)
             if engine.refused:
-                self.told(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
+                self.report(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
             elif best is not None and len(engine.trials) == 1:
-                self.told(f"{engine.name}: not yet; nearest {self._errors(best)}")
+                self.report(f"{engine.name}: not yet; nearest {self._errors(best)}")
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
             how = "holds" if before is None else "better"
-            self.told(f"{engine.name}: {how}: {said(after[0], engine)}: {self._errors(after[1])}")
+            self.report(f"{engine.name}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
             with self._say:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
         return ", ".join(f"{trial.errors[kind]:.1e} {UNITS[kind]}" for kind in self.wanted)
 
-    # What is cheapest
+    # The race for the cheapest setting
 
     def race(self) -> dict[Way, Array]:
-        """Race the settings that hold, interleaved in one process: setting -> seconds of a run (rounds,)."""
+        """Time the accurate settings side by side in one process; return setting -> seconds of a run (rounds,)."""
         chosen: dict[Way, int] = {}
         lists = [choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
             chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
-        if not chosen or self.budget.left(RACED) <= 0:
+        if not chosen or self.budget.remaining(RACED) <= 0:
             return {}
-        self.told(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
+        self.report(f"race: {len(chosen)} settings of {len({x.engine for x in chosen})} engines")
         rows = [[*way, steps] for way, steps in chosen.items()]
         place_of = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
-        deadline = time.monotonic() + self.budget.left(RACED)
+        deadline = time.monotonic() + self.budget.remaining(RACED)
         names = list(dict.fromkeys(x.engine for x in chosen))
-        limits = (max(1.0, x()) for x in (self.budget.left, self.budget.wall))
+        limits = (max(1.0, x()) for x in (self.budget.remaining, self.budget.remaining_wall_time))
         try:
             tables, lost = list_survivors(race_there, (*place_of, rows, deadline), names, *limits)
         except WorkerFailure as error:
-            self.told(f"race: {error}")
+            self.report(f"race: {error}")
             return {}
         for name, failure in lost.items():
-            self.told(f"race: {name}: {failure}")
+            self.report(f"race: {name}: {failure}")
         return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
 
     def answers(self, times: Mapping[Way, Array]) -> list[Answer]:
-        """Return an answer for every engine: first those that hold the requirement, from the fastest on, then the others."""
+        """Return an answer for every engine: first those that meet the requirement, the fastest first, then the others."""
         chosen: dict[str, tuple[Way, Trial]] = {}
         for engine in self.engines.values():
             ways = engine.passing()
@@ -387,14 +392,14 @@ class Recommender:
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
 
-    def asked(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Call a function in the engine's worker, until LAST times the budget at the latest.
 
         Raises:
             WorkerFailure: the call failed or took too long.
         """
         return self.engines[engine].worker.call(
-            function, arguments, max(1.0, self.budget.left(LAST)), longest=max(1.0, self.budget.wall(LAST))
+            function, arguments, max(1.0, self.budget.remaining(LAST)), longest=max(1.0, self.budget.remaining_wall_time(LAST))
         )
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
@@ -426,14 +431,14 @@ class Recommender:
             return Answer(engine.name, status, found.words, **counts)
         way, trial = min(best, key=lambda x: x[1].errors[SHARE])
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
-        placed = said(way._replace(size=trial.size), engine)
+        placed = describe_setting(way._replace(size=trial.size), engine)
         untried = "" if counts["complete"] else "; some variants were not tried"
         message = f"{found.words}; came to {self._errors(trial)} with {placed}{untried}"
         return Answer(engine.name, status, message, steps=trial.steps, errors=errors, **counts)
 
 
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
-    """Return the settings of an engine that are worth a race: the least work overall, and the least under each time loop."""
+    """Return the settings of an engine to time: those with the least work, and the one with the least work of each time loop."""
     ways = list(engine.passing().items())
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
     near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
@@ -443,7 +448,7 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
 
 
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
-    """Return loop -> time of its fastest setting over that of the fastest engine; empty where an engine has one loop."""
+    """Return time loop -> time of its fastest setting over that of the fastest engine; empty if the engine has a single loop."""
     ways = [way for way in times if way.engine == engine.name]
     loops = {loop: [w for w in ways if engine.loop_of(w) == loop] for loop in dict.fromkeys(map(engine.loop_of, ways))}
     if fastest is None or len(loops) < 2:
@@ -452,7 +457,7 @@ def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) 
 
 
 def answer_of(engine: _Engine) -> Reach:
-    """Return the answer for an engine that has no setting holding the requirement."""
+    """Return the answer for an engine without a setting that meets the requirement."""
     if engine.refused is not None and engine.refused[0] is not Status.SKIP:
         return Reach(Kind.NOT_TRIED, engine.refused[1])
     if engine.refused is not None:
@@ -465,7 +470,7 @@ def answer_of(engine: _Engine) -> Reach:
     return reach(engine.trials.values(), [HALF])
 
 
-def said(way: Way, engine: _Engine) -> str:
+def describe_setting(way: Way, engine: _Engine) -> str:
     """Return a setting in words."""
     size = f"tolerance {way.size:.2g}" if way.integrator in engine.adaptive else f"step {way.size:.4g} s"
-    return f"{setting_said(way.settings, way.integrator, way.stabilization)}, {size}"
+    return f"{format_setting(way.settings, way.integrator, way.stabilization)}, {size}"

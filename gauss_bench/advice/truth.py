@@ -1,10 +1,11 @@
-"""The reference of any motion, within seconds: equal steps, halved until that changes the required errors little.
+"""A reference for any motion within seconds: runs with equal steps, which are halved until the motion changes little.
 
-The steps are those of order eight of the suite's own formulation, in numpy at first, and compiled where more are needed. The run at
-half the step is the reference; its difference from the coarser run is its error bar, about 200 times too large at order 8. That the
-equations are the linkage's is shown by its own accelerations in numpy at every sample, and where a certificate tells the motion, by
-that: the bar then holds what the two differ by. Between samples, which lie as densely as the coarser steps, positions and speeds
-are polynomials of degree five through both ends' positions, speeds and accelerations; what that leaves out is part of the bar too.
+The integrator is of order eight, with the suite's own formulation: in numpy at first, and compiled if more steps are needed. The
+run with half the step is the reference. Its difference from the coarser run is its error bar, about 200 times too large at order 8.
+To show that the equations are those of the linkage, the accelerations are compared with numpy's at every sample. If there is a
+certificate, the motion is compared with it too, and the error bar includes the difference. Between samples, which are as dense as
+the coarser steps, positions are polynomials of degree five that match position, velocity and acceleration at both ends (quintic
+Hermite interpolation). The error bar includes the interpolation error.
 """
 
 import math
@@ -29,13 +30,15 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 METHOD = "dop853_fixed"
-PLAIN, NATIVE = 100, 1600  # steps of the coarser run at first, in numpy and compiled
-LOOK = 0.2  # of the budget, for a first look in numpy
-COMPILED = 0.6  # of the budget: where a kernel that compiles again on its way takes longer, numpy serves
-MOST = 400_000  # steps of a run
-SAMPLES = 3200  # of the truth at most
+PLAIN, NATIVE = 100, 1600  # steps of the first coarser run, in numpy and compiled
+LOOK = 0.2  # share of the budget for the first two runs, in numpy
+COMPILED = 0.6  # share of the budget for compiled code, which may be compiled anew during a run; the rest is for numpy
+MOST = 400_000  # most steps of a run
+SAMPLES = 3200  # most samples of the reference
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
-SIXTH = 16.0  # what a polynomial through every second sample is off by, over what one through all is: 64, of which a quarter counts
+SIXTH = (
+    16.0  # error of the interpolation through every second sample over that through all: 2^6 = 64, of which a quarter is relied on
+)
 
 
 class NoTruth(ArithmeticError):
@@ -51,7 +54,7 @@ class Truth:
         bars: kind of error -> error bar of the reference [m], [rad], [N]; no force where redundant constraints leave it open.
         halving: kind -> the change by halving the steps; steps: number of steps of the coarser run.
         certified: whether a certificate vouches for it.
-        told: one line on how it was made.
+        told: one line on how the reference was made.
     """
 
     reference: Reference
@@ -86,8 +89,8 @@ def between(known: Reference, times: Array) -> tuple[Array, Array]:
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """Return a reference whose error bars are within `wanted` (kind -> m, rad or N), or as near as time and rounding allow.
 
-    Two runs in numpy come first: where they serve, nothing need be compiled. Else the compiled formulation takes ever smaller
-    steps, for COMPILED of the budget at most, and where it fails numpy goes on.
+    Two runs in numpy come first: if they are accurate enough, nothing is compiled. Else the compiled formulation takes smaller and
+    smaller steps, for COMPILED of the budget at most. If it fails, numpy continues.
 
     Args:
         left: returns the seconds that are left.
@@ -101,7 +104,7 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
     known: list[Truth] = []
 
     def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
-        """Tell whether `first` steps or more serve; `share` of the budget is left to others."""
+        """Try `first` steps and more; return whether one is accurate enough. `share` of the budget is left for other engines."""
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
                 bars = ", ".join(f"{found.bars[k]:.1e} {UNITS[k]}" for k in wanted if k in found.bars)
@@ -129,10 +132,10 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
 def follow(
     run: Run, engine: str, worker: Worker, left: Callable[[], float], steps: int = PLAIN, most: float = math.inf
 ) -> Iterator[Truth]:
-    """Yield references by ever smaller steps of one engine, until time ends or rounding stops the improvement.
+    """Yield references with smaller and smaller steps of one engine, until the time ends or round-off stops the improvement.
 
     Args:
-        steps: of the first coarser run; most: of the last one.
+        steps: number of steps of the first coarser run; most: of the last one.
 
     Raises:
         NoTruth: the run with the smallest steps failed, or no run has the linkage's accelerations.
@@ -150,7 +153,7 @@ def follow(
         elif left() > 0:
             found = _compare(run, judge, coarse, fine, steps, engine)
             if best is not None and all(found.bars[k] >= best.bars[k] for k in ("position", "angle")):
-                return  # rounding
+                return  # round-off: smaller steps improve nothing
             best = found
             yield found
         steps *= 2
@@ -159,7 +162,7 @@ def follow(
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
-    """Run with a number of steps; return the trajectory, thinned to SAMPLES at most, or a sentence why there is none."""
+    """Run with a number of steps; return the trajectory, with SAMPLES samples at most, or the reason why there is none."""
     every = max(1, math.ceil(steps / SAMPLES))
     kept = steps // every
     times = run.until / kept * np.arange(kept + 1)
@@ -186,13 +189,13 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
     between_samples = _between_bars(reference)
-    gaps = float(drift(judge, fine).position.max())  # of open joints
+    gaps = float(drift(judge, fine).position.max())  # largest gap of a joint [m]
     bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
     return Truth(reference, halving | bars, halving, steps, False, how)
 
 
 def _between_bars(known: Reference) -> dict[str, float]:
-    """Return kind -> error bar of the polynomials between the samples."""
+    """Return kind -> error bar of the interpolation between samples, estimated from every second sample."""
     half = replace(known, **{x: getattr(known, x)[::2] for x in ("t", "q", "v", "a")})
     if len(half.t) < 2:
         return {"position": math.inf, "angle": math.inf}
@@ -201,7 +204,7 @@ def _between_bars(known: Reference) -> dict[str, float]:
 
 
 def _certify(run: Run, truth: Truth) -> Truth:
-    """Return the reference checked against a certificate: its bars then include the difference of the two.
+    """Return the reference after a comparison with a certificate, whose difference its error bars then include.
 
     Raises:
         NoTruth: the certificate holds another motion.

@@ -13,7 +13,7 @@ from gauss_bench.api.simulate import OneRun, name_run
 from gauss_bench.api.telling import UNLESS_EMPTY, Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, nothing_to_see
+from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, without_run
 from gauss_bench.diagnosis.explanations import Explained
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
@@ -155,7 +155,7 @@ def diagnose(
         return Diagnosis(**names, **found, until=end, reference=reference, remarks=tuple(remarks))
 
     if not offered.usable:
-        return make_diagnosis(nothing_to_see(Ended(offered.status, offered.reason)), "")
+        return make_diagnosis(without_run(Ended(offered.status, offered.reason)), "")
     adaptive = choice.integrator in offered.adaptive
     runs: list[Run] = []
     with Worker() as worker:

@@ -79,16 +79,16 @@ class Checkup(Result):
 def doctor(told: Callable[[str], None] = lambda sentence: None) -> Checkup:
     """Check this machine and this installation; `told` is called with a sentence before each engine is tried."""
     there = offers()
-    findings = (*_machine(), _linkages(), _cache(), _compiler(), *_builds(there))
+    findings = (*_check_machine(), _check_linkages(), _check_cache(), _check_compiler(), *_check_builds(there))
     tried = []
     for offer in there:
         told(f"trying {offer.name}")
-        tried.append(_try_all(offer))
+        tried.append(_try_engine(offer))
     engines = tuple(tried)
-    return Checkup(_verdict(findings, engines), not _broken(findings, engines), findings, engines)
+    return Checkup(_summarize(findings, engines), not _list_broken(findings, engines), findings, engines)
 
 
-def _machine() -> Iterator[Finding]:
+def _check_machine() -> Iterator[Finding]:
     here = environment()
     recent = sys.version_info >= OLDEST
     needed = "" if recent else f"needs {OLDEST[0]}.{OLDEST[1]} or later"
@@ -106,7 +106,7 @@ def _machine() -> Iterator[Finding]:
     yield Finding("packages", ", ".join(f"{name} {version}" for name, version in here["versions"].items()))
 
 
-def _linkages() -> Finding:
+def _check_linkages() -> Finding:
     """Read and assemble every built-in linkage."""
     names = sorted(built_in())
     for name in names:
@@ -117,7 +117,7 @@ def _linkages() -> Finding:
     return Finding("linkages", f"{len(names)} built in, each assembled")
 
 
-def _cache() -> Finding:
+def _check_cache() -> Finding:
     """Find the cache in which compiled code is kept between runs."""
     path = user_cache.is_trusted()
     if path is None:
@@ -127,14 +127,14 @@ def _cache() -> Finding:
     return Finding("cache", f"{path}: {len(sizes)} compiled linkages, {sum(sizes) / 1e6:.1f} MB")
 
 
-def _compiler() -> Finding:
+def _check_compiler() -> Finding:
     path = compiler()
     if path is None:
         return Finding("C compiler", "none", "missing", f"{NO_COMPILER}; by_hand does not run, and casadi in its virtual machine")
     return Finding("C compiler", str(Path(path)))
 
 
-def _builds(there: Iterable[Offer]) -> Iterator[Finding]:
+def _check_builds(there: Iterable[Offer]) -> Iterator[Finding]:
     """Report for each engine with code that is compiled once per user: built, not built yet, or why it cannot be built."""
     for offer in (x for x in there if x.name in FOREIGN and x.usable and hasattr(get(x.name), "build_once")):
         engine: Any = get(offer.name)
@@ -148,7 +148,7 @@ def _builds(there: Iterable[Offer]) -> Iterator[Finding]:
             yield Finding(name, "built")
 
 
-def _try_all(offer: Offer) -> Finding:
+def _try_engine(offer: Offer) -> Finding:
     """Run an engine on the crank-slider for DURATION, judged like any other run."""
     if not offer.usable:
         missing = offer.status is Status.SKIP
@@ -158,14 +158,14 @@ def _try_all(offer: Offer) -> Finding:
     return Finding(offer.name, offer.version, status, "" if status == "ok" else run.message)
 
 
-def _broken(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> list[str]:
+def _list_broken(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> list[str]:
     """List the broken or missing items that the suite requires."""
     wrong = [x.name for x in engines if x.name in NEEDED and x.status != "ok"]
     return [*(x.name for x in findings if x.status == "broken"), *wrong]
 
 
-def _verdict(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> str:
-    if broken := _broken(findings, engines):
+def _summarize(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> str:
+    if broken := _list_broken(findings, engines):
         return f"not usable: {', '.join(broken)}"
     without = [x.name for x in (*findings, *engines) if x.status in ("missing", "broken")]
     return f"usable, without {', '.join(without)}" if without else "everything works"

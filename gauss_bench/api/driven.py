@@ -38,20 +38,20 @@ def driver_table(text: str) -> dict[str, Any]:
         key, equals, value = part.partition("=")
         if not equals:
             raise ChoiceError(f"driver {text!r}: {part!r} is not of the form key=value")
-        table[key.strip()] = _read(value.strip())
+        table[key.strip()] = _read_number(value.strip())
     if law == "table" and "file" in table:
-        table["rows"] = _rows(Path(table.pop("file")))
+        table["rows"] = _read_rows(Path(table.pop("file")))
     return (TURN.get(law, RISE) if not rest and law != "table" else {}) | table
 
 
-def _read(value: str) -> Any:
+def _read_number(value: str) -> Any:
     try:
         return float(value)
     except ValueError:
         return value
 
 
-def _rows(path: Path) -> list[list[float]]:
+def _read_rows(path: Path) -> list[list[float]]:
     """Read rows (t, value) from a text file; numbers are separated by commas or blanks, and # starts a comment."""
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
@@ -61,7 +61,7 @@ def _rows(path: Path) -> list[list[float]]:
         raise ChoiceError(f"{path}: not a table of numbers t, value ({error})") from error
 
 
-def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None) -> Mechanism:
+def load_with_drivers(linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None) -> Mechanism:
     """Return the mechanism of a driven scenario: the named or the first driven one; a given driver replaces the scenario's own.
 
     A held link or slide (`hold`, else the scenario's own list) becomes a driver at rest; a held pin becomes a weld.
@@ -71,15 +71,15 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
         ChoiceError: a name in `hold` cannot be held, or its value is not a number.
     """
     document, digest, path = document_of(linkage)
-    held = _hold_start(document, scenario, hold)
+    held = _read_holds(document, scenario, hold)
     if held:
-        return _motion_held(document, scenario, driver, held, str(path), digest, path.stem)
+        return _load_held(document, scenario, driver, held, str(path), digest, path.stem)
     if driver is None:
-        mechanism = load_document(document, scenario or next(_driven_scenarios(document), None), str(path), digest, path.stem)
+        mechanism = load_document(document, scenario or next(_find_driven_scenarios(document), None), str(path), digest, path.stem)
         if not mechanism.drivers:
-            raise LinkageError(str(path), [Fault(f"scenarios.{mechanism.scenario}", _undriven(mechanism))])
+            raise LinkageError(str(path), [Fault(f"scenarios.{mechanism.scenario}", _explain_undriven(mechanism))])
         return mechanism
-    named = scenario or next(_driven_scenarios(document), None)
+    named = scenario or next(_find_driven_scenarios(document), None)
     own = load_document(document, named, str(path), digest, path.stem)  # the file's own faults come first, under its own names
     table = _place_driver(document, own, driver)
     moved = copy.deepcopy(document)
@@ -87,7 +87,7 @@ def driven(linkage: str, scenario: str | None, driver: str | None, hold: Sequenc
     return load_document(moved, "kinematics", str(path), digest)
 
 
-def _undriven(mechanism: Mechanism) -> str:
+def _explain_undriven(mechanism: Mechanism) -> str:
     """Say why a linkage without drivers has no kinematics, and what to do instead."""
     if not mechanism.knife_edges:
         return "drives nothing; name a driven scenario, or give a driver"
@@ -112,26 +112,26 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
     return table
 
 
-def _hold_start(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | None) -> dict[str, float | None]:
+def _read_holds(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | None) -> dict[str, float | None]:
     """Return name of a link or joint -> value at which it is held [degrees or m], None for its value at the start.
 
     Raises:
         ChoiceError: the value after the name is not a number.
     """
     if hold is None:
-        named = scenario or next(_driven_scenarios(document), "")
+        named = scenario or next(_find_driven_scenarios(document), "")
         return dict.fromkeys(sequence(table(table(document, "scenarios"), named), "hold"))
     held: dict[str, float | None] = {}
     for text in hold:
         name, equals, value = text.partition("=")
-        number = _read(value.strip()) if equals else None
+        number = _read_number(value.strip()) if equals else None
         if isinstance(number, str) or (number is not None and not np.isfinite(number)):
             raise ChoiceError(f"hold {text!r}: {value!r} is not a number of degrees or metres")
         held[name.strip()] = number
     return held
 
 
-def _motion_held(
+def _load_held(
     document: dict[str, Any],
     scenario: str | None,
     driver: str | None,
@@ -141,7 +141,7 @@ def _motion_held(
     stem: str,
 ) -> Mechanism:
     """Return the driven mechanism with some coordinates held, by default at their values in the scenario's start."""
-    scenario = scenario or next(_driven_scenarios(document), None)
+    scenario = scenario or next(_find_driven_scenarios(document), None)
     try:
         own = load_document(document, scenario, source, digest, stem)
     except LinkageError as error:  # a start may leave freedoms open that are held here: the sketch is enough
@@ -158,7 +158,7 @@ def _motion_held(
     # a new scenario: its start holds the coordinates, and drivers at rest keep them there
     start: dict[str, Any] = {"angles": {}, "slides": {}}
     for name, value in held.items():
-        _hold(moved, own, name, value, start)
+        _hold_body(moved, own, name, value, start)
     duration = chosen["duration"] if driver is None else float(tables[0].get("time", 1.0))
     moved["scenarios"] = {"kinematics": {"duration": duration, "drivers": tables, "start": start}}
     for key in ("expect", "forces", "measure"):
@@ -174,7 +174,7 @@ def _motion_held(
     return replace(mechanism, drivers=(*mechanism.drivers, *still), scenario=own.scenario, scenarios=own.scenarios)
 
 
-def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
+def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:
     """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links; changes `moved` and `start`.
 
     Raises:
@@ -183,7 +183,7 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
     joints = moved.get("joints", {})
     slide = next((x for x in own.slides if x.name == name), None)
     if name in moved["links"]:
-        start["angles"][name] = _angle(own, name) if value is None else float(np.radians(value))
+        start["angles"][name] = _start_angle(own, name) if value is None else float(np.radians(value))
     elif name not in joints:
         raise ChoiceError(f"hold {name!r}: no such link or joint; there are {', '.join([*moved['links'], *joints])}")
     elif slide is not None:
@@ -195,9 +195,9 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
         one, other = (x.partition(".")[0] for x in (near, far))
         if "ground" in (one, other):  # a pin on the ground: hold its link by the angle; the ground cannot be welded
             turn = None if value is None else value if one == "ground" else -value
-            _hold(moved, own, other if one == "ground" else one, turn, start)
+            _hold_body(moved, own, other if one == "ground" else one, turn, start)
             return
-        angle = _angle(own, other) - _angle(own, one) if value is None else float(np.radians(value))
+        angle = _start_angle(own, other) - _start_angle(own, one) if value is None else float(np.radians(value))
         moved["joints"] = {key: x for key, x in joints.items() if key != name}
         drawn = dict(moved.get("assembly", {}).get("sketch", {}))
         if name in drawn:
@@ -207,13 +207,13 @@ def _hold(moved: dict[str, Any], own: Mechanism, name: str, value: float | None,
         moved["welds"] = moved.get("welds", {}) | {f"{name}_held": weld}
 
 
-def _angle(mechanism: Mechanism, name: str) -> float:
+def _start_angle(mechanism: Mechanism, name: str) -> float:
     """Return the angle [rad] of a link of the file at the start."""
     body, turn = mechanism.find_body(name)
     return float(angle_at(mechanism.q0, body) + turn)
 
 
-def _driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
+def _find_driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
     return (name for name, x in items(document, "scenarios") if "driver" in x or "drivers" in x)
 
 
@@ -228,7 +228,7 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
         if driver.name == named[type(driver)]:
             return float(driver.law(0.0)[0])
     if link in [x.name for x in mechanism.whole.links]:
-        return _angle(mechanism, str(link))
+        return _start_angle(mechanism, str(link))
     slide = next((x for x in mechanism.slides if x.name == joint), None)
     return None if slide is None else float(value_of(slide.motion, mechanism.q0))
 

@@ -275,10 +275,10 @@ def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: To
                 (answer,) = recommender.answers({})
             break
         except NoTruth as reason:
-            if until <= shortest or own.left() <= 0:
+            if until <= shortest or own.remaining() <= 0:
                 raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {reason}") from reason
             told(f"not known over {until:g} s: {reason}")
-            until, own = until / 4, Budget(own.left())
+            until, own = until / 4, Budget(own.remaining())
     if not (answer.steps and answer.errors):
         raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
     errors, bar = answer.errors, max(truth.bars["position"], truth.bars["angle"])

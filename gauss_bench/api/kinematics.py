@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gauss_bench.api.driven import driven, free_at_start
+from gauss_bench.api.driven import free_at_start, load_with_drivers
 from gauss_bench.api.simulate import States, link_states, observe_names, point_states
 from gauss_bench.api.telling import HIDDEN, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
@@ -134,11 +134,11 @@ def kinematics(
         intervals = steps
     if not 1 <= intervals <= MOST_INTERVALS:
         raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
-    mechanism = driven(linkage, scenario, driver, hold)
-    _all_driven(mechanism)
+    mechanism = load_with_drivers(linkage, scenario, driver, hold)
+    _check_all_driven(mechanism)
     chosen, inputs = observe(mechanism, points), inputs_of(mechanism)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
-    _follow(mechanism, times)
+    _check_travel(mechanism, times)
     status, message = "ok", ""
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
     try:
@@ -176,7 +176,7 @@ def kinematics(
     )
 
 
-def _follow(mechanism: Mechanism, times: Array) -> None:
+def _check_travel(mechanism: Mechanism, times: Array) -> None:
     """Check that no driver travels further over the times (k,) than LONGEST_WAY.
 
     Raises:
@@ -192,7 +192,7 @@ def _follow(mechanism: Mechanism, times: Array) -> None:
             )
 
 
-def _all_driven(mechanism: Mechanism) -> None:
+def _check_all_driven(mechanism: Mechanism) -> None:
     """Check that the drivers leave no coordinate free.
 
     Raises:

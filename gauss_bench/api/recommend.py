@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gauss_bench.advice.answer import Answer, setting_said
+from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.recommending import BEATS, Better, Recommender
 from gauss_bench.api.exchange import tell_plainly
@@ -15,7 +15,7 @@ from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet
-from gauss_bench.linkage.load import load
+from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
 from gauss_bench.runs.worker import WorkerFailure
@@ -141,7 +141,7 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remark)
     try:
         needs_library = answer.engine in WRITERS
-        program = recommender.asked(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
+        program = recommender.call_worker(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
     except WorkerFailure as failure:
         program = {"refused": str(failure)}
     match program:
@@ -155,7 +155,10 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
 def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remark: str) -> dict[str, Any]:
     """Run `snippet` in a worker and return plain data."""
     mechanism = replace(load(linkage, scenario), duration=until)
-    return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, Choice(*choice), until, (remark,))})
+    source = find(linkage)
+    # the program may be started from any folder, so it names a user's file by its whole path
+    name = str(source.resolve()) if source.is_file() and linkage not in built_in() else linkage
+    return tell_plainly(lambda: {"text": snippet(mechanism, name, engine, Choice(*choice), until, (remark,))})
 
 
 def list_requirements(**limits: float | None) -> dict[str, float]:
@@ -239,7 +242,7 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
 def setting_of(answer: Answer) -> str:
     """Return a setting in words."""
     size = f"tolerance {answer.tolerance:.2g}" if answer.step is None else f"step {answer.step:.4g} s"
-    return f"{setting_said(answer.settings, answer.integrator, answer.stabilization)}, {size}"
+    return f"{format_setting(answer.settings, answer.integrator, answer.stabilization)}, {size}"
 
 
 def duration_of(seconds: float) -> str:

@@ -171,7 +171,7 @@ def simulate(
     asked: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": at[-1]}
     asked |= {"model": mechanism, "observed": observe_names(mechanism)}
     if not offered.usable:
-        return Simulation(**asked, **_unjudged(mechanism, offered.status, offered.reason))
+        return Simulation(**asked, **_fields_without_run(mechanism, offered.status, offered.reason))
     check_affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
     wanted = sampling_through(choice.step, at, sample_spacing(mechanism, at[-1]))
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
@@ -211,7 +211,7 @@ def _judge(
     """
     trajectory = run.trajectory or run.reached
     if trajectory is None:
-        return _unjudged(mechanism, run.status, run.message)
+        return _fields_without_run(mechanism, run.status, run.message)
     try:
         evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer, adaptive=adaptive)
         figures, verdict = measure(evidence, trajectory, run), judge(evidence)
@@ -234,10 +234,10 @@ def _judge(
         }
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         message = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
-        return _unjudged(mechanism, Status.ERROR if run.trajectory else run.status, message)
+        return _fields_without_run(mechanism, Status.ERROR if run.trajectory else run.status, message)
 
 
-def _unjudged(mechanism: Mechanism, status: Status, message: str) -> dict[str, Any]:
+def _fields_without_run(mechanism: Mechanism, status: Status, message: str) -> dict[str, Any]:
     """Return the fields of a run without a trajectory; its lists are empty."""
     none = np.zeros((0, mechanism.n))
     nothing = Trajectory(np.zeros(0), none, none, none, 0)

@@ -157,13 +157,13 @@ def compare(step: float, until: float) -> Array:
     return np.arange(whole // each + 1) * (each * step)
 
 
-def reach(way: Way, axis: Axis, course: Course, worker: Worker, left: Callable[[], float]) -> Reach:
+def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Callable[[], float]) -> Reach:
     """Find the reach of one way along one axis, as far as the remaining seconds allow."""
     runs: dict[int, RunVerdict] = {}
 
     def at(i: int) -> RunVerdict:
         if i not in runs:
-            runs[i] = look_at(way, axis, axis.values[i], course, worker, left())
+            runs[i] = look_at(way, axis, axis.values[i], course, worker, remaining())
         return runs[i]
 
     def count(*no_worse: Verdict) -> int:
@@ -221,7 +221,7 @@ def survey(
     with tempfile.TemporaryDirectory() as folder:
         course = Course(Path(folder))
 
-        def left() -> float:
+        def remaining() -> float:
             return 0.0 if broken_off.is_set() else until - time.monotonic()
 
         def stop() -> None:
@@ -233,7 +233,7 @@ def survey(
             if not hasattr(workers, "own"):
                 workers.own = Worker()
                 opened.append(workers.own)
-            reached = reach(pair[1], pair[0], course, workers.own, left)
+            reached = reach(pair[1], pair[0], course, workers.own, remaining)
             with saying:
                 done += 1
                 if not broken_off.is_set():

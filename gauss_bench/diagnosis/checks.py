@@ -52,17 +52,17 @@ def alter(
 ) -> Mechanism:
     """Return a changed linkage: numbers of a link or force and gravity by factors, a pin `by` [m] further out on link two."""
 
-    def scaled(x: Any) -> Any:
+    def scale(x: Any) -> Any:
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
 
-    def moved(x: Any) -> Any:
+    def move_pin(x: Any) -> Any:
         return replace(x, b=replace(x.b, local=x.b.local + np.array([by, 0.0]))) if x.name == joint else x
 
     return replace(
         mechanism,
-        links=tuple(map(scaled, mechanism.links)),
-        forces=tuple(map(scaled, mechanism.forces)),
-        joints=tuple(map(moved, mechanism.joints)),
+        links=tuple(map(scale, mechanism.links)),
+        forces=tuple(map(scale, mechanism.forces)),
+        joints=tuple(map(move_pin, mechanism.joints)),
         gravity=gravity * np.asarray(mechanism.gravity),
     )
 
@@ -85,7 +85,7 @@ def exact(reference: Reference) -> Trajectory:
     return Trajectory(reference.t, reference.q, reference.v, reference.a, len(reference.t) - 1)
 
 
-def shifted(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
+def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
     """A trajectory with one coordinate, velocity or acceleration off by a number."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
@@ -212,14 +212,14 @@ def measures() -> str | None:
         return metrics.state_errors(mechanism, told, reference)
 
     for column in (x, y):
-        moved = shifted(sound, "q", column, MOVED)
+        moved = shift(sound, "q", column, MOVED)
         gaps = metrics.drift(evaluator, moved).position, errors(moved).length, errors(moved).position
         if any(off(gap, MOVED, 1e-6) for gap in gaps):
             return f"a link moved by {MOVED:g} m is no gap or error of as much"
-    faster = shifted(sound, "v", y, MOVED)
+    faster = shift(sound, "v", y, MOVED)
     if off(metrics.drift(evaluator, faster).velocity, MOVED, 1e-6) or off(errors(faster).velocity, MOVED, 1e-6):
         return "a link that leaves its joint is no drift of velocity, or none that is too fast"
-    if off(metrics.drift(evaluator, shifted(sound, "a", y, 1.0)).acceleration, 1.0, 1e-6):
+    if off(metrics.drift(evaluator, shift(sound, "a", y, 1.0)).acceleration, 1.0, 1e-6):
         return "accelerations off the constraints leave no residual"
     (gained, bar), moves = metrics.energy_error(evaluator, sound), metrics.energy_scale(evaluator, sound)
     if not np.abs(gained).max() <= bar + 1e-6 * moves:
@@ -268,7 +268,7 @@ def judge_case() -> str | None:
     if not verdict(sound).valid:
         return f"the judge objects to the truth: {verdict(sound).sentence}"
     spoilt = {
-        judging.Subject.LOOPS: verdict(shifted(sound, "q", SIZE, 0.05 * mechanism.size)),
+        judging.Subject.LOOPS: verdict(shift(sound, "q", SIZE, 0.05 * mechanism.size)),
         judging.Subject.MOTION: verdict(replace(sound, q=turned)),
         judging.Subject.ENERGY: verdict(replace(sound, v=1.1 * sound.v)),
         judging.Subject.MODEL: verdict(sound, 0.05),

@@ -18,7 +18,7 @@ import numpy as np
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
 from gauss_bench.diagnosis.dimensions import misplace
-from gauss_bench.diagnosis.explanations import Explained, candidates, every_explanation, explain, of_constraints, tell
+from gauss_bench.diagnosis.explanations import Explained, candidates, constraint_explanations, every_explanation, explain, tell
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.diagnosis.observations import FEWEST, Burst, Runner, burst, observe, sample
 from gauss_bench.engines.base import Choice
@@ -114,7 +114,7 @@ class Verdict:
     candidates: tuple[Explained, ...] = ()
 
 
-def nothing_to_see(*ended: Ended) -> Verdict:
+def without_run(*ended: Ended) -> Verdict:
     """Return the verdict where there is no run to look at."""
     first = ended[0]
     why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
@@ -161,7 +161,7 @@ def diagnose_runs(
         until /= SHORTER
         bursts, _ = observe(run, choices, until, told)
     if not bursts:
-        return nothing_to_see(*ended)
+        return without_run(*ended)
     told("the differences")
     with np.errstate(all="ignore"):
         case = Case(run, own, TrueMotion(own, reference), bursts, choices, adaptive, projected)
@@ -200,24 +200,24 @@ class Case:
         self.local = tuple(split.local(own, b) if len(b.at) else None for b in self.sound)
         count = len(self.sound[-1].at)
         self.start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (own.mechanism.q0, own.mechanism.v0)))
-        self.noise = self._noise()
+        self.noise = self._acceleration_noise()
         self.map: samples.TimeMap | None = None
         self.jumped: samples.Jump | None = None
 
     def verdict(self) -> Answer:
         """Return cause, sentence and the explanations that were tried."""
         if self.error <= max(SMALL, BARS * self.bar):
-            return self._small()
-        for question in (self._turns, self._order, self._still, self._jump, self._velocities):
+            return self._explain_small_error()
+        for question in (self._find_turns, self._find_order, self._find_standstill, self._find_jump, self._find_velocities):
             if answer := question():
                 return answer
-        exact = self._reproduced()
-        if exact and (self._rounds() or not self._step_dominates()):
+        exact = self._reproduce()
+        if exact and (self._is_round_off() or not self._step_dominates()):
             return exact
-        answer = self._length() or self._other_times() or self._by_steps()
+        answer = self._find_length() or self._find_other_times() or self._explain_by_steps()
         return answer if answer.explanations or not exact else answer._replace(explanations=exact.explanations)
 
-    def _noise(self) -> float:
+    def _acceleration_noise(self) -> float:
         """Return the relative error that sound accelerations may have: ten times the difference of two of the suite's solvers."""
         states = self.sound[-1].at
         if not len(states) or self.own.evaluator.friction:
@@ -226,19 +226,19 @@ class Case:
         apart = float(np.linalg.norm(a - other) / max(float(np.linalg.norm(a)), 1e-300))
         return max(NOISE, 10 * apart) if np.isfinite(apart) else NOISE
 
-    def _explained(self, y: Array) -> list[Explained]:
+    def _explain(self, y: Array) -> list[Explained]:
         """Return the explanations of acceleration errors y (k, n) of the finest run, the best first."""
         b = self.sound[-1]
         some = every_explanation(self.own, b.at, b.before, self.start)
         found = explain(y, self.own.evaluator.mass, some, self.own.accelerations(b.at), self.noise)
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
-    def _reproduced(self) -> Answer | None:
+    def _reproduce(self) -> Answer | None:
         """Return the causes that reproduce the engine's accelerations when planted by their amount."""
         last = self.local[-1]
         if last is None or not last.relative_told > SEEN:
             return None
-        explanations = self._explained(last.told)
+        explanations = self._explain(last.told)
         alike = candidates(explanations, self.noise)
         if not alike:
             return None
@@ -248,15 +248,15 @@ class Case:
         each = "each of these" if len(alike) > 1 else "this"
         return Answer(alike[0].cause, f"{named}{more}: {size}, and {each} reproduces them to {self.noise:.0e}", explanations)
 
-    def _small(self) -> Answer:
-        if answer := self._velocities() or self._reproduced():
+    def _explain_small_error(self) -> Answer:
+        if answer := self._find_velocities() or self._reproduce():
             return answer
         last = self.local[-1]
         if last is None or not last.relative_told > OFF_TOLD:
             said = f"no dominant cause: the largest error, {self.error:.1e} (m, rad), is below {max(SMALL, BARS * self.bar):.0e}"
             falls = f"; it falls with the step by order {self.steps.order:.1f}" if self.steps.converges else ""
             return Answer(Cause.NONE, said + falls)
-        explanations = self._explained(last.told)
+        explanations = self._explain(last.told)
         wrong = f"the motion is right to {self.error:.1e} (m, rad), but the accelerations told are off by {last.relative_told:.1e}"
         if explanations and explanations[0].share >= EXPLAINS:
             return Answer(explanations[0].cause, f"{wrong}: {explanations[0].sentence}", explanations)
@@ -264,7 +264,7 @@ class Case:
             return Answer(Cause.SOFTNESS, f"{wrong}, as forces are that yield in soft constraints", explanations)
         return Answer(Cause.ACCELERATIONS, f"{wrong}, which no parameter explains", explanations)
 
-    def _turns(self) -> Answer | None:
+    def _find_turns(self) -> Answer | None:
         """Detect angles that an engine has wrapped into one turn."""
         turns = samples.whole_turns(self.off)
         if not turns.any():
@@ -275,12 +275,12 @@ class Case:
         said = f"angles are told in other turns than the motion's: {name} by {by:+.0f} from t = {self.first.at.t[k]:.3g} s on"
         return Answer(Cause.WRAPPED, f"{said}; but for whole turns they are right")
 
-    def _order(self) -> Answer | None:
-        told = _join(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
+    def _find_order(self) -> Answer | None:
+        told = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
         found = samples.order(self.own.mechanism, self.truth.at(told.t), told)
         return Answer(Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left") if found else None
 
-    def _velocities(self) -> Answer | None:
+    def _find_velocities(self) -> Answer | None:
         """Detect velocities that disagree with the change of positions from step to step."""
         b = self.bursts[-1]
         moved = (b.after.q - b.before.q) / (b.after.t - b.before.t)[:, None]
@@ -291,19 +291,19 @@ class Case:
         said = f"the velocities told are off by {off:.1e} of those by which the positions told move: {what}"
         return Answer(Cause.VELOCITIES, said)
 
-    def _still(self) -> Answer | None:
+    def _find_standstill(self) -> Answer | None:
         if not samples.stands_still(self.true, self.first.at):
             return None
         last = self.local[-1]
         if self.own.mechanism.drivers and last is not None:  # an engine may stand still because it knows of no acceleration
-            best = next(iter(self._explained(last.told)), None)
+            best = next(iter(self._explain(last.told)), None)
             if best and best.share >= EXPLAINS and best.cause is Cause.SECOND_RATE:
                 return Answer(Cause.SECOND_RATE, f"{best.sentence}, so that the linkage stands still")
         return Answer(Cause.STATIONARY, "the samples stand still while the linkage moves")
 
-    def _jump(self) -> Answer | None:
+    def _find_jump(self) -> Answer | None:
         """Detect a jump of the state: run again, sampled at every step of the stretch between two checkpoints that may hold one."""
-        told = _join(self.first.start, self.first.at)
+        told = _join_states(self.first.start, self.first.at)
         k = samples.suspicious_window(told, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
             return None
@@ -317,7 +317,7 @@ class Case:
         said = f"the state jumps {where} at t = {self.jumped.t:.6g} s, by {self.jumped.size:.2g} (m, rad) in one step"
         return Answer(Cause.RESET, f"{said}, as an engine does that resets itself after an error")
 
-    def _length(self) -> Answer | None:
+    def _find_length(self) -> Answer | None:
         """Detect a pin that is elsewhere than in the file: its gap turns with its link, whatever the step."""
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > SMALL / 10:
@@ -326,14 +326,14 @@ class Case:
         if pin is None or self.closure.held**2 >= pin.share:
             return None
         gap = f"loops stay open by {opened:.1e} (m, rad) by the file's dimensions, whatever the step"
-        return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; that explains {share_words(pin.share)} of it")
+        return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; that explains {format_share(pin.share)} of it")
 
-    def _other_times(self) -> Answer | None:
+    def _find_other_times(self) -> Answer | None:
         """Detect a wrong start, or samples of other times; in both cases the steps are sound."""
         h = self.first.step
         for stretch in (False, True):
             found = samples.time_map(self.truth, self.first.at, stretch)
-            if found is None or not (self._as_steps_go(found, stretch) and self._steps_are_sound(found)):
+            if found is None or not (self._scales_with_step(found, stretch) and self._steps_are_sound(found)):
                 continue
             left = f"so read, {found.left:.1%} of the error is left"
             if not stretch and abs(found.shift) > 1e-3 * h:
@@ -343,7 +343,7 @@ class Case:
             if stretch and abs(found.rate - 1) > 1e-6:
                 self.map = found
                 return Answer(Cause.STRETCH, f"the samples are those of {found.rate:.6g} times their time; {left}")
-        if by := self._late_from_the_first_step():
+        if by := self._shift_of_first_step():
             far, when = ("far", "later") if by > 0 else ("short", "earlier")
             said = f"the first step leads {abs(by):.3g} s too {far} and no other does"
             return Answer(Cause.SHIFT, f"{said}: later samples are those of {abs(by) / h:.3g} steps {when}")
@@ -354,7 +354,7 @@ class Case:
             return Answer(Cause.START, said)
         return None
 
-    def _as_steps_go(self, time_map: samples.TimeMap, stretch: bool) -> bool:
+    def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
         """Tell whether a finer run is off by the same time or the same number of steps; an integrator's error falls faster."""
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
@@ -366,7 +366,7 @@ class Case:
             return abs(again.rate - 1) > abs(time_map.rate - 1) / 2
         return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
-    def _late_from_the_first_step(self) -> float:
+    def _shift_of_first_step(self) -> float:
         """Return the shift [s] of all samples but the start, found from the first step of every run; 0 where there is none.
 
         A first step that goes too far reveals a shift even where the integrator's error hides it from the map of time.
@@ -375,7 +375,7 @@ class Case:
         for b, x in zip(self.bursts, self.local, strict=True):
             if self.adaptive or x is None or not len(b.stepped):
                 return 0.0
-            expected = self.own.moved(b.start, np.array([b.step]))
+            expected = self.own.flow(b.start, np.array([b.step]))
             slope = np.concatenate([expected.v[0] * b.step, self.own.accelerations(expected)[0] * b.step**2])
             off = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
             steps = float(off @ slope) / max(float(slope @ slope), 1e-300)
@@ -396,19 +396,19 @@ class Case:
             return time_map.left < NOTHING
         return last.relative_told < SOUND and (last.relative_moved < SOUND or abs(last.relative_moved - by_rate) < by_rate / 2)
 
-    def _by_steps(self) -> Answer:
+    def _explain_by_steps(self) -> Answer:
         """Attribute the error to round-off, to the step, or to a fault that smaller steps leave."""
-        if self._rounds():
+        if self._is_round_off():
             said = "the error does not fall with the step, and a step is off by as much however short it is: round-off"
             by = ", ".join(f"{e:.1e} by {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=False))
             return Answer(Cause.ROUND_OFF, f"{said} ({by})")
-        return self._of_step() if self._step_dominates() else self._without_step()
+        return self._explain_step_error() if self._step_dominates() else self._explain_remaining_error()
 
     def _step_dominates(self) -> bool:
         """Tell whether the error that falls with the step is larger than the one that stays."""
         return self.limit <= self.by_step and (self.steps.converges or self.adaptive)
 
-    def exponent(self) -> float:
+    def step_exponent(self) -> float:
         """Return k of the error of one step, proportional to h^k, from the two smallest steps."""
         pairs = zip(self.local[-2:], self.sound[-2:], strict=True)
         found = [(split.size(x.moved) * b.step, b.step) for x, b in pairs if x is not None]
@@ -417,18 +417,18 @@ class Case:
         (one, h), (other, half) = found
         return float(np.log(one / other) / np.log(h / half))
 
-    def _rounds(self) -> bool:
-        return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.exponent() < 0.5)
+    def _is_round_off(self) -> bool:
+        return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
-    def _without_step(self) -> Answer:
+    def _explain_remaining_error(self) -> Answer:
         """Explain an error that smaller steps leave: wrong accelerations, or loops that are not held."""
         last, c = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open everywhere: there are no states to look at")
-        explanations = self._explained(last.told if last.relative_told > 0.3 * last.relative_moved else last.moved)
+        explanations = self._explain(last.told if last.relative_told > 0.3 * last.relative_moved else last.moved)
         if explanations and explanations[0].share >= EXPLAINS:
             best = explanations[0]
-            said = f"{best.sentence}; that explains {share_words(best.share)} of its wrong accelerations"
+            said = f"{best.sentence}; that explains {format_share(best.share)} of its wrong accelerations"
             left = AS_GOOD * max(1 - best.share, 1e-12)
             others = [x.sentence for x in explanations[1:] if 1 - x.share <= left][:3]
             alike = f" (this motion does not tell it from: {'; '.join(others)})" if others else ""
@@ -441,46 +441,46 @@ class Case:
         off = f"accelerations are off by {max(last.relative_told, last.relative_moved):.1e} at the same states"
         return Answer(Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations)
 
-    def _of_step(self) -> Answer:
+    def _explain_step_error(self) -> Answer:
         """Explain an error that falls with the step: old constraint data, constraints softened by it, drift, or the integrator."""
-        if old := self._stale():
+        if old := self._find_stale_data():
             return Answer(Cause.STALE, old.sentence, [old])
         c = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        if (c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows) or self._yields():
+        if (c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows) or self._constraints_yield():
             gap = f"the loops open by {c.closure[0]:.1e} (m, rad) at {c.closure_joint}"
             said = f"soft constraints, which these settings tie to the step: {gap}, following the force there"
             return Answer(Cause.SOFTNESS, f"{said} ({c.compliance:.1e} m/N); it {falls}")
-        mended = self._mended() if c.closure_share > MEANT and c.grows else 1.0
+        mended = self._share_after_projection() if c.closure_share > MEANT and c.grows else 1.0
         if mended < MENDS:
             gap = f"the loops open, by {c.closure_early:.1e} early and {c.closure_late:.1e} (m, rad) late"
             left = f"with steps projected {mended:.0%} of the error is left"
             return Answer(Cause.DRIFT, f"drift off the constraints: {gap}; {left}; it {falls}")
         share = self.by_step / max(self.by_step, self.whole)
-        return Answer(Cause.INTEGRATOR, f"the integrator: {share:.0%} of the error {falls}{self._beside()}")
+        return Answer(Cause.INTEGRATOR, f"the integrator: {share:.0%} of the error {falls}{self._name_hidden_fault()}")
 
-    def _lost_order(self) -> bool:
+    def _loses_order(self) -> bool:
         """Tell whether the motion converges at a lower order than the integrator's name says."""
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
-    def _yields(self) -> bool:
+    def _constraints_yield(self) -> bool:
         """Tell whether compliant constraint forces make the error: accelerations stay wrong, and the order is too low."""
         first, last = self.local[0], self.local[-1]
-        if first is None or last is None or not self._lost_order():
+        if first is None or last is None or not self._loses_order():
             return False
         return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
 
-    def _beside(self) -> str:
+    def _name_hidden_fault(self) -> str:
         """Name a fault that the error of the step hides, as the end of a sentence; return an empty text where there is none."""
         last = self.local[-1]
         if last is not None and last.relative_told > SOUND:
-            best = next(iter(self._explained(last.told)), None)
+            best = next(iter(self._explain(last.told)), None)
             if best and best.share >= EXPLAINS:
                 return f"; beside it, {best.sentence}"
         stays = self.limit > max(SMALL, self.by_step / 10)
         return f"; an error of {self.limit:.1e} (m, rad) would stay at any step" if stays else ""
 
-    def _mended(self) -> float:
+    def _share_after_projection(self) -> float:
         """Return the share of the error left when the engine's steps are projected; 1 where it offers no projection."""
         at = self.first.at.t[: self.steps.horizon]
         if self.projected is None or (trajectory := self.run(self.projected, sample(self.first.step, at)).trajectory) is None:
@@ -488,24 +488,24 @@ class Case:
         told = burst(self.projected, at, trajectory).at
         return split.size(told.q - self.truth.at(told.t).q) / self.whole
 
-    def _stale(self) -> Explained | None:
+    def _find_stale_data(self) -> Explained | None:
         """Detect constraint data older than the integrator's state."""
         last, b, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
             return None
-        euler = [] if self._lost_order() else [last.euler]  # the error of a sound first-order step
+        euler = [] if self._loses_order() else [last.euler]  # the error of a sound first-order step
         for y, relative, known in ((last.told, last.relative_told, []), (last.moved, last.relative_moved, euler)):
             if not relative > SEEN:
                 continue
             _, alone = _fit(y, known, root)
             whole = float(np.sum((y * root) ** 2))
-            for one in of_constraints(self.own, b.at, b.before, self.start):
+            for one in constraint_explanations(self.own, b.at, b.before, self.start):
                 if one.cause is not Cause.STALE or one.once:
                     continue
-                amount, left = _fit(y, [*known, one.changed(1.0)], root)
+                amount, left = _fit(y, [*known, one.effect_of(1.0)], root)
                 if left * BETTER < alone and OLD < amount < 5 and left < (1 - EXPLAINS) * whole:
                     share = 1 - left / whole
-                    said = f"{tell(one.said, amount)}, which explains {share_words(share)} of what accelerations are off by"
+                    said = f"{tell(one.said, amount)}, which explains {format_share(share)} of what accelerations are off by"
                     return Explained(Cause.STALE, one.what, amount, share, said)
         return None
 
@@ -525,7 +525,7 @@ class Case:
             step_error=self.by_step,
             told=tuple(np.nan if x is None else x.relative_told for x in self.local),
             moved=tuple(np.nan if x is None else x.relative_moved for x in self.local),
-            step_exponent=self.exponent(),
+            step_exponent=self.step_exponent(),
             shift=np.nan if self.map is None else self.map.shift,
             rate=np.nan if self.map is None else self.map.rate,
             jump_time=np.nan if self.jumped is None else self.jumped.t,
@@ -554,7 +554,7 @@ class Case:
         return by_part
 
 
-def _join(one: States, other: States) -> States:
+def _join_states(one: States, other: States) -> States:
     return States(*(np.concatenate([getattr(one, x), getattr(other, x)]) for x in "tqv"))
 
 
@@ -573,6 +573,6 @@ def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
     return float(amounts[-1]), float(left @ left)
 
 
-def share_words(share: float) -> str:
+def format_share(share: float) -> str:
     """Return a share in words, with more digits where it would round to 100 %."""
     return f"{share:.0%}" if share < 0.995 else f"{100 * share:.4g} %" if share < 0.99995 else "all"

@@ -62,7 +62,7 @@ class Explanation:
     once: bool = False
     exact: bool = False
 
-    def changed(self, amount: float) -> Array:
+    def effect_of(self, amount: float) -> Array:
         """Return the change (k, n) of the accelerations by an amount."""
         return self.effect(amount) if callable(self.effect) else amount * self.effect
 
@@ -121,7 +121,7 @@ def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
 
 def _fit(one: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
     def effect(amount: float) -> Array:
-        return np.asarray((one.changed(amount) * root).ravel())
+        return np.asarray((one.effect_of(amount) * root).ravel())
 
     unit = SMALL if callable(one.effect) else 1.0
     column = effect(unit) / unit
@@ -154,50 +154,50 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
     return amount, left
 
 
-def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
+def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Explanations by wrong numbers of a linkage, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
 
-    def altered(**changes: Any) -> Array:
+    def change_by(**changes: Any) -> Array:
         there = Evaluator(replace(mechanism, **changes))
         return replace(parts, mass=there.mass, Q=there.applied.generalised(x.q, x.v, x.t)).accelerations() - base
 
-    def scaled(names: Sequence[str], keys: Sequence[str]) -> Callable[[float], Array]:
+    def scale_links(names: Sequence[str], keys: Sequence[str]) -> Callable[[float], Array]:
         def effect(c: float) -> Array:
             links = [
                 replace(x, **{key: getattr(x, key) * (1 + c) for key in keys}) if x.name in names else x for x in mechanism.links
             ]
-            return altered(links=tuple(links))
+            return change_by(links=tuple(links))
 
         return effect
 
     def with_force(at: int, **changes: Any) -> Array:
-        return altered(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
+        return change_by(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
 
     names = [link.name for link in mechanism.links]
     for name in names:
         for key, cause in (("inertia", Cause.INERTIA), ("mass", Cause.MASS)):
-            yield Explanation(cause, f"{key} of {name}", scaled([name], [key]), f"the {key} of {name} {{is}}")
+            yield Explanation(cause, f"{key} of {name}", scale_links([name], [key]), f"the {key} of {name} {{is}}")
     for what, cause, keys in SCALED:
-        yield Explanation(cause, what, scaled(names, keys), f"{what} {{are}}")
-    yield from of_all_forces(own, x)
+        yield Explanation(cause, what, scale_links(names, keys), f"{what} {{are}}")
+    yield from force_explanations(own, x)
     for i, j in combinations(range(len(names)), 2):
         links, both = list(mechanism.links), f"{names[i]} and {names[j]}"
         one, other = links[i], links[j]
         links[i] = replace(one, mass=other.mass, inertia=other.inertia)
         links[j] = replace(other, mass=one.mass, inertia=one.inertia)
-        swapped = altered(links=tuple(links))
+        swapped = change_by(links=tuple(links))
         yield Explanation(Cause.ORDER, f"masses of {both}", swapped, f"{both} have each other's mass and inertia", once=True)
     g = np.asarray(mechanism.gravity, dtype=float)
     if g.any():
-        yield Explanation(Cause.GRAVITY, "gravity", altered(gravity=2 * g), "gravity {is}")
+        yield Explanation(Cause.GRAVITY, "gravity", change_by(gravity=2 * g), "gravity {is}")
     across = (
         [(np.array([-g[1], g[0]]), "across itself")] if g.any() else [(GIVEN * np.eye(2)[k], f"along {'xy'[k]}") for k in (0, 1)]
     )
     for vector, name in across:
         said = f"gravity has a part {name} that it should not have, {{amount}} times {float(np.hypot(*vector)):.3g} m/s^2"
-        yield Explanation(Cause.GRAVITY, f"gravity {name}", altered(gravity=g + vector), said)
+        yield Explanation(Cause.GRAVITY, f"gravity {name}", change_by(gravity=g + vector), said)
     for at, force in enumerate(mechanism.forces):
         for key in NUMBERS:
             value = getattr(force, key, 0.0)
@@ -214,27 +214,27 @@ def of_parameters(own: OwnMotion, x: States) -> Iterator[Explanation]:
             yield Explanation(Cause.FORCE, f"direction of force {force.name}", turned, said)
 
 
-def of_all_forces(own: OwnMotion, x: States) -> Iterator[Explanation]:
+def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Forces of one kind, or all of them, of another size or sign."""
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
 
-    def pushed(*forces: Force) -> Array:
+    def force_of(*forces: Force) -> Array:
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
     angular = [f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.to_loads())]
     moments = np.zeros_like(parts.Q)
     angles(moments)[...] = angles(parts.Q)
-    sums = {"all angular forces": pushed(*angular), "all moments on links": moments}
-    sums |= {"all forces but gravity": pushed(*mechanism.forces), "all forces and gravity": parts.Q}
-    sums |= {f"all of the force {f.name}": pushed(f) for f in mechanism.forces}
+    sums = {"all angular forces": force_of(*angular), "all moments on links": moments}
+    sums |= {"all forces but gravity": force_of(*mechanism.forces), "all forces and gravity": parts.Q}
+    sums |= {f"all of the force {f.name}": force_of(f) for f in mechanism.forces}
     for what, Q in sums.items():
         effect = replace(parts, Q=parts.Q + Q).accelerations() - base
         yield Explanation(Cause.FORCE, what, effect, f"{what} {{are}}", exact=True)
 
 
-def of_numbers_of_constraints(own: OwnMotion, x: States) -> Iterator[Explanation]:
+def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Entries, rows and velocity terms of the constraints of another size."""
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
@@ -251,7 +251,7 @@ def of_numbers_of_constraints(own: OwnMotion, x: States) -> Iterator[Explanation
         effect = replace(parts, gamma=more).accelerations() - base
         yield Explanation(Cause.VELOCITY_TERMS, what, effect, f"{what} {{are}}", exact=True)
 
-    def scaled(row: int, column: Any) -> Callable[[float], Array]:
+    def scale_entries(row: int, column: Any) -> Callable[[float], Array]:
         def effect(c: float) -> Array:
             J = parts.J.copy()
             J[:, row, column] *= 1 + c
@@ -264,21 +264,21 @@ def of_numbers_of_constraints(own: OwnMotion, x: States) -> Iterator[Explanation
         places += [(k, f"entry ({name}; {columns[k]})") for k in np.flatnonzero(parts.J[:, row].any(axis=0))]
         for column, what in places:
             said = f"the Jacobian's {what} {{is}}"
-            yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", scaled(row, column), said, exact=True)
+            yield Explanation(Cause.JACOBIAN, f"Jacobian's {what}", scale_entries(row, column), said, exact=True)
 
 
-def of_constraints(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
+def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
     """Explanations by wrong constraints, at states x: left out, without velocity terms, old."""
     mechanism, parts = own.mechanism, own.parts(x)
     base, rows = parts.accelerations(), own.evaluator.constraints
 
-    def changed(J: Array = parts.J, gamma: Array = parts.gamma) -> Array:
+    def change_constraints(J: Array = parts.J, gamma: Array = parts.gamma) -> Array:
         return replace(parts, J=J, gamma=gamma).accelerations() - base
 
     def with_gamma(some: Any, value: Array | float) -> Array:
         gamma = parts.gamma.copy()
         gamma[:, some] = value
-        return changed(gamma=gamma)
+        return change_constraints(gamma=gamma)
 
     held: dict[str, list[int]] = {}
     at = 0
@@ -302,17 +302,17 @@ def of_constraints(own: OwnMotion, x: States, before: States, start: States) -> 
         yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, said, once=True)
     old, first = own.parts(before), own.parts(start)
     J0, gamma0 = np.broadcast_to(first.J, parts.J.shape), np.broadcast_to(first.gamma, parts.gamma.shape)
-    for what, effect in (("Jacobian", changed(J=J0)), ("Jacobian and bias", changed(J0, gamma0))):
+    for what, effect in (("Jacobian", change_constraints(J=J0)), ("Jacobian and bias", change_constraints(J0, gamma0))):
         said = f"the constraints' {what.lower()} stays that of the start"
         yield Explanation(Cause.STALE, f"{what} of the start", effect, said, once=True)
-    for what, effect in (("Jacobian", changed(J=old.J)), ("Jacobian and bias", changed(old.J, old.gamma))):
+    for what, effect in (("Jacobian", change_constraints(J=old.J)), ("Jacobian and bias", change_constraints(old.J, old.gamma))):
         said = f"the constraints' {what.lower()} is {{amount}} steps old"
         yield Explanation(Cause.STALE, f"{what} of earlier steps", effect, said)
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
     """Yield every explanation at states x, each one step after states `before`."""
-    yield from of_parameters(own, x)
-    yield from of_constraints(own, x, before, start)
+    yield from parameter_explanations(own, x)
+    yield from constraint_explanations(own, x, before, start)
     yield Explanation(Cause.ACCELERATIONS, "all accelerations", own.accelerations(x), "every acceleration {is}")
-    yield from of_numbers_of_constraints(own, x)
+    yield from entry_explanations(own, x)

@@ -167,7 +167,7 @@ def stale(terms: Terms, model: FaultyModel, *_: object) -> Terms:
     return replace(terms, J=J, gamma=gamma)
 
 
-def frozen(terms: Terms, model: FaultyModel, *_: object) -> Terms:
+def keep_first_jacobian(terms: Terms, model: FaultyModel, *_: object) -> Terms:
     """The Jacobian of the start, never updated."""
     return replace(terms, J=model.first[0])
 

@@ -96,7 +96,7 @@ class OwnMotion:
             return self.absolute.acceleration(x.t, x.q, x.v)
         return self.parts(x).accelerations()
 
-    def moved(self, x: States, by: Array) -> States:
+    def flow(self, x: States, by: Array) -> States:
         """Return the states that the linkage reaches from x after times `by` (k,) [s], which may be negative or zero."""
         steps = max(1, int(np.ceil(np.abs(by).max(initial=0.0) / SUBSTEP)))
         k, n = x.q.shape
@@ -115,7 +115,7 @@ class OwnMotion:
         v = np.where(h == 0, x.v, v.reshape(k, n) / speed)
         return States(x.t + by, q.reshape(k, n), v)
 
-    def projected(self, x: States) -> States:
+    def project(self, x: States) -> States:
         """Return the nearest states on the constraints."""
         pairs = [self.evaluator.project(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)]
         return States(x.t, np.array([q for q, _ in pairs]), np.array([v for _, v in pairs]))
@@ -139,7 +139,7 @@ class TrueMotion:
         near = after - (t - r.t[after - 1] < r.t[after] - t)
         x = States(r.t[near], r.q[near], r.v[near])
         by = np.where(np.abs(t - x.t) < 1e-9, 0.0, t - x.t)
-        return self.motion.moved(x, by) if by.any() else x
+        return self.motion.flow(x, by) if by.any() else x
 
     def bar(self, t: Array) -> Array:
         """(k,) error bar of the positions [m, rad] at times t: below it errors say nothing."""

@@ -108,7 +108,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
     at = bursts[0].at[slice(0, len(errors))]
     with np.errstate(all="ignore"):
-        share = size(at.q - own.projected(at).q) / max(size(errors), 1e-300)
+        share = size(at.q - own.project(at).q) / max(size(errors), 1e-300)
     worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0
     rows = [x.name for x in (*own.mechanism.joints, *own.mechanism.couplings) for _ in x.held]
     name = [*rows, *(x.name for x in own.mechanism.drivers), ""][worst]
@@ -151,7 +151,7 @@ def local(own: OwnMotion, b: Burst) -> Local:
     """One run, one step at a time."""
     h = b.after.t - b.at.t
     true = own.accelerations(b.at)
-    mean = (own.moved(b.at, h).v - b.at.v) / h[:, None]
+    mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]
     moved = (b.after.v - b.at.v) / h[:, None]
     off = [float(np.median(relative_acceleration_error(*pair))) for pair in ((b.a, true), (moved, mean))]
     return Local(b.a - true, moved - mean, true - mean, off[0], off[1])

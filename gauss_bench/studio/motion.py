@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.driven import driven, free_at_start
+from gauss_bench.api.driven import free_at_start, load_with_drivers
 from gauss_bench.api.history import transmission
 from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.centres import centres
@@ -50,7 +50,7 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
         drive(d, {"coordinate": possible[0]["name"]})
         text, scenario = write_document(text, d.document), DRIVEN
     with workplace(text, document.get("name")) as path:
-        mechanism = driven(str(path), scenario, None)
+        mechanism = load_with_drivers(str(path), scenario, None)
     if mechanism.dof > len(mechanism.drivers) and (left := free_at_start(mechanism)):
         raise Refused(f"the drivers leave {len(left)} free ({', '.join(left)}): drive them too, or hold them")
     return mechanism

@@ -20,8 +20,10 @@ from gauss_bench.tables import refuse_foreign, write_table, write_text
 def recommend(options: Namespace, told: Told) -> Recommendation | Answer:
     """Find the cheapest setting of each engine, and write a program for each that holds the requirement."""
     engines, files = options.engines or [], {}
-    for name in (engines or order_kinds()) if options.out else ():
-        files[name] = writable(options.out / f"{name}.py", options.replace, suffix=".py", source=options.linkage)
+    if options.out is not None:
+        usable_folder(options.out)
+        for name in engines or order_kinds():
+            files[name] = writable(options.out / program_name(name), options.replace, "--out", options.out, ".py", options.linkage)
     wanted = (options.position, options.angle, options.force, options.until)
     try:
         result = recommend_settings(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, told)
@@ -29,9 +31,19 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer:
         return Answer(None, False, "", (f"{options.linkage}: nothing can be recommended: {reason}",))
     for answer in result.answers:
         if answer.snippet and answer.engine in files:
+            options.out.mkdir(exist_ok=True)
             write_text(files[answer.engine], answer.snippet)
             told(f"{files[answer.engine]}")
     return result
+
+
+def program_name(engine: str) -> str:
+    """Return the file name of an engine's program.
+
+    The hyphen keeps it from shadowing the engine's library: Python puts a program's folder first in its search path, and no module
+    that is imported has a hyphen in its name.
+    """
+    return f"run-{engine}.py"
 
 
 def sweep(options: Namespace, told: Told) -> Answer:

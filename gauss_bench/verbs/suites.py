@@ -32,7 +32,7 @@ ENTRIES = ("README.md", "index.html")
 Tables = Mapping[str, Sequence[Mapping[str, Any]]]
 
 
-def chosen_suite(options: Namespace, names: Sequence[str]) -> Any:
+def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
     """Return the named suites as one, restricted to the linkages and engines asked for.
 
     Raises:
@@ -52,7 +52,7 @@ def run(options: Namespace, told: Told) -> Answer:
     if options.report:
         refuse_pages_of_others(options.out)
     names = options.suite or ["quick"]
-    suite, limit = chosen_suite(options, names), check_budget(options.budget, CASE_LIMIT)
+    suite, limit = choose_suite(options, names), check_budget(options.budget, CASE_LIMIT)
     cases.as_asked(cases.cases(suite), options.until, options.steps)  # refused before anything is run
     if options.against:
         accuracy_rows(options.against)
@@ -102,7 +102,7 @@ def report(options: Namespace, told: Told) -> Answer:
 
 def check(options: Namespace, told: Told) -> Answer:
     """Compare the accuracy cases with the baseline, or accept them as a new baseline."""
-    asked = cases.cases(chosen_suite(options, ["gate"]))
+    asked = cases.cases(choose_suite(options, ["gate"]))
     chosen = asked
     if not options.accept and not options.baseline.exists():
         raise ChoiceError(f"{options.baseline}: no baseline there; write one with --accept REASON")
