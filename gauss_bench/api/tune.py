@@ -123,7 +123,7 @@ class Judge:
         choice = Choice(setting_text(path or self.file.path, options), "", "none", step)
         wanted = Sampling(times, step, steps, 0)
         request = Request(self.run.linkage, self.run.mechanism.scenario, ENGINE, choice, wanted)
-        ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.left()), self.worker)
+        ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.remaining()), self.worker)
         way = Way(ENGINE, "", "", "none", step)
         trial = judge_trial(self.run, self.evaluator, self.known.at(self.run, times), way, ran)
         bars = self.known.bars  # the run may be off by them beyond what is measured
@@ -215,9 +215,9 @@ def find_reference(
     shortest = end if until is not None else end / SHORTER**2
     wanted, last, reason = {kind: KNOWN * x for kind, x in required.items()}, None, ""
     while end >= shortest:
-        attempt = Budget(budget.left(REFERENCE) / 2)  # half of what is left, so that a shorter time has its turn
+        attempt = Budget(budget.remaining(REFERENCE) / 2)  # half of what is left, so that a shorter time has its turn
         try:
-            found = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.left, worker, told)
+            found = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.remaining, worker, told)
             last = (end, found)
             if all(found.bars.get(kind, 0.0) <= x for kind, x in wanted.items()):
                 return last
@@ -251,7 +251,7 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
         for changes in list_settings(judge.file, step):
-            if judge.budget.left() <= 0:
+            if judge.budget.remaining() <= 0:
                 return best
             tried = judge.try_setting(changes) if changes else before
             told(f"{changes_said(changes)}: {errors_said(tried)}")
@@ -315,9 +315,9 @@ def race_there(mechanism: Mechanism, before: str, step_before: float, after: str
 def list_remarks(judge: Judge, best: Tried) -> list[str]:
     """Return sentences on what could not be written, and on what was not tried."""
     remarks = []
-    if judge.budget.left() <= 0:
+    if judge.budget.remaining() <= 0:
         remarks.append("the budget ended before all settings were tried: a larger --budget may find one")
-    if judge.budget.left() > 0:
+    if judge.budget.remaining() > 0:
         factor = UNWRITABLE["body_invweight0"]
         stiffer = judge.try_setting(best.changes | UNWRITABLE)
         if stiffer.share < best.share / 2:
