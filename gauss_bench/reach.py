@@ -90,7 +90,7 @@ class Reach:
         steps: the most steps of a run that was tried.
         seconds: the time of the search [s], where time ended it.
         order: of convergence, of the variant that would hold with the fewest steps; NaN where none is steady.
-        needed: steps at which that variant would hold, if its error goes on falling so.
+        needed: number of steps at which that variant would hold the requirement, if its error keeps falling at that order.
     """
 
     kind: Kind

@@ -75,11 +75,17 @@ class Answer:
     given: Array | None = None
 
     def fault(self, soft: bool) -> str:
-        """Return the fault in a sentence, or an empty text."""
+        """Return the fault in a sentence, or an empty text; a refusal is no fault.
+
+        Args:
+            soft: whether the engine declares soft closures, whose accelerations must be right along the free directions N alone.
+        """
         if self.wrong or self.refused:
             return self.wrong
         if not self.along <= ALONG:
-            return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: no loop that gives way, but a mass, a force or a row of J"
+            return (
+                f"N^T (M a - Q) is {self.along:.1e} of N^T Q: not soft loops, but a wrong mass, force or row of J"
+            )
         if not soft and not self.off <= EXACT:
             return f"accelerations are off by {self.off:.1e} of the largest"
         return ""

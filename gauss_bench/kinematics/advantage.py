@@ -32,7 +32,7 @@ class Advantage:
 
     Attributes:
         input, output: names of links (for their angles) or slides.
-        units: "rad" or "m" of input and output.
+        units: of input and output, each "rad" or "m".
         velocity: (k,) d output / d input, infinite at a limit of the input.
         mechanical: (k,) force or torque at the output for one at the input, infinite where the output stands still.
     """

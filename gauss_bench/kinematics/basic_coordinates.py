@@ -46,7 +46,7 @@ def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) 
     Raises:
         ValueError: knife edges, or inputs that do not fit the linkage.
         LimitOfMotion: a limit of motion lies between two times.
-        SingularPosition: the rates are not determined at a time, or two assemblies meet on the way.
+        SingularPosition: at some time the rates are undetermined, or two assemblies meet on the way.
     """
     follower = _Follower(PointModel(mechanism, inputs))
     states: list[Array] = []

@@ -81,7 +81,7 @@ class Way:
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """Names of the coordinates s, in the order of their columns, which follow that of the angle."""
+        """Names of the coordinates s, in the order of their columns, which come after the column of the angle."""
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:

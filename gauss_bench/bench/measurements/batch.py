@@ -33,7 +33,9 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return the row of a linkage, over several processes; a time is that of one step of one trajectory.
+    """Race the suite's batch of trajectories against a rival's in several processes, and return the row of the linkage.
+
+    A time is that of one step of one trajectory.
 
     If an engine crashes or hangs in a process, the row has that reason instead of times.
     """

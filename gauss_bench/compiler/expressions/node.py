@@ -81,7 +81,7 @@ class Node:
         return self._at  # type: ignore[return-value]
 
     def _value(self) -> Array:
-        """Compute `at` from that of the operands."""
+        """Return the node's values (samples + GENERIC,): at the sampled states, then at GENERIC random ones off the constraints."""
         if self.number is not None:
             return np.full(self.graph.samples + GENERIC, self.number)
         return VALUE[self.op](*(x._at for x in self.args))

@@ -50,14 +50,14 @@ Payload = float | int | str | None
 
 
 class Graph:
-    """Values as numbers of nodes; a node is an operation, its operands, and a payload such as the number of a constant.
+    """Values are indices of nodes; a node has an operation, its operands, and a payload, such as the value of a constant.
 
     Real operations: const, leaf, add, sub, mul, div, fma (a b + c), neg, abs, sqrt, select (mask, a, b), real (of an integer).
     Integers: bits (of a real), and, plus, shl (each with a number as payload), xor. Masks: lt, le, nonzero (of an integer), both,
     not, all (True or False as payload), mask (a leaf), everywhere (of a truth).
 
     Control values, shared by all lanes. Counts, which are integers: count (a leaf), whole (a number as payload), sum, least,
-    times (with a number as payload); their value as a real is number. Truths: below and same (of counts), any and
+    times (with a number as payload); `number` converts one to a real. Truths: below and same (of counts), any and
     nowhere (of a mask), also.
     """
 

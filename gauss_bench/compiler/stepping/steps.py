@@ -334,7 +334,7 @@ class Builder:
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Project the velocity onto the constraints at the positions q, or at the beginning of the step."""
+        """Project the velocity onto the constraints at the positions q (default: those at the beginning of the step)."""
         if not self.code.projected:
             return self.v
         nearest, guard = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)

@@ -319,7 +319,7 @@ class MinimalModel:
     def _change(self, t: float, moved: int) -> None:
         """Continue at time t [s] in the coordinate whose dyads are open widest, except those that have failed at this state.
 
-        `moved` counts the steps since the last change: without any, the present coordinate has failed here.
+        `moved` is the number of steps since the coordinate was last changed; if it is 0, the present coordinate has failed here.
         """
         machine = self.machines[self.now]
         self.tried = {self.now} if moved else self.tried | {self.now}

@@ -159,7 +159,11 @@ class Draft:
         tendon.springlength = [sign * rest] * 2
 
     def _set_joint_springs(self, springs: list[OnJoints]) -> None:
-        """Sum the springs and dampers on each joint into one: stiffnesses add up, and so do the springs' forces at y = 0."""
+        """Sum the springs and dampers on each joint into one.
+
+        A spring acts on x = row . y + constant, where the row has a single entry of 1 or -1. Its square is 1, so stiffnesses add up
+        as they are; the rest position of the sum follows from the springs' forces at y = 0.
+        """
         by_joint: defaultdict[int, list[OnJoints]] = defaultdict(list)
         for f in springs:
             by_joint[int(np.flatnonzero(f.row)[0])].append(f)

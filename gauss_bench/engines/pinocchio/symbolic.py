@@ -1,4 +1,4 @@
-"""Pinocchio with its symbolic scalar, which its authors recommend for speed. This engine only reports that it is missing.
+"""Pinocchio with its symbolic scalar, which its authors recommend for speed; the engine reports that the wheel has none.
 
 `pinocchio.casadi` is built with conda, Nix or from source. The wheel does not contain it, because CasADi's wheel cannot be linked
 against (https://github.com/stack-of-tasks/pinocchio/issues/2759). As long as that is so, the suite cannot try it, and makes no

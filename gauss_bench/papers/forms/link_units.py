@@ -153,7 +153,7 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
 
 
 def lever(last: list[str], pose: Pose, acceleration: Array) -> Array:
-    """Return [phi'', s''] of J [phi'', s''] = a - J' [phi', s'], with the column 1 of J' that `last` gives."""
+    """Return [phi'', s''] of J [phi'', s''] = a - J' [phi', s'], where `last` gives the first column of J'."""
     J_rate = np.stack([column_1(pose, *last), column_2(pose)], axis=1)
     return np.asarray(np.linalg.solve(guide(pose)[1], acceleration - J_rate @ [pose.phi_rate, pose.s_rate]))
 

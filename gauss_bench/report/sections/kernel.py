@@ -43,12 +43,13 @@ def section(run: Run) -> Section | None:
     """Return the chapter, with a section for each table that the run filled."""
     agreement = group_by(run.table("kernel_agreement"), lambda r: (r.get("mechanism"), r.get("formulation")))
     shown = {
+        # rivals as they are shipped stand in the tables of costs; here each is at its best
         "kernel_steps": [r for r in run.table("kernel_steps") if r.get("settings") != "default"],
         "kernel_rhs": [r for r in run.table("kernel_rhs") if _asked(r) in (IN_LOOP, CALLED) or r["status"] != "ok"],
         "kernel_agreement": [max(some, key=lambda r: number(r, "error")) for some in agreement.values()],
     }
     parts = [table_section(name, run.table(name), shown.get(name)) for name in WORDS]
-    parts[-1:-1] = [size_section(run)]
+    parts.insert(-1, size_section(run))  # the last table is what else was measured, and stays last
     filled = [x for x in (*parts, limit_section(run)) if x is not None]
     return Section("The native kernel", "kernel", (), filled) if filled else None
 

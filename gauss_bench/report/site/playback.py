@@ -143,12 +143,14 @@ def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, 
 
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
     """Return the data of a run that the page draws along the turn of the crank."""
-    ahead = x.ahead.reshape(len(x.ahead), -1)
+    ahead = x.ahead.reshape(len(x.ahead), -1)  # coordinates of the run minus those of the reference, frame by frame
     own = reference[: len(ahead)] + ahead
+    # what is left after the run is compared with the reference at the same crank angle
     rest = (own - turn.at(crank_angles(turn.mechanism, own))).reshape(x.ahead.shape)
     # angles of the turn are known up to whole turns only
     rest[..., 2] = (rest[..., 2] + np.pi) % (2 * np.pi) - np.pi
     shown, gap = shift_in_pixels(canvas, rest), shift_in_pixels(canvas, x.gap)
+    # the crank angle is linear in the coordinates, so that a difference of coordinates gives a difference of angles
     data = _describe(x) | {"ahead": _round(crank_angles(turn.mechanism, ahead))}
     if np.abs(shown).max(initial=0.0) > SEEN:
         data["rest"] = list_frames(shown)

@@ -170,7 +170,7 @@ class Drawing:
     def fresh(self, word: str, *groups: str) -> str:
         """Return a new name: a word with the smallest number that is free in these groups, by default those of joints.
 
-        If the word is empty, the number is also that of no pin and of no point.
+        If the word is empty, the number is one that neither a pin nor a point uses.
         """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:

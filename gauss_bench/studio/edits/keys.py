@@ -184,8 +184,9 @@ def _delete_pin(d: Drawing, name: str) -> None:
 
 def prune(d: Drawing) -> None:
     """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without them."""
-    before = d.reading.document
-    for _ in range(1000):
+    before = d.reading.document  # the file as it was read; d.document already lacks the deleted parts
+    for _ in range(1000):  # a bound: each pass removes one faulty entry, which may leave others without what they refer to
+        # a linkage may be left without links or scenarios
         faults = [x for x in new_faults(before, d.document) if x.path not in ("links", "scenarios")]
         if not faults:
             break
