@@ -63,7 +63,7 @@ def test_what_is_planted_is_put_back() -> None:
     with plant("gauss_bench/bench/gate.py", "FLATTERING = 10.0", "FLATTERING = 20.0"):
         assert gate.FLATTERING == 20.0
     assert gate.FLATTERING == 10.0
-    with pytest.raises(ValueError, match="does not say"), plant("gauss_bench/bench/gate.py", "no such text", ""):
+    with pytest.raises(ValueError, match="does not contain"), plant("gauss_bench/bench/gate.py", "no such text", ""):
         pass
 
 
@@ -72,7 +72,7 @@ def test_the_smallest_fault_that_is_seen_is_where_seeing_begins() -> None:
         return "seen" if size >= 3e-8 else None
 
     assert smallest(check) == pytest.approx(3e-8, rel=0.06)
-    with pytest.raises(ValueError, match="not seen"):
+    with pytest.raises(ValueError, match="not detected"):
         smallest(lambda size: None)
 
 

@@ -1,4 +1,4 @@
-"""What an error of an engine can come from: six parts that every error is split into, and the causes within them."""
+"""The six parts into which every error is split, and the causes that a diagnosis can name."""
 
 from enum import StrEnum
 
@@ -15,7 +15,7 @@ class Part(StrEnum):
 
 
 class Cause(StrEnum):
-    """What a diagnosis can name."""
+    """The causes that a diagnosis can name."""
 
     NONE = "no dominant cause"
     INERTIA = "inertia"
@@ -23,7 +23,7 @@ class Cause(StrEnum):
     LENGTH = "length"
     GRAVITY = "gravity"
     FORCE = "force"
-    ACCELERATIONS = "accelerations"  # wrong in a way that no parameter explains
+    ACCELERATIONS = "accelerations"  # wrong accelerations that no parameter explains
     SECOND_RATE = "second time derivative of a driver"
     VELOCITY_TERMS = "velocity terms of the constraints"
     JACOBIAN = "constraint Jacobian"
@@ -40,12 +40,12 @@ class Cause(StrEnum):
     STRETCH = "stretched time"
     STATIONARY = "stationary output"
     WRAPPED = "wrapped angles"
-    VELOCITIES = "velocities told"  # that are not those by which positions change
-    UNKNOWN = "unknown"  # an error without one of these causes: what was measured is told
+    VELOCITIES = "velocities told"  # reported velocities that disagree with the change of positions
+    UNKNOWN = "unknown"  # an error without one of these causes; the measured figures are reported
 
     @property
     def part(self) -> Part | None:
-        """The part of the error that it belongs to; None where there is no dominant one."""
+        """The part of the error that the cause belongs to; None without a dominant cause."""
         if self in (Cause.NONE, Cause.UNKNOWN):
             return None
         return OWN_PARTS.get(self, Part.MODEL)

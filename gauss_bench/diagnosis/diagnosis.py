@@ -1,12 +1,12 @@
-"""What is wrong with an engine on a linkage: its error against the reference, split, with a verdict in words.
+"""Diagnosis of an engine on a linkage: the parts of its error against the reference, and a verdict in words.
 
-A question comes before those whose answers it could spoil: are the samples in order and do they move; did the state jump; are they
-samples of other times; then how much of the error smaller steps leave, how much of it leaves the constraints, and which explanation
-predicts the wrong accelerations. A cause is named only where it accounts for most of what is seen.
+The questions are asked in an order in which no earlier fault can spoil a later answer: Are the samples in order, and do they move?
+Did the state jump? Do the samples belong to other times? How much of the error remains with smaller steps, how much of it violates
+the constraints, and which explanation predicts the wrong accelerations? A cause is named only if it accounts for most of the error.
 
-**"No dominant cause"** is said where there is nothing to explain: the largest error of a position is below SMALL, or below three
-times the error bar of the reference, and the accelerations that the engine tells are not off by more than OFF_TOLD at its own
-states. What little error there is is split all the same.
+The verdict is "no dominant cause" if the largest error of a position is below SMALL or below three times the error bar of the
+reference, and if the accelerations that the engine reports are wrong by at most OFF_TOLD at its own states. The small remaining
+error is split into its parts all the same.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,26 +27,26 @@ from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, States, Status
 
-BARS = 3.0  # of the reference: an error below them says nothing
-SMALL = 1e-6  # [m, rad] of errors: a micrometre, which no drawing asks for
-OFF_VELOCITIES = 0.1  # relative: a step of a tenth of a period leaves less
-OFF_TOLD = 1e-3  # relative, median: a tenth of what the judge takes for another linkage
-EXPLAINS = 0.9  # of the squared difference of accelerations that a named cause must account for
-AS_GOOD = 3.0  # explanations that leave no more than this times what the best leaves cannot be told apart from it
-MOST = 0.5  # of an error: what is more is dominant
-SEEN = 1e-7  # relative: what accelerations are off by that is no rounding, though a thousand times what matters
-OPEN = 0.3  # of the linkage's size: loops that are open by more are another linkage, whose accelerations explain nothing
-NOISE = 1e-9  # relative, of accelerations at the same states: above it an engine's equations are others
-SHORTER = 4.0  # times, that a run which fails before its first checkpoint is asked for again
-NAMED = 8  # causes in a sentence; all of them are in `candidates`
-OLD = 0.1  # steps: constraint data that are older than this by more than the integrator needs
-NOTHING, SOUND = 0.02, 1e-5  # of an error that a map of time leaves, and relative, of accelerations: next to nothing
-ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # of integrators by their names
-LEAST_LATE, MOST_LATE = 0.2, 20.0  # steps, of a shift told by the first step
-MEANT, MENDS = 0.2, 1 / 3  # of an error: what must leave the constraints, and what projection may leave, to call it drift
-BETTER = 10.0  # times less that a second cause must leave of squares, to be believed beside the first
-FOLLOWS = 0.8  # correlation of a gap with the force in it, of constraints that yield
-WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # causes of all of an error or none of it
+BARS = 3.0  # errors below BARS times the error bar of the reference are not explained
+SMALL = 1e-6  # [m, rad] errors below it are not explained: drawings ask for no micrometre
+OFF_VELOCITIES = 0.1  # relative error of reported velocities; steps of a tenth of a period cause less
+OFF_TOLD = 1e-3  # relative error (median) of reported accelerations: a tenth of the limit of the judge
+EXPLAINS = 0.9  # share of the squared acceleration error that a named cause must account for
+AS_GOOD = 3.0  # an explanation with a residual up to AS_GOOD times the smallest cannot be distinguished from the best
+MOST = 0.5  # share of an error from which a part is dominant
+SEEN = 1e-7  # relative error of accelerations that is certainly not round-off
+OPEN = 0.3  # largest gap of a loop, relative to the size: with larger ones the accelerations are of another linkage
+NOISE = 1e-9  # relative difference of accelerations at equal states above which the equations differ
+SHORTER = 4.0  # factor by which a run is shortened that fails before its first checkpoint
+NAMED = 8  # most causes in a sentence; `candidates` has all of them
+OLD = 0.1  # [steps] least age of constraint data that is reported
+NOTHING, SOUND = 0.02, 1e-5  # negligible share of an error, and negligible relative error of accelerations
+ORDERS = {"rk4": 4.0, "dop853_fixed": 8.0}  # integrator -> order of convergence
+LEAST_LATE, MOST_LATE = 0.2, 20.0  # [steps] limits of a time shift found from the first step
+MEANT, MENDS = 0.2, 1 / 3  # drift: least share of the error that violates the constraints, most that is left after projection
+BETTER = 10.0  # factor by which a second cause must reduce the squared residual
+FOLLOWS = 0.8  # correlation of gap and constraint force from which a constraint is compliant
+WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # causes that explain the whole error or none of it
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,16 @@ class Numbers(split.Closure):
     """The measured figures beside the closure, in m and rad unless noted; NaN where a figure could not be determined.
 
     Attributes:
-        error: largest of a position, of the run that was asked for; at: [s] when; errors: of every run.
-        bar: of the reference.
-        steps: [s] of the runs; where the integrator chooses its own, their tolerances after the first are in `tolerances`.
-        order: at which the motion converges when the step is halved.
-        horizon: [s] until when errors are small enough to be split.
-        limit_error, step_error: root mean squares of what is left without a step, and of what the step adds.
-        told: relative error of the accelerations told, median, of every run; moved: of those by which velocities change.
-        step_exponent: k where what a step is off by is proportional to h^k: 0 for rounding, 1 for wrong accelerations, p + 1 for
+        error: largest position error of the run with the requested step; at: its time [s]; errors: the same of every run.
+        bar: error bar of the reference.
+        steps: steps of the runs [s]; if the integrator chooses its own, the runs after the first differ by `tolerances`.
+        order: order of convergence of the motion with the step.
+        horizon: time until which errors are small enough to be split [s].
+        limit_error, step_error: root mean squares of the error extrapolated to step zero, and of the error that the step causes.
+        told: relative error (median) of the reported accelerations, of every run; moved: of those from the change of velocities.
+        step_exponent: k if the error of one step is proportional to h^k: 0 for round-off, 1 for wrong accelerations, p + 1 for
             an integrator of order p.
-        shift: [s] and rate: of a time map; jump_time: [s] of a jump.
+        shift, rate: shift [s] and rate of the time map; jump_time: time of the jump [s].
     """
 
     error: float
@@ -97,12 +97,12 @@ class Verdict:
     """The result of a diagnosis.
 
     Attributes:
-        cause: the dominant one; sentence: the same in words.
-        parts: part -> its share of the error [m, rad].
-        numbers: the measured figures, None where there was no run to look at.
-        explanations: of wrong accelerations, the best first.
+        cause: the dominant cause; sentence: the verdict in words.
+        parts: part -> size of that part of the error [m, rad].
+        numbers: the measured figures; None without a run.
+        explanations: explanations of wrong accelerations, the best first.
         runs: how each run ended: status and message.
-        candidates: the explanations that reproduce the accelerations within their noise; none of them can be told from another.
+        candidates: the explanations that reproduce the accelerations within their noise; they cannot be distinguished.
     """
 
     cause: Cause
@@ -115,7 +115,7 @@ class Verdict:
 
 
 def without_run(*ended: Ended) -> Verdict:
-    """Return the verdict where there is no run to look at."""
+    """Return the verdict if no run has reached a checkpoint."""
     first = ended[0]
     why = first.message if first.status is Status.SKIP else f"{first.status}: {first.message}"
     return Verdict(Cause.UNKNOWN, f"there is no run to look at: {why}", {}, None, (), ended)
@@ -139,17 +139,17 @@ def diagnose_runs(
     projected: Choice | None = None,
     told: Callable[[str], object] = id,
 ) -> Verdict:
-    """Diagnose an engine, which `run` runs under each of the choices.
+    """Diagnose an engine from its runs with several steps or tolerances.
 
     Args:
-        run: (choice, sampling) -> Run.
-        mechanism: the linkage of the file, without any fault.
-        reference: of it, from 0 to `until` [s].
-        choices: the one that is asked for, and finer ones.
-        until: [s].
+        run: runs the engine: (choice, sampling) -> Run.
+        mechanism: the linkage of the file.
+        reference: its motion from 0 to `until`.
+        choices: the requested choice, and finer ones.
+        until: end of the runs [s].
         adaptive: whether the integrator chooses its own steps, so that the choices differ by tolerance.
-        projected: the first choice with its steps projected, where the engine offers that.
-        told: is called with a sentence on the progress.
+        projected: the first choice with projected steps, or None if the engine does not offer projection.
+        told: called with each sentence of progress.
 
     Raises:
         ChoiceError: too few steps.
@@ -172,7 +172,7 @@ def diagnose_runs(
 
 
 class Case:
-    """One engine on one linkage, with everything that was measured."""
+    """The measurements of one engine on one linkage, and the questions that lead to the verdict."""
 
     def __init__(
         self,
@@ -205,7 +205,7 @@ class Case:
         self.jumped: samples.Jump | None = None
 
     def verdict(self) -> Answer:
-        """Return cause, sentence and the explanations that were tried."""
+        """Return the first answer that accounts for the error: its cause, its sentence and the explanations that were tried."""
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
         for question in (self._find_turns, self._find_order, self._find_standstill, self._find_jump, self._find_velocities):
@@ -218,7 +218,7 @@ class Case:
         return answer if answer.explanations or not exact else answer._replace(explanations=exact.explanations)
 
     def _acceleration_noise(self) -> float:
-        """Return the relative error that sound accelerations may have: ten times the difference of two of the suite's solvers."""
+        """Return the relative error that correct accelerations may have: ten times the difference of two of the suite's solvers."""
         states = self.sound[-1].at
         if not len(states) or self.own.evaluator.friction:
             return NOISE
@@ -234,7 +234,7 @@ class Case:
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _reproduce(self) -> Answer | None:
-        """Return the causes that reproduce the engine's accelerations when planted by their amount."""
+        """Find causes that reproduce the engine's accelerations, each with its fitted amount."""
         last = self.local[-1]
         if last is None or not last.relative_told > SEEN:
             return None
@@ -295,14 +295,16 @@ class Case:
         if not samples.stands_still(self.true, self.first.at):
             return None
         last = self.local[-1]
-        if self.own.mechanism.drivers and last is not None:  # an engine may stand still because it knows of no acceleration
+        if (
+            self.own.mechanism.drivers and last is not None
+        ):  # without the second derivative of the drivers an engine may stand still
             best = next(iter(self._explain(last.told)), None)
             if best and best.share >= EXPLAINS and best.cause is Cause.SECOND_RATE:
                 return Answer(Cause.SECOND_RATE, f"{best.sentence}, so that the linkage stands still")
         return Answer(Cause.STATIONARY, "the samples stand still while the linkage moves")
 
     def _find_jump(self) -> Answer | None:
-        """Detect a jump of the state: run again, sampled at every step of the stretch between two checkpoints that may hold one."""
+        """Detect a jump of the state, with a second run that is sampled at every step of the interval that may contain it."""
         told = _join_states(self.first.start, self.first.at)
         k = samples.suspicious_window(told, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
@@ -318,7 +320,7 @@ class Case:
         return Answer(Cause.RESET, f"{said}, as an engine does that resets itself after an error")
 
     def _find_length(self) -> Answer | None:
-        """Detect a pin that is elsewhere than in the file: its gap turns with its link, whatever the step."""
+        """Detect a pin at another place than in the file: its gap turns with its link and does not depend on the step."""
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > SMALL / 10:
             return None
@@ -329,7 +331,7 @@ class Case:
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; that explains {format_share(pin.share)} of it")
 
     def _find_other_times(self) -> Answer | None:
-        """Detect a wrong start, or samples of other times; in both cases the steps are sound."""
+        """Detect samples of other times, or a wrong start; in both cases the steps themselves are correct."""
         h = self.first.step
         for stretch in (False, True):
             found = samples.time_map(self.truth, self.first.at, stretch)
@@ -355,7 +357,7 @@ class Case:
         return None
 
     def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Tell whether a finer run is off by the same time or the same number of steps; an integrator's error falls faster."""
+        """Tell whether a finer run is shifted by the same time or number of steps; an integrator's error would fall faster."""
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
             return True
@@ -367,9 +369,9 @@ class Case:
         return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
     def _shift_of_first_step(self) -> float:
-        """Return the shift [s] of all samples but the start, found from the first step of every run; 0 where there is none.
+        """Return the time shift [s] of all samples but the start, found from the first step of every run; 0 if there is none.
 
-        A first step that goes too far reveals a shift even where the integrator's error hides it from the map of time.
+        A first step that goes too far reveals a shift even if the integrator's error hides it from the time map.
         """
         shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
@@ -387,9 +389,9 @@ class Case:
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-        """Tell whether accelerations are the linkage's, and steps differ from its flow only by the rate of the time map.
+        """Tell whether accelerations are correct, and steps differ from the linkage's flow only by the rate of the time map.
 
-        Where time enters the linkage itself, other times are other accelerations; there the map must leave next to nothing.
+        If the forces or drivers depend on time, other times mean other accelerations; then the map must explain nearly all.
         """
         last, by_rate = self.local[-1], abs(time_map.rate - 1)
         if time_map.left < NOTHING or last is None:
@@ -397,7 +399,7 @@ class Case:
         return last.relative_told < SOUND and (last.relative_moved < SOUND or abs(last.relative_moved - by_rate) < by_rate / 2)
 
     def _explain_by_steps(self) -> Answer:
-        """Attribute the error to round-off, to the step, or to a fault that smaller steps leave."""
+        """Attribute the error to round-off, to the step, or to a fault that remains with smaller steps."""
         if self._is_round_off():
             said = "the error does not fall with the step, and a step is off by as much however short it is: round-off"
             by = ", ".join(f"{e:.1e} by {b.step:.3g} s" for e, b in zip(self.errors, self.bursts, strict=False))
@@ -405,11 +407,11 @@ class Case:
         return self._explain_step_error() if self._step_dominates() else self._explain_remaining_error()
 
     def _step_dominates(self) -> bool:
-        """Tell whether the error that falls with the step is larger than the one that stays."""
+        """Tell whether the error that falls with the step is larger than the one that remains."""
         return self.limit <= self.by_step and (self.steps.converges or self.adaptive)
 
     def step_exponent(self) -> float:
-        """Return k of the error of one step, proportional to h^k, from the two smallest steps."""
+        """Return the exponent k of the error of one step, h^k, from the two smallest steps h; NaN if it cannot be determined."""
         pairs = zip(self.local[-2:], self.sound[-2:], strict=True)
         found = [(split.size(x.moved) * b.step, b.step) for x, b in pairs if x is not None]
         if self.adaptive or len(found) < 2 or not all(size for size, _ in found):
@@ -421,7 +423,7 @@ class Case:
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
     def _explain_remaining_error(self) -> Answer:
-        """Explain an error that smaller steps leave: wrong accelerations, or loops that are not held."""
+        """Explain an error that remains with smaller steps: wrong accelerations, or loops that are not kept closed."""
         last, c = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open everywhere: there are no states to look at")
@@ -442,7 +444,7 @@ class Case:
         return Answer(Cause.ACCELERATIONS, f"{stays}: {off}, which no parameter of the linkage explains", explanations)
 
     def _explain_step_error(self) -> Answer:
-        """Explain an error that falls with the step: old constraint data, constraints softened by it, drift, or the integrator."""
+        """Explain an error that falls with the step: old constraint data, soft constraints, drift, or the integrator."""
         if old := self._find_stale_data():
             return Answer(Cause.STALE, old.sentence, [old])
         c = self.closure
@@ -464,14 +466,14 @@ class Case:
         return bool(self.steps.order < ORDERS.get(self.choices[0].integrator, np.nan) - 1)
 
     def _constraints_yield(self) -> bool:
-        """Tell whether compliant constraint forces make the error: accelerations stay wrong, and the order is too low."""
+        """Tell whether compliant constraints cause the error: accelerations stay wrong, and the order is too low."""
         first, last = self.local[0], self.local[-1]
         if first is None or last is None or not self._loses_order():
             return False
         return last.relative_told > max(OFF_TOLD / 10, first.relative_told / 2) and self.closure.held > 0.5
 
     def _name_hidden_fault(self) -> str:
-        """Name a fault that the error of the step hides, as the end of a sentence; return an empty text where there is none."""
+        """Return the end of a sentence that names a fault behind the error of the step; an empty text if there is none."""
         last = self.local[-1]
         if last is not None and last.relative_told > SOUND:
             best = next(iter(self._explain(last.told)), None)
@@ -481,7 +483,7 @@ class Case:
         return f"; an error of {self.limit:.1e} (m, rad) would stay at any step" if stays else ""
 
     def _share_after_projection(self) -> float:
-        """Return the share of the error left when the engine's steps are projected; 1 where it offers no projection."""
+        """Return the share of the error that is left if the engine projects its steps; 1 if it offers no projection."""
         at = self.first.at.t[: self.steps.horizon]
         if self.projected is None or (trajectory := self.run(self.projected, sample(self.first.step, at)).trajectory) is None:
             return 1.0
@@ -493,7 +495,7 @@ class Case:
         last, b, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
             return None
-        euler = [] if self._loses_order() else [last.euler]  # the error of a sound first-order step
+        euler = [] if self._loses_order() else [last.euler]  # the error of a correct first-order step
         for y, relative, known in ((last.told, last.relative_told, []), (last.moved, last.relative_moved, euler)):
             if not relative > SEEN:
                 continue
@@ -534,8 +536,8 @@ class Case:
     def parts(self, cause: Cause) -> dict[Part, float]:
         """Return the error within the horizon [m, rad], by parts.
 
-        The part that falls with the step is drift as far as it leaves the constraints, and else the integrator's. The part that
-        stays belongs to the cause found, else to the model. Samples of other times and round-off are the whole error or none of it.
+        Of the error that falls with the step, the share that violates the constraints is drift, and the rest is the integrator's.
+        The error that remains belongs to the cause found, else to the model. Sampling and round-off are the whole error or none.
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in WHOLE:
@@ -548,7 +550,7 @@ class Case:
             rest = Part.SOFTNESS
             if self.by_step > self.limit:
                 by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
-        told = max(BARS * self.bar, self.by_step / 4)  # less than this is what Richardson's extrapolation leaves
+        told = max(BARS * self.bar, self.by_step / 4)  # Richardson's extrapolation is not more accurate than this
         if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > told:
             by_part[rest] += self.limit
         return by_part

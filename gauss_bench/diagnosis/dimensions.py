@@ -1,12 +1,12 @@
-"""A pin that is elsewhere in its link than the linkage file says: the gap that it leaves turns with the link.
+"""Detection of a pin at another place in its link than in the linkage file: its gap turns with the link.
 
-With a pin of link a off by d (2,) in the frame of that link, an engine that closes its own loops leaves, by the dimensions of the
-file, the gap
+If an engine has a pin of link a displaced by d (2,) in the frame of that link, and closes its own loops, its states leave a gap
+with the dimensions of the file:
 
     phi(t) = R(theta_a(t)) d + c
 
-where c is 0 once the engine's loops are closed, and -R(theta_a(0)) d where its start was that of the file and nothing closes them.
-Neither depends on the step or on any force. The file's own dimensions are all that is asked; c alone is a pin of the ground.
+R is the rotation by the link's angle. c is 0 if the engine closes its loops, and -R(theta_a(0)) d if it starts from the state of
+the file and does not close them. Neither depends on the step or on a force. A constant gap c alone belongs to a pin of the ground.
 """
 
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-FITS = 0.999  # of the squares of a gap
-SAME = 0.05  # of the size of a pin's offset: how well two steps agree on it
-TURNS = 1e-2  # relative: how far a link has to turn so that a gap that turns with it is no constant one
+FITS = 0.999  # share of the squared gaps that a displaced pin must explain
+SAME = 0.05  # relative difference of a pin's displacement between two runs
+TURNS = 1e-2  # [rad] least turn of a link that distinguishes a turning gap from a constant one
 
 
 @dataclass(frozen=True)
 class Misplaced:
-    """A pin of a link.
+    """A displaced pin of a link.
 
     Attributes:
-        joint, link: names; off: (2,) [m] in the frame of the link; share: of the squares of the gap that it explains.
+        joint, link: names; off: displacement (2,) [m] in the frame of the link; share: share of the squared gaps that it explains.
     """
 
     joint: str
@@ -44,7 +44,7 @@ class Misplaced:
 
 
 def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
-    """The pin that explains all gaps of two runs alike, whose steps differ; None where none does."""
+    """Return the displaced pin that explains all gaps of two runs with different steps; None if there is none."""
     one, other = (_explain(own, x) for x in (coarse, fine))
     if one is None or other is None or (one.joint, one.link) != (other.joint, other.link):
         return None
@@ -52,7 +52,7 @@ def misplace(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
 
 
 def _explain(own: OwnMotion, x: States) -> Misplaced | None:
-    """The best of all pins, where the gap of its joint is nearly all there is."""
+    """Return the pin that explains the gaps best, if it explains at least FITS of their squares."""
     mechanism, gaps = own.mechanism, own.gaps(x)
     squares, at = float((gaps**2).sum()), 0
     found: list[Misplaced] = []
@@ -70,7 +70,7 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
 
 
 def _turning(gap: Array, theta: Array) -> tuple[Array, float]:
-    """d (2,) of gap (k, 2) = +-R(theta) d + c, and the squares that are left; no d where it is no more than c."""
+    """Fit gap (k, 2) = R(theta) d + c; return d (2,) and the squared residual. If the link hardly turns, d is zero."""
     cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
     A = np.concatenate([np.stack([cosine, -sine, one, none], axis=1), np.stack([sine, cosine, none, one], axis=1)])
     b = gap.T.ravel()

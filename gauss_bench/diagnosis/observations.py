@@ -1,8 +1,8 @@
-"""The runs asked of an engine: the same motion by three steps, each half the one before, sampled in bursts of three steps.
+"""The runs of a diagnosis: one motion with steps h, h/2 and h/4, sampled in bursts of three samples.
 
-A burst is a checkpoint, one step before it and one after it: from the step after, an engine's own steps can be held against the
-linkage's flow, wherever its motion has got to meanwhile; from the step before follows whether it used old data. Checkpoints are
-the same for all steps. An integrator that chooses its own steps is asked for smaller tolerances instead.
+A burst holds the state at a checkpoint, one step before it, and one step after it. The step after it is compared with the linkage's
+flow from the engine's own state, however far the motion is off. The step before it shows whether the engine used old data. All runs
+have the same checkpoints. An integrator that chooses its own steps runs with smaller tolerances instead.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,11 +18,11 @@ from gauss_bench.runs.one_run import Run, Sampling, sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States, Trajectory
 
-HALVINGS = 3  # runs: an order needs three
-COUNT = 50  # checkpoints at most
-FEWEST = 4  # steps that a run must have, so that there are checkpoints
-GRID = 1e-2  # [s] of the references: what falls on it needs no flow
-REFINED = (1e-11, 1e-12)  # tolerances of an integrator that chooses its own steps
+HALVINGS = 3  # number of runs: an order of convergence needs three
+COUNT = 50  # most checkpoints
+FEWEST = 4  # fewest steps of a run that has checkpoints
+GRID = 1e-2  # [s] spacing of the references; checkpoints on it need no further integration
+REFINED = (1e-11, 1e-12)  # tolerances of the finer runs, if the integrator chooses its own steps
 
 Runner = Callable[[Choice, Sampling], Run]
 
@@ -32,10 +32,10 @@ class Burst:
     """The samples of one run.
 
     Attributes:
-        step: [s] that was asked for; tolerance: instead, where the integrator chooses its own.
-        start: the first sample (1); stepped: the next, one step on.
+        step: the requested step [s]; tolerance: the tolerance, if the integrator chooses its own steps.
+        start: the first sample (1); stepped: the sample after one step (1).
         before, at, after: states (k) one step before the checkpoints, there, and one step after.
-        a: (k, n) accelerations that the engine tells at the checkpoints.
+        a: (k, n) accelerations that the engine reports at the checkpoints.
     """
 
     step: float
@@ -52,7 +52,7 @@ class Burst:
 
 
 def checkpoints(step: float, until: float) -> Array:
-    """Return times (k,) [s] that whole steps reach, a step before the end at the latest; on the references' grid if possible.
+    """Return times (k,) [s] after whole steps, at least one step before the end, and on the references' grid if possible.
 
     Raises:
         ChoiceError: the run has too few steps.
@@ -67,20 +67,20 @@ def checkpoints(step: float, until: float) -> Array:
 
 
 def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the choice asked for, and two finer ones."""
+    """Return the requested choice, and two with smaller steps or tolerances."""
     if adaptive:
         return [choice, *(replace(choice, tolerance=x) for x in REFINED)]
     return [replace(choice, step=choice.step / 2**k) for k in range(HALVINGS)]
 
 
 def sample(step: float, at: Array) -> Sampling:
-    """Return the sampling of the bursts, the start and the first step."""
+    """Return the sample times of the start, the first step and the bursts."""
     whole = np.unique(np.concatenate([[0, 1], *(np.round(at / step) + k for k in (-1, 0, 1))]))
     return sampling_at(step, whole * step)
 
 
 def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
-    """The bursts around those checkpoints that a trajectory has reached."""
+    """Return the bursts around the checkpoints that a trajectory has reached."""
     whole = np.round(trajectory.t / choice.step).astype(int)
     wanted = np.round(at / choice.step).astype(int)
     wanted = wanted[wanted + 1 <= whole[-1]]
@@ -92,9 +92,9 @@ def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
 def observe(
     run: Runner, choices: Sequence[Choice], until: float, told: Callable[[str], object]
 ) -> tuple[tuple[Burst, ...], tuple[Run, ...]]:
-    """Run all choices and return the bursts of those that reached a checkpoint, and all runs.
+    """Run all choices; return the bursts of those that reached a checkpoint, and all runs.
 
-    Of a run that fails what it reached is kept, and the others still run; where the first reached nothing there are no others.
+    A run that fails counts up to its failure, and the others still take place. If the first reaches no checkpoint, no other is run.
     """
     at, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:

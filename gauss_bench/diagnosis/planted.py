@@ -1,6 +1,6 @@
-"""The faults of `planted.toml`: each spoils one function, limit, linkage or sample while the check that must see it runs.
+"""The faults of `planted.toml`: each alters a function, a limit, a linkage or a sample while the check that must detect it runs.
 
-No file is touched: the functions of a module are given the code that its spoilt source compiles to, and their own again afterwards.
+No file is changed. The functions of a module get the code compiled from its altered source, and afterwards their own code again.
 """
 
 import tomllib
@@ -24,12 +24,12 @@ NUMBERS = (int, float, str, tuple, dict)
 
 @dataclass(frozen=True)
 class Planted:
-    """One fault and the check that must see it.
+    """One fault and the check that must detect it.
 
     Attributes:
-        kind: what it is planted in: models, formulations, metrics, references, clocks or gate.
-        sentence: what is wrong.
-        sound: the check without the fault, which must be silent; check: the same with it, which must speak.
+        kind: place of the fault: models, formulations, metrics, references, clocks or gate.
+        sentence: description of the fault.
+        sound: the check without the fault, which must find nothing; check: the same with the fault, which must find it.
     """
 
     kind: str
@@ -40,16 +40,16 @@ class Planted:
 
 @contextmanager
 def plant(file: str, text: str, mutant: str) -> Iterator[None]:
-    """Let a module run as if its file said `mutant` in the place of `text`.
+    """Let a module run as if its file contained `mutant` instead of `text`.
 
     Raises:
-        ValueError: the text does not stand once in the file.
+        ValueError: the file does not contain the text exactly once.
     """
     module = import_module(file.removesuffix(".py").replace("/", "."))
     path = Path(str(module.__file__))
     source = path.read_text(encoding="utf-8")
     if source.count(text) != 1:
-        raise ValueError(f"{file} does not say {text!r} once")
+        raise ValueError(f"{file} does not contain {text!r} exactly once")
     spoilt: dict[str, Any] = {"__name__": module.__name__}
     exec(compile(source.replace(text, mutant), str(path), "exec"), spoilt)
     there = vars(module)
@@ -84,13 +84,16 @@ PLANTED = tuple(read_fault(**x) for x in TABLES["fault"])
 
 
 def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: float = 1e-2, factor: float = 1.05) -> float:
-    """The smallest size of a fault that a check sees, to `factor`, by halving its exponent between one unseen and one seen.
+    """Return the smallest size of a fault that a check detects, to `factor`, by bisection of its logarithm.
+
+    Args:
+        sound: a size that is not detected; seen: a size that is.
 
     Raises:
-        ValueError: the larger is not seen, or the smaller is.
+        ValueError: the larger is not detected, or the smaller is.
     """
     if check(seen) is None or check(sound) is not None:
-        raise ValueError(f"a fault of {seen:g} is not seen, or one of {sound:g} is")
+        raise ValueError(f"a fault of {seen:g} is not detected, or one of {sound:g} is")
     while seen > sound * factor:
         middle = float(np.sqrt(sound * seen))
         if check(middle) is None:

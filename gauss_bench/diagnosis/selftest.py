@@ -1,7 +1,7 @@
-"""Whether the suite would notice: faults are planted one by one, and each must be seen by the suite's own checks.
+"""The self-test: faults are planted one by one, and the suite's own checks must detect each of them.
 
-Faults of the suite's own functions are planted in memory (`planted.py`), those of engines are run and diagnosed (`faults.py`). The
-same checks on the sound suite must be silent.
+Faults of the suite's own functions are planted in memory (`planted.py`). Engines with a fault are run and diagnosed (`faults.py`).
+On the unaltered suite the same checks must find nothing.
 """
 
 import time
@@ -20,9 +20,13 @@ from gauss_bench.linkage.load import load
 from gauss_bench.runs.one_run import Run, Sampling, one_run
 from gauss_bench.trajectory import in_a_sentence
 
-STEP, UNTIL = 4e-3, 0.4  # [s] of engines that are diagnosed: enough for all faults, at the least cost
+STEP, UNTIL = 4e-3, 0.4  # step and end of the diagnosed runs [s]: enough for all faults, at the least cost
 ADAPTERS = "adapters"
-SOUND = (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT)  # what an engine without a fault may be told: it takes steps
+SOUND = (
+    Cause.NONE,
+    Cause.INTEGRATOR,
+    Cause.DRIFT,
+)  # possible verdicts on an engine without a fault, which still has errors of its steps
 KINDS = (*dict.fromkeys(x.kind for x in PLANTED), ADAPTERS)
 
 
@@ -31,7 +35,7 @@ class Finding:
     """One planted fault and the outcome.
 
     Attributes:
-        kind: what it was planted in; fault: what is wrong; seen: whether a check spoke; said: what it said.
+        kind: place of the fault; fault: its description; seen: whether a check found it; said: the sentence of the check.
     """
 
     kind: str
@@ -42,7 +46,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Smallest:
-    """The smallest fault of a kind that is seen: `size`, in `unit`."""
+    """The smallest fault of a kind that is detected: `size`, in `unit`."""
 
     fault: str
     size: float
@@ -54,11 +58,11 @@ class SelfTest:
     """The result of a self-test.
 
     Attributes:
-        findings: of every planted fault.
-        false_alarms: what the same checks said of the sound suite: nothing, if all is well.
-        silent: how many checks were silent on the sound suite.
-        smallest: faults that are just seen.
-        seconds: of processor time.
+        findings: one of every planted fault.
+        false_alarms: faults that the checks report on the unaltered suite; empty if all is well.
+        silent: number of checks that find nothing on the unaltered suite.
+        smallest: the smallest faults that are detected.
+        seconds: processor time [s].
     """
 
     findings: tuple[Finding, ...]
@@ -77,7 +81,7 @@ class SelfTest:
 
     @property
     def passed(self) -> bool:
-        """True if every fault was seen, and nothing where there was none."""
+        """True if every fault was detected, and none was reported on the unaltered suite."""
         return self.detected == self.planted and not self.false_alarms
 
 
@@ -95,13 +99,13 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
 
 
 def diagnose_sound(where: tuple[str, str]) -> str | None:
-    """Diagnose an engine without a fault."""
+    """Diagnose an engine without a fault; return a sentence if the diagnosis names one."""
     verdict = diagnose_fault(CLEAN, where)
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
 
 
 def name_choice(fault: Fault) -> Finding:
-    """Whether the diagnosis of an engine names its fault."""
+    """Diagnose an engine with a fault, and find whether the verdict names it."""
     verdict = diagnose_fault(fault)
     return Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
@@ -111,7 +115,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
 
     Args:
         only: of KINDS; all where not given.
-        told: is called with a sentence on the progress.
+        told: called with each sentence of progress.
     """
     started, kinds = time.process_time(), only or KINDS
     chosen = [x for x in PLANTED if x.kind in kinds]
@@ -135,7 +139,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = id) -> Se
 
 
 def _ask(check: Check) -> str | None:
-    """Run a check; one that cannot be made is no silence."""
+    """Run a check; return its sentence, or one on its failure."""
     try:
         return check()
     except Exception as error:
