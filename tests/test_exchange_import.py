@@ -330,3 +330,14 @@ def test_a_hostile_file_ends_in_bounded_time(
     assert main(["import", str(file), "--out", str(tmp_path / "my.toml")]) == 2
     assert str(file) in capsys.readouterr().err
     assert not (tmp_path / "my.toml").exists()
+
+
+def test_a_pure_damping_of_a_joint_is_called_damping(tmp_path: Path) -> None:
+    joint = '<joint name="{0}" type="hinge" axis="0 0 1" {1}/><geom type="sphere" size="0.01" mass="1" pos="0.1 0 0"/>'
+    bodies = "".join(
+        f'<body name="of_{name}">{joint.format(name, of)}</body>'
+        for name, of in {"a": 'damping="0.1"', "b": 'stiffness="2"', "c": 'stiffness="2" damping="0.1"'}.items()
+    )
+    file = tmp_path / "model.xml"
+    file.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", encoding="utf-8")
+    assert set(tomllib.loads(import_file(file, "back").text)["forces"]) == {"damping_a", "spring_b", "spring_c"}

@@ -186,7 +186,8 @@ class Reader:
         for k in range(x["njnt"]):
             law = Straight(k=float(x["jnt_stiffness"][k]), c=float(x["dof_damping"][k]), rest=float(x["qpos_spring"][k]))
             if law.k or law.c:
-                springs.append(OnJoints(f"spring_{self.name('jnt', k)}", {k: 1.0}, law))
+                kind = "spring" if law.k else "damping"
+                springs.append(OnJoints(f"{kind}_{self.name('jnt', k)}", {k: 1.0}, law))
         return springs
 
     def _on_tendon(self, k: int, name: str, law: Straight) -> Acting:
