@@ -83,9 +83,7 @@ class Answer:
         if self.wrong or self.refused:
             return self.wrong
         if not self.along <= ALONG:
-            return (
-                f"N^T (M a - Q) is {self.along:.1e} of N^T Q: not soft loops, but a wrong mass, force or row of J"
-            )
+            return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: not soft loops, but a wrong mass, force or row of J"
         if not soft and not self.off <= EXACT:
             return f"accelerations are off by {self.off:.1e} of the largest"
         return ""
