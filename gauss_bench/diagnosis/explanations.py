@@ -100,9 +100,13 @@ def tell(said: str, amount: float) -> str:
 
 
 def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
-    """Return all explanations of errors y (k, n) of accelerations a, the best first, without those that have no effect.
+    """Return the explanations of differences y (k, n) from accelerations a, the best first.
 
-    Explanations with a residual below `noise` (relative to a) cannot be distinguished and stay in the order of trying.
+    Explanations without effect are left out, and so are exact ones (which must explain y wholly) that leave more than `noise`.
+    Those that leave no more than `noise` (relative to a) cannot be told apart and stand in the order in which they were tried.
+
+    Args:
+        mass: (n,) diagonal of the mass matrix, by which residuals are weighted.
     """
     root = np.sqrt(mass)
     target = (y * root).ravel()
