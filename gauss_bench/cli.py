@@ -34,7 +34,7 @@ class OutputLost(Exception):
 
 
 class Results(io.TextIOWrapper):
-    """Stdout that escapes characters outside its encoding; a failed write raises OutputLost, to tell it from a faulty input file.
+    """Stdout that escapes characters outside its encoding; a failed write raises OutputLost, not the OSError of an input file.
 
     Raises:
         OutputLost: from write and flush.
@@ -54,7 +54,7 @@ class Results(io.TextIOWrapper):
 
 
 class Remarks(io.TextIOWrapper):
-    """Stderr; if it is full or closed, remarks are lost without an error, so that the exit code of the verb stays."""
+    """Stderr; if it is full or closed, remarks are lost without an error, and the verb keeps its exit code."""
 
     def write(self, text: str) -> int:
         with contextlib.suppress(OSError):
@@ -74,7 +74,7 @@ def command() -> int:
     unbuffered = os.fdopen(sys.stderr.fileno(), "wb", buffering=0, closefd=False)
     sys.stderr = Remarks(unbuffered, encoding=sys.stderr.encoding, errors="backslashreplace", write_through=True)
     if sys.stdout is None:
-        print("error: stdout is closed: results have nowhere to go", file=sys.stderr)
+        print("error: stdout is closed: results cannot be written", file=sys.stderr)
         return NO_OUTPUT
     # keep the real stdout under a new descriptor, and let descriptor 1, to which libraries print, lead to stderr
     results = os.dup(sys.stdout.fileno())
@@ -104,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
     given = [*(sys.argv[1:] if arguments is None else arguments)]
     if bad := next((x for x in given if not is_argument(x)), None):
-        print(f"error: the argument {harmless(bad[:40])!r} holds what no command line can", file=sys.stderr)
+        print(f"error: the argument {harmless(bad[:40])!r} contains characters that no command line can have", file=sys.stderr)
         return BAD_INPUT
     if not ((epoch := os.environ.get(EPOCH, "0")).isascii() and epoch.isdecimal() and len(epoch) <= LONGEST_EPOCH):
         print(f"error: {EPOCH}={harmless(epoch[:40])!r} in the environment: it must be a whole number of seconds", file=sys.stderr)
@@ -112,17 +112,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser(ACTIONS).parse_args(given)
     if (memory := memory_limit()) < LEAST_MEMORY:
         least = f"{LEAST_MEMORY >> 10} kB"
-        print(f"error: a limit leaves {memory >> 10} kB of memory (`ulimit -v`); libraries take {least} at least", file=sys.stderr)
+        print(f"error: a limit leaves {memory >> 10} kB of memory (`ulimit -v`); the libraries need {least}", file=sys.stderr)
         return BAD_INPUT
     try:
         return int(options.verb(options))
     except KeyboardInterrupt:
-        print("interrupted; what a run had finished is kept", file=sys.stderr)
+        print("interrupted; finished cases are kept", file=sys.stderr)
         return 130
     except OutputLost as error:
         return lose_output(error)
     except MemoryError:
-        print("error: there is not enough memory for what was asked", file=sys.stderr)
+        print("error: there is not enough memory for this request", file=sys.stderr)
         return BAD_INPUT
     except (BadInput, OSError) as error:
         print(harmless(f"error: {error.args[0] if isinstance(error, KeyError) else error}"), file=sys.stderr)
@@ -132,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         where = traceback.extract_tb(error.__traceback__)[-1]
         at = f"{type(error).__name__}: {harmless(' '.join(str(error).split())[:500])} ({Path(where.filename).name}:{where.lineno})"
-        print(f"error: a fault of gauss-bench, not of what it was given: {at}; {TRACE}=1 tells how it came about", file=sys.stderr)
+        print(f"error: a fault of gauss-bench itself, not of its input: {at}; set {TRACE}=1 to see the traceback", file=sys.stderr)
         return OWN_FAULT
     finally:
         no_longer()

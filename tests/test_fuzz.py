@@ -124,7 +124,7 @@ def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str]
     monkeypatch.delenv(cli.TRACE, raising=False)
     monkeypatch.setitem(cli.ACTIONS, "list", lambda options: 1 // 0)
     assert cli.main(["list"]) == 70
-    assert "a fault of gauss-bench, not of what it was given: ZeroDivisionError" in capsys.readouterr().err
+    assert "a fault of gauss-bench itself, not of its input: ZeroDivisionError" in capsys.readouterr().err
     monkeypatch.setenv(cli.TRACE, "1")
     with pytest.raises(ZeroDivisionError):
         cli.main(["list"])

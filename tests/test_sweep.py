@@ -551,7 +551,7 @@ def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(
     if how is signal.SIGINT:
         assert process.returncode == 130
         told = [x for x in said.splitlines() if " of 4000 samples, " not in x]
-        assert told == ["4000 samples to run", "interrupted; what a run had finished is kept"]
+        assert told == ["4000 samples to run", "interrupted; finished cases are kept"]
     until = time.monotonic() + 30.0
     while left := alive(sign):
         assert time.monotonic() < until, left

@@ -1,1 +1,1 @@
-"""The reach of each engine: families of linkages that become harder along one axis, and where along it an engine breaks."""
+"""The limits of each engine on families of linkages that become harder along one axis."""

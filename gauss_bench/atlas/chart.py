@@ -1,6 +1,6 @@
-"""The atlas as a picture, and as a page: one panel for each axis, one bar for each way, which ends where the way does.
+"""The atlas as a picture and as a page: one panel for each axis, with one bar for each way of running an engine.
 
-Panels are of one width that a phone has; a page sets them side by side as far as there is room, a single picture four abreast.
+All panels have the width of a phone. A page places as many side by side as fit; a single picture has four in a row.
 """
 
 import math
@@ -39,7 +39,7 @@ def number(value: float) -> str:
 
 
 def bar(axis: Axis, x: Reach) -> dict[str, Any]:
-    """One way: up to where it passes, from there to where it is degraded, and the rest, as shares of the axis."""
+    """Return the bar of one way: where it passes, is degraded and fails, as shares of the axis."""
     passes, ends = part(axis, x.passes_to), part(axis, x.ends_at)
     beyond = GRID if x.last in (Verdict.CANNOT, Verdict.OPEN) else FAILED
     spans = ((0.0, 1.0, beyond), (0.0, max(passes, ends), DEGRADED), (0.0, passes, PASS))
@@ -52,7 +52,7 @@ def bar(axis: Axis, x: Reach) -> dict[str, Any]:
 
 
 def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
-    """The ways of each axis, in the order in which they were surveyed."""
+    """Return the axes and the reaches along each of them, in the order of the survey."""
     return [(FAMILIES[axis], [x for x in reaches if x.axis == axis]) for axis in dict.fromkeys(x.axis for x in reaches)]
 
 
@@ -71,7 +71,7 @@ def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
 
 
 def page(reaches: Sequence[Reach]) -> str:
-    """A page of all panels, each with its reasons; it asks for nothing from elsewhere."""
+    """Return an HTML page of all panels with their reasons; it loads nothing from other places."""
     swatch = '<svg viewBox="0 0 1 1"><rect width="1" height="1" fill="{}"/></svg>'
     legend = [(name, Markup(inline(swatch.format(colour), ""))) for name, colour in LEGEND]
     shown = [

@@ -1,7 +1,7 @@
-"""The axes of the atlas: for each a family of linkages that becomes harder with one number, everything else as it was.
+"""The axes of the atlas: each is a family of linkages that becomes harder with one number.
 
-`axes.toml` has their names and values; here is what linkage a value makes. Most are the four-bar of `mechanisms/`, started at a
-given crank speed without motor and brake, under gravity.
+`axes.toml` has the names and values of the axes; this module makes the linkage of a value. Most are the four-bar of `mechanisms/`,
+under gravity, without motor and brake, and with a given crank speed at the start.
 
     singular     crank-rocker whose smallest transmission angle [deg] shrinks: it passes its dead centres ever closer
     redundancy   parallelogram on more cranks than it needs, hanging: redundant constraint rows
@@ -28,11 +28,11 @@ from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 SCENARIO = "run"
-STEP = 1e-3  # [s] of all axes but those that say otherwise
-TURN = 2 * np.pi  # [rad/s] of the crank, where speed is not the axis
+STEP = 1e-3  # [s] step of axes that name none
+TURN = 2 * np.pi  # [rad/s] crank speed at the start, unless speed is the axis
 DENSITY = 0.8  # [kg/m] of bars
-SQUEEZED = 1.05  # rest length of the spring, of its length at the start
-RELEASE = -60.0  # [deg] of what hangs
+SQUEEZED = 1.05  # rest length of the spring over its length at the start
+RELEASE = -60.0  # [deg] angle at which hanging linkages are released
 G = 9.81  # [m/s^2]
 
 Document = dict[str, Any]
@@ -44,12 +44,12 @@ class Axis:
     """One axis.
 
     Attributes:
-        title, meaning, unit: for people.
-        values: from easy to hard.
-        document: the linkage file of a value, whose scenario is SCENARIO.
-        step: integration step [s] of a value.
-        truth: q, v, a (3, k, n) of a value at times (k,) to a relative tolerance, where a simpler equation has the same motion;
-            else None, and the suite's own DOP853 says it.
+        title, meaning, unit: texts for users.
+        values: from the easiest to the hardest.
+        document: value -> linkage file, with a scenario SCENARIO.
+        step: value -> integration step [s].
+        truth: (value, times (k,), relative tolerance) -> q, v, a (3, k, n), if a simpler equation has the same motion; else None,
+            and the reference is computed by DOP853.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Axis:
 
 
 def ladder(first: float, last: float, digits: Sequence[float] = (1.0, 3.0)) -> tuple[float, ...]:
-    """Numbers from first to last, up or down, with these leading digits in every decade."""
+    """Return the numbers from first to last, up or down, that have these leading digits in their decade."""
     low, high = sorted((first, last))
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     rungs = [float(f"{digit:g}e{power}") for power in powers for digit in digits]
@@ -76,13 +76,13 @@ def scenario(duration: float, crank_deg: float, speed: float) -> Document:
 
 
 def four_bar(speed: float = TURN, duration: float = 0.5) -> Document:
-    """The four-bar of `mechanisms/`, let go with a crank speed."""
+    """Return the four-bar of `mechanisms/`, started with a crank speed [rad/s]."""
     document = {key: x for key, x in copy.deepcopy(document_of("four_bar")[0]).items() if key not in ("forces", "measure")}
     return document | {"scenarios": scenario(duration, 60.0, speed)}
 
 
 def singular(angle: float) -> Document:
-    """A crank-rocker with the lengths 1/2 - d, 1, 1/2, 1, whose transmission angle is `angle` [deg] where it is smallest."""
+    """Return a crank-rocker with the lengths 1/2 - d, 1, 1/2, 1, whose smallest transmission angle is `angle` [deg]."""
     crank = 1.0 - float(np.sqrt(1.25 - np.cos(np.radians(angle))))
     document, turn = four_bar(), np.radians(60.0)
     document["ground"]["points"] = {"A": [0.0, 0.0], "D": [1.0, 0.0]}
@@ -96,7 +96,7 @@ def singular(angle: float) -> Document:
 
 
 def redundancy(count: float) -> Document:
-    """A coupler on 2 + count equal cranks."""
+    """Return a coupler on 2 + count equal cranks."""
     cranks = [f"crank{i}" for i in range(2 + round(count))]
     bar = {"points": {"A": [0.0, 0.0], "B": [LENGTH, 0.0]}, "bars": [["A", "B"]], "mass": MASS}
     points = {f"B{i}": [0.5 * i, 0.0] for i in range(len(cranks))}
@@ -116,7 +116,7 @@ def redundancy(count: float) -> Document:
 
 
 def mass(ratio: float) -> Document:
-    """The four-bar with crank and rocker lighter than they are, by this factor."""
+    """Return the four-bar with crank and rocker lighter by this factor."""
     document = four_bar()
     for name in ("crank", "rocker"):
         document["links"][name]["kg_per_m"] = DENSITY / ratio
@@ -124,7 +124,7 @@ def mass(ratio: float) -> Document:
 
 
 def stiffness(k: float) -> Document:
-    """The four-bar held by a spring at the coupler's point P, without a speed at the start."""
+    """Return the four-bar with a spring of stiffness k [N/m] at the coupler's point P, at rest at the start."""
     document = four_bar(speed=0.0, duration=0.2)
     document["ground"]["points"]["S"] = [-0.4, 0.3]
     assembled = load_document(copy.deepcopy(document), SCENARIO)
@@ -135,16 +135,16 @@ def stiffness(k: float) -> Document:
 
 
 def size(count: float) -> Document:
-    """The N-four-bar, hanging at an angle."""
+    """Return the N-four-bar, released at an angle."""
     document = n_four_bar(round(count))
     document["assembly"] = {"angles_deg": {x: RELEASE if x.startswith("v") else 0.0 for x in document["links"]}}
     return document | {"scenarios": scenario(0.1, RELEASE, 0.0)}
 
 
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
-    """The motion (3, k, n) of `size`: N + 1 bars that turn and N that are carried are one pendulum.
+    """Return the motion (3, k, n) of `size`, which is that of one pendulum: N + 1 bars turn, N move without turning.
 
-    (N + 1) / 3 + N times m l^2 of inertia about the pivots, and (N + 1) / 2 + N times m g l of moment.
+    Its inertia is ((N + 1) / 3 + N) m l^2, and gravity's moment is -((N + 1) / 2 + N) m g l cos(angle).
     """
     from scipy.integrate import solve_ivp
 
@@ -154,7 +154,7 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
     angle, rate = solve_ivp(lambda _, y: [y[1], -k * np.cos(y[0])], (0.0, t[-1]), start, "DOP853", t, **tolerances).y
     second, along = -k * np.cos(angle), LENGTH * np.exp(1j * angle)
     upright = np.arange(2 * n + 1) <= n
-    share = np.where(upright, 0.5, 1.0)  # of the way of the tops that a bar's middle goes
+    share = np.where(upright, 0.5, 1.0)  # displacement of a bar's middle over that of the tops
     rest = LENGTH * np.where(upright, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)
     states = np.zeros((3, len(t), load_document(size(count), SCENARIO).n))
     ways = (along, 1j * rate * along, (1j * second - rate**2) * along)
@@ -166,7 +166,7 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 
 
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
-    """One table of `axes.toml`."""
+    """Return the axis of one table of `axes.toml`."""
     if values:
         rungs = tuple(values)
     else:

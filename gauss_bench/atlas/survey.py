@@ -1,8 +1,8 @@
-"""Runs every way (engine, settings, stabilization) along every axis and finds by bisection where it stops passing and fails.
+"""Run every way (engine, settings, stabilization) along every axis, and find by bisection where it stops passing.
 
-Bisection assumes that a harder value never gives a better verdict; where it does, bisection finds one of the places at which the
-verdict changes. Both ends are always run. Every run is in a worker process, with a limit of its own: what crashes or hangs has
-failed, and says so. The verdicts do not depend on time, but where a run reaches its limit or the survey its budget.
+Bisection assumes that a harder value never has a better verdict. If one does, bisection finds one of the values at which the
+verdict changes. The first and the last value are always run. Every run takes place in a worker process with a time limit, so an
+engine that crashes or hangs has failed. Verdicts depend on time only if a run reaches its limit or the survey its budget.
 """
 
 import tempfile
@@ -33,8 +33,8 @@ from gauss_bench.trajectory import Reference
 
 BUDGET = 600.0  # [s] of a whole survey
 LIMIT = 60.0  # [s] that one run may take, building included
-SAMPLES = 100  # compared with the reference, at most
-EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the one that says how good it is
+SAMPLES = 100  # most samples that are compared with the reference
+EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the motion that gives its error bar
 STABILIZED = ("none", "projection")
 LABELS = ("default", "tuned")
 
@@ -61,13 +61,13 @@ class Reach:
     """The reach of one way along one axis.
 
     Attributes:
-        way, axis: which.
-        passes_to: the hardest value that passes, None where not even the easiest does.
-        ends_at: the hardest value to which it is degraded at worst, None where not even the easiest is.
-        last: the verdict on the hardest value that was run; OPEN where a value that decides could not be told.
-        reason: why the first value beyond `passes_to` does not pass; why the engine cannot; or what was not reached.
-        error: at the hardest value that passes, of the size or [rad].
-        runs: that were needed.
+        way, axis: the way of running and the name of the axis.
+        passes_to: the hardest value that passes; None if not even the easiest does.
+        ends_at: the hardest value that passes or is degraded; None if not even the easiest is.
+        last: verdict on the hardest value that was run; OPEN if a deciding value has no verdict.
+        reason: why the first value beyond `passes_to` does not pass or has no verdict.
+        error: error at the hardest value that passes, relative to the size or [rad].
+        runs: number of runs.
     """
 
     way: Way
@@ -81,11 +81,11 @@ class Reach:
 
 
 def ways(wanted: Sequence[str] | None = None) -> list[Way]:
-    """Every way that is looked at, of the engines of these names or of all that suites know.
+    """Return the ways of the named engines, or of all engines of suites.
 
     Raises:
-        KeyError: there is no such engine.
-        ChoiceError: an engine that was asked for cannot be used.
+        KeyError: unknown engine.
+        ChoiceError: a named engine cannot be used.
     """
     usable = []
     for offer in offers(list(wanted or names())):
@@ -99,7 +99,7 @@ def ways(wanted: Sequence[str] | None = None) -> list[Way]:
 
 
 def axes(wanted: Sequence[str] | None = None) -> list[Axis]:
-    """The families of these names, or all.
+    """Return the axes of these names, or all.
 
     Raises:
         ChoiceError: there is no such axis.
@@ -111,7 +111,7 @@ def axes(wanted: Sequence[str] | None = None) -> list[Axis]:
 
 
 class Course:
-    """The linkages of the axes as files, each with its reference, made when first asked for."""
+    """The linkages of the axes as files, with their references; each is made at its first use."""
 
     def __init__(self, folder: Path):
         self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
@@ -119,7 +119,7 @@ class Course:
         self.locks: defaultdict[tuple[str, float], threading.Lock] = defaultdict(threading.Lock)
 
     def at(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """The linkage of a value, and its reference, or why there is none."""
+        """Return the linkage of a value, and its reference or the reason why there is none."""
         key = (axis.name, value)
         with self.locks[key]:
             if key not in self.known:
@@ -151,7 +151,7 @@ class Course:
 
 
 def compare(step: float, until: float) -> Array:
-    """Times [s] on the grid of a step, at most SAMPLES of them and no closer than a millisecond."""
+    """Return times [s] after whole steps, at most about SAMPLES of them and at least a millisecond apart."""
     whole = int(np.floor(until / step * (1 + 1e-9)))
     each = max(1, round(1e-3 / step), -(-whole // SAMPLES))
     return np.arange(whole // each + 1) * (each * step)
@@ -246,7 +246,7 @@ def survey(
             with ThreadPoolExecutor(jobs) as pool:
                 try:
                     return list(pool.map(one, pairs))
-                except BaseException:  # what runs is not waited for, and nothing more is begun
+                except BaseException:  # stop the workers, and begin no other run
                     broken_off.set()
                     stop()
                     raise

@@ -1,12 +1,12 @@
-"""The meanings of pass, degraded and failed, in one place.
+"""The verdict on a run of the atlas.
 
-    pass       the run ends, the suite's judge has no objection, and no link is ever off by more than PASSES of the linkage's size
-               [m] or PASSES [rad], over the whole run
-    degraded   the run ends and the judge has no objection, but a link is off by more; the judge's own limits are in `judge.py`:
-               loops open by 1 % of the size, energy off by 1 % of what moves, accelerations off by 1 %, a link off by 5 %
-    failed     the judge objects, or the run does not end: not finite, refused by its solver, out of time, crashed
-
-A reference counts where its bar is a tenth of PASSES or less; else the place is open, and so is what the budget does not reach.
+pass       the run ends, the suite's judge has no objection, and the error of every link stays below PASSES times the linkage's
+           size [m] and PASSES [rad] over the whole run
+degraded   the run ends and the judge has no objection, but an error is larger; the limits of the judge are in `judge.py`:
+           gaps of 1 % of the size, energy errors of 1 % of the moving energy, accelerations wrong by 1 %, links wrong by 5 %
+failed     the judge objects, or the run does not end: not finite, refused by its solver, out of time, or crashed
+open       the error bar of the reference is above a tenth of PASSES, or the budget ended before the run
+cannot     the engine has no model of this linkage
 """
 
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.one_run import Run, acceleration_error
 from gauss_bench.trajectory import Reference, Status
 
-PASSES = 1e-3  # of the linkage's size, and [rad]: a tenth of a millimetre on ten centimetres
-KNOWN = 0.1  # of PASSES: bar of a reference that can tell
+PASSES = 1e-3  # relative to the linkage's size, and [rad]: a tenth of a millimetre on ten centimetres
+KNOWN = 0.1  # largest error bar of a reference, relative to PASSES
 RULE = (
     f"pass: off by at most {PASSES:g} of the size or {PASSES:g} rad over the whole run; "
     "degraded: off by more, but the judge objects to nothing (loops, energy and accelerations within 1 %, no link off by 5 %); "
@@ -30,7 +30,7 @@ RULE = (
 
 
 class Verdict(StrEnum):
-    """The outcome of a run, from good to bad; OPEN where it is not known, CANNOT where the engine has no such model."""
+    """The outcome of a run, from good to bad; OPEN if it is unknown, CANNOT if the engine has no model of the linkage."""
 
     PASS = "pass"
     DEGRADED = "degraded"
@@ -44,8 +44,8 @@ class RunVerdict:
     """The verdict on one run.
 
     Attributes:
-        error: largest error over the run, of the size or [rad]; NaN where there is none.
-        reason: why it is no pass, or an empty text.
+        error: largest error over the run, relative to the size or [rad]; NaN without a run.
+        reason: why the run does not pass, or an empty text.
     """
 
     verdict: Verdict
@@ -54,7 +54,7 @@ class RunVerdict:
 
 
 def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
-    """The verdict on a run against a reference."""
+    """Return the verdict on a run, from its comparison with a reference."""
     if run.status is Status.SKIP:
         return RunVerdict(Verdict.CANNOT, reason=run.message)
     if run.trajectory is None:

@@ -1,7 +1,7 @@
-"""The suite's own checks, each with a known answer: a check returns nothing if all is sound, else a sentence on the fault.
+"""Checks of the suite itself, each with a known answer: a check returns None if all is well, else a sentence on the fault.
 
-They ask the same functions that judge engines, certify references, keep the gate and read the clock. What is checked is a small
-linkage and a short motion, so that all of them together take seconds.
+The checks call the same functions that judge engines, certify references, compare with the baseline and measure times. They use
+small linkages and short motions, so that all of them together take seconds.
 """
 
 import gc
@@ -40,9 +40,9 @@ from gauss_bench.trajectory import Reference, Trajectory
 
 FOUR_BAR, CRANK_SLIDER, DRIVEN = ("four_bar", "torque"), ("crank_slider", "paper"), ("four_bar", "cycloid")
 SHAPER = ("shaper", "torque")  # slides that carry moments
-AGREES = 1e-10  # relative: formulations agree to 1e-13 or so
-OPENING = 5  # samples: whether windows are looked into at all, a few of them tell
-MOVED = 1e-3  # [m] by which a known answer is displaced
+AGREES = 1e-10  # relative tolerance; formulations agree to about 1e-13
+OPENING = 5  # number of samples of a certificate that are verified: a few are enough to detect a fault
+MOVED = 1e-3  # [m] displacement of a link, as a known error
 ORDERS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 8, "gauss_legendre": 6}
 Figures = dict[str, float | str]
 
@@ -50,7 +50,7 @@ Figures = dict[str, float | str]
 def alter(
     mechanism: Mechanism, of: str = "", gravity: float = 1.0, joint: str = "", by: float = 0.0, **factors: float
 ) -> Mechanism:
-    """Return a changed linkage: numbers of a link or force and gravity by factors, a pin `by` [m] further out on link two."""
+    """Return an altered linkage: factors on a link, a force or gravity, or a pin displaced `by` [m] on its second link."""
 
     def scale(x: Any) -> Any:
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
@@ -69,7 +69,7 @@ def alter(
 
 @cache
 def states(which: tuple[str, str]) -> TrueStates:
-    """Random states with the accelerations that they must have, from equations in the crank's angle."""
+    """Return random states with their exact accelerations, from equations in the crank's angle."""
     return random_states(load(*which), count=16)
 
 
@@ -86,7 +86,7 @@ def exact(reference: Reference) -> Trajectory:
 
 
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
-    """A trajectory with one coordinate, velocity or acceleration off by a number."""
+    """Return the trajectory with a number added to one coordinate, velocity or acceleration."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
@@ -96,7 +96,7 @@ def off(figure: Any, expected: float, tolerance: float) -> bool:
 
 
 def ask_gate(figures: Figures, baseline: Figures) -> str | None:
-    """Ask the gate about figures of one case against a baseline."""
+    """Compare the figures of one case with a baseline by the gate; return its first failure, or None."""
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
     def frame(some: Figures) -> pd.DataFrame:
@@ -143,7 +143,7 @@ def in_time(late: float) -> str | None:
 
 
 def formulations() -> str | None:
-    """Every formulation at known states: accelerations, multipliers and rank."""
+    """Check accelerations, multipliers and rank of every formulation at known states."""
     for which in (FOUR_BAR, CRANK_SLIDER):
         x, evaluator = states(which), Evaluator(load(*which))
         for name, solve in FORMULATIONS.items():
@@ -165,7 +165,7 @@ def formulations() -> str | None:
 
 
 def integrators() -> str | None:
-    """A pendulum of small swings, q'' = -q, whose steps converge at the order of their method."""
+    """Check the order of convergence of every integrator with q'' = -q."""
 
     def run(step: Callable[..., tuple[Array, Array]], count: int) -> float:
         q, v, h = np.array([1.0]), np.array([0.0]), 1.0 / count
@@ -182,7 +182,7 @@ def integrators() -> str | None:
 
 
 def stabilizations() -> str | None:
-    """A state off its constraints: Baumgarte's terms lead it back as fast as they say, projection puts it there."""
+    """Check Baumgarte's terms and the projection at a state that violates its constraints."""
     evaluator, x = Evaluator(load(*FOUR_BAR)), states(FOUR_BAR)
     q = x.q[0].copy()
     q[0] += MOVED
@@ -235,7 +235,7 @@ def measures() -> str | None:
 
 
 def forces() -> str | None:
-    """Forces in joints by Newton's laws: what acts on a link makes up for what it accelerates by."""
+    """Check that the joint forces and the applied forces on each link balance its inertia (Newton's laws)."""
     for which in (FOUR_BAR, CRANK_SLIDER, SHAPER):
         mechanism, reference = load(*which), truth(which)
         evaluator, sound = Evaluator(mechanism), exact(reference)
@@ -283,7 +283,7 @@ def judge_case() -> str | None:
 
 
 def recipe() -> str | None:
-    """A run by the one recipe: every sample at its time, with the steps it took, and judged accelerations."""
+    """Check a run: its sample times, its number of steps, and the error of its accelerations."""
     mechanism = load(*FOUR_BAR)
     wanted = one_run.sampling(1e-2, 0.1, [0.05])
     run = one_run.one_run(Interpreted("gauss"), mechanism, Choice(integrator="rk4", step=1e-2), wanted)
@@ -312,10 +312,10 @@ def recipe() -> str | None:
 def read_certified(
     which: tuple[str, str] = FOUR_BAR, nudge: Mapping[str, float] | None = None, alter: Mapping[str, Any] | None = None
 ) -> str | None:
-    """The first samples of a certificate, as much as one window of its verification reaches, verified against a linkage.
+    """Verify the first samples of a certificate against a linkage.
 
     Args:
-        nudge: level -> by how much its middle sample is off in its largest entry; or "late" -> [s] of all samples.
+        nudge: level -> number that is added to the largest entry of its middle sample; or "late" -> delay [s] of all samples.
     """
     mechanism = load(*which)
     path = certificate_path(mechanism)
@@ -342,7 +342,7 @@ def read_certified(
 
 @contextmanager
 def ticking() -> Iterator[Callable[[float], None]]:
-    """Replace the processor's clock by one of known ticks; the yielded function lets seconds pass."""
+    """Replace the processor's clock by an artificial one; the yielded function advances it by seconds."""
     now, true = [0], (time.process_time_ns, time.process_time)
     time.process_time_ns, time.process_time = lambda: now[0], lambda: now[0] * 1e-9
 
@@ -356,7 +356,7 @@ def ticking() -> Iterator[Callable[[float], None]]:
 
 
 def clocks() -> str | None:
-    """Measurements with a clock of known ticks."""
+    """Check the measurement of times with an artificial clock."""
     with ticking() as spend:
         if off(clock.measure_seconds(lambda: spend(1.0)), 1.0, 1e-9):
             return "a second is not a second"

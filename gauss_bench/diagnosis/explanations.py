@@ -1,14 +1,15 @@
-"""Explanations of wrong accelerations: each predicts the difference that it would make at the same states.
+"""Explanations of wrong accelerations: each predicts the error of the accelerations that a fault would cause.
 
-The engine's accelerations minus the linkage's own, y (k, n), are held against what each explanation says they would be: a link's
-mass or inertia, gravity, a number of a force, a torque on another link, two links' masses exchanged, velocity terms or a driver's
-second derivative left out, a joint left out, constraint data of the step before or of the start, all accelerations too large by a
-factor. An explanation has one free amount c, found by least squares in the metric of the mass matrix (as in Gauss's principle):
+y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) the error that an explanation predicts for
+a fault of unit amount. The faults are: a wrong mass or inertia, gravity or number of a force, a torque on another link, exchanged
+masses of two links, missing velocity terms, a missing second derivative of a driver, a missing joint, constraint data of an earlier
+state, and a factor on all accelerations. The amount c of a fault is fitted by least squares in the metric of the mass matrix, as in
+Gauss's principle:
 
     share = 1 - |y - c x|^2 / |y|^2
 
-What is left out or exchanged is so once or not at all: there c must be near 1. Masses and inertias enter nonlinearly, so that their
-amount is refined on the accelerations themselves.
+A fault without an amount, such as a missing joint, is accepted only if c is near 1. The effect of masses and inertias is nonlinear;
+their amount is refined by Gauss-Newton steps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,11 +30,11 @@ from gauss_bench.trajectory import States
 
 SMALL = 1e-4  # relative change of a parameter by which its effect is measured
 REFINEMENTS = 8
-SCREENED = 0.5  # of the squares: what a straight line leaves where it is worth while to follow the curve
+SCREENED = 0.5  # an exact explanation is considered only if its linear fit leaves at most this share of |y|^2
 NUMBERS = ("value", "k", "c", "rest")  # of forces
-ONCE = 0.15  # what is left out once has an amount of 1, within what an integrator's error spoils
-EXACTLY = 0.015  # by which an amount may differ from that of what is left out, or has the wrong sign
-GIVEN = 9.81  # [m/s^2] gravity where the linkage has none
+ONCE = 0.15  # largest |c - 1| of a fault without an amount; errors of the integrator disturb the fit
+EXACTLY = 0.015  # largest difference from amount -1 ("left out") and -2 ("has the wrong sign")
+GIVEN = 9.81  # [m/s^2] gravity of the explanations if the linkage has none
 SCALED = (
     ("all inertias", Cause.INERTIA, ["inertia"]),
     ("all masses", Cause.MASS, ["mass"]),
@@ -48,11 +49,11 @@ class Explanation:
 
     Attributes:
         cause: of the error.
-        what: in words, such as "inertia of crank".
-        effect: (k, n) what it changes of the accelerations by an amount of 1; or amount -> (k, n), where that is not proportional.
-        said: what is to be said of it, with {is}, {are} or {amount} where the amount belongs.
-        once: whether it is so or not, with no amount between.
-        exact: whether it is believed only where it leaves nothing but noise: one of so many numbers fits anything a little.
+        what: the fault in words, such as "inertia of crank".
+        effect: (k, n) change of the accelerations by an amount of 1; or a function amount -> (k, n), if it is not proportional.
+        said: sentence on the fault, with {is}, {are} or {amount} in the place of the amount.
+        once: whether the fault is there or not, without an amount.
+        exact: whether only a fit within the noise counts: with so many numbers, one of them always fits a little.
     """
 
     cause: Cause
@@ -72,9 +73,9 @@ class Explained:
     """The fit of one explanation.
 
     Attributes:
-        cause, what: of the explanation; amount: that fits best; share: of the squared difference that it explains, at most 1.
-        sentence: what is to be said.
-        residual: of the accelerations, relative, when the cause is planted by that amount.
+        cause, what: as in the explanation; amount: the best fit; share: share of the squared error that it explains, at most 1.
+        sentence: the fault with its amount in words.
+        residual: relative error of the accelerations that is left with that amount.
     """
 
     cause: Cause
@@ -119,7 +120,7 @@ def explain(y: Array, mass: Array, some: Iterator[Explanation], a: Array | None 
 
 
 def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
-    """Return the explanations that reproduce the accelerations within their noise when planted by their amount."""
+    """Return the explanations that reproduce the accelerations within their noise."""
     return [x for x in explanations if x.residual <= noise]
 
 
@@ -159,7 +160,7 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
 
 
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Explanations by wrong numbers of a linkage, at states x."""
+    """Yield explanations by wrong parameters of a linkage, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
 
@@ -219,7 +220,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Forces of one kind, or all of them, of another size or sign."""
+    """Yield explanations by a wrong factor or sign of all forces of one kind."""
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
 
@@ -239,7 +240,7 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Entries, rows and velocity terms of the constraints of another size."""
+    """Yield explanations by a wrong factor of entries, rows or velocity terms of the constraints."""
     mechanism, parts = own.mechanism, own.parts(x)
     base = parts.accelerations()
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
@@ -272,7 +273,7 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Explanations by wrong constraints, at states x: left out, without velocity terms, old."""
+    """Yield explanations by constraints that are left out, lack their velocity terms, or belong to an earlier state."""
     mechanism, parts = own.mechanism, own.parts(x)
     base, rows = parts.accelerations(), own.evaluator.constraints
 

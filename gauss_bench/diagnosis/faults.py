@@ -1,8 +1,7 @@
-"""Engines with a known fault: what the diagnosis must name, and what the suite's own test of itself plants.
+"""Engines with a known fault, which the diagnosis must name; the self-test runs them.
 
-Each is one of the suite's formulations with its integrators, sound but for one thing: how the fault spoils the linkage that is
-modelled, the terms at a state, the accelerations, a state after a step, or the samples that are read. `planted.toml` lists them; a
-fault that was seen in an engine names it.
+Each engine is one of the suite's formulations with its integrators, and has one fault: in the modelled linkage, in the terms at a
+state, in the accelerations, in the state after a step, or in the samples that are read. `planted.toml` lists the faults.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,12 +24,12 @@ from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
 from gauss_bench.trajectory import Trajectory
 
 State = tuple[Array, Array]
-FORMULATION = "lagrange"  # the fastest of those that are not compiled
+FORMULATION = "lagrange"  # the fastest formulation that is not compiled
 RESET_AT = 0.23  # [s]
 
 
 def same(item: Any, *_: Any) -> Any:
-    """Spoil nothing."""
+    """Return the item as it is."""
     return item
 
 
@@ -39,13 +38,13 @@ class Fault:
     """One planted fault.
 
     Attributes:
-        name: of the fault; sentence: what is wrong.
-        cause: what the diagnosis must say.
-        linkage: the mechanism that is modelled.
+        name: of the fault; sentence: its description.
+        cause: the cause that the diagnosis must name.
+        linkage: mechanism -> the mechanism that is modelled.
         terms: (terms, model, t, q, v) -> terms that are solved.
         solved: (solution, terms, model) -> solution.
         stepped: (state, model, t) -> state after the step that ended at t.
-        times: (times, step) -> times that are sampled in place of those asked for; of as many.
+        times: (times, step) -> times of the same number that are sampled instead of the requested ones.
         read: (trajectory, mechanism) -> the trajectory that the engine returns.
         where: linkage and scenario in which the fault shows.
     """
@@ -63,13 +62,13 @@ class Fault:
 
 
 class FaultyModel(InterpretedModel):
-    """A sound model but for the fault.
+    """The model of an engine with a fault.
 
     Attributes:
-        recent: constraint rows (J, gamma) at the beginning of the steps so far, the last two of them.
+        recent: constraint rows (J, gamma) at the beginnings of the last two steps.
         first: constraint rows at the start.
-        running: whether steps are being taken.
-        reset: whether it has been set back.
+        running: whether the run is under way.
+        reset: whether the state was reset.
     """
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):
@@ -130,24 +129,24 @@ class Faulty(Interpreted):
         return FaultyModel(self.fault, mechanism, choice)
 
 
-# what is wrong with the terms
+# faults in the terms
 
 
 def last_pin(mechanism: Mechanism) -> list[int]:
-    """Rows of the last joint of the file that leaves an angle free."""
+    """Return the rows of the last joint in the file that is no slide."""
     ends = np.cumsum([len(joint.held) for joint in mechanism.joints])
     at = max(k for k, joint in enumerate(mechanism.joints) if not joint.slides)
     return list(range(ends[at] - len(mechanism.joints[at].held), ends[at]))
 
 
 def without(terms: Terms, rows: list[int]) -> Terms:
-    """The terms without some rows."""
+    """Return the terms without some constraint rows."""
     kept = np.delete(np.arange(len(terms.J)), rows)
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept])
 
 
 def soft_loop(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    """The last pin as a spring and damper between its two points."""
+    """Replace the last pin by a spring and a damper between its two points."""
     rows = last_pin(model.mechanism)
     Q = terms.Q - terms.J[rows].T @ (2e4 * terms.phi[rows] + 40.0 * terms.phi_dot[rows])  # N/m, N s/m
     return replace(without(terms, rows), Q=Q)
@@ -162,13 +161,13 @@ def ignore_constraints(terms: Terms, *_: object) -> Terms:
 
 
 def stale(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    """Constraint data of the step before, while steps are taken; samples are told with sound accelerations."""
+    """Use the constraint data of the step before, but only during the run: the reported accelerations are correct."""
     J, gamma = model.recent[0] if model.running else (terms.J, terms.gamma)
     return replace(terms, J=J, gamma=gamma)
 
 
 def keep_first_jacobian(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    """The Jacobian of the start, never updated."""
+    """Use the Jacobian of the start at all times."""
     return replace(terms, J=model.first[0])
 
 
@@ -177,7 +176,7 @@ def without_velocity_terms(terms: Terms, *_: object) -> Terms:
 
 
 def without_second_rate(terms: Terms, model: FaultyModel, t: float, *_: object) -> Terms:
-    """The second time derivative of what drivers prescribe left out."""
+    """Leave out the second time derivative of the drivers' laws."""
     gamma = terms.gamma.copy()
     for row, driver in enumerate(model.mechanism.drivers, model.evaluator.constraints.joint_rows):
         gamma[row] -= float(driver.law(t)[2])
@@ -185,7 +184,7 @@ def without_second_rate(terms: Terms, model: FaultyModel, t: float, *_: object) 
 
 
 def compliant(solution: Solution, terms: Terms, model: FaultyModel, epsilon: float = 0.5, rate: float = 50.0) -> Solution:
-    """Constraint forces of a solver that regularises: J a = gamma + epsilon lambda, with Baumgarte's terms at a rate [1/s]."""
+    """Solve with regularised constraints, J a = gamma + epsilon lambda, and Baumgarte's terms at a rate [1/s]."""
     n, m = len(terms.Q), len(terms.gamma)
     gamma = terms.gamma - 2 * rate * terms.phi_dot - rate**2 * terms.phi
     K = np.block([[terms.M, terms.J.T], [terms.J, -epsilon * np.eye(m)]])
@@ -194,15 +193,15 @@ def compliant(solution: Solution, terms: Terms, model: FaultyModel, epsilon: flo
 
 
 def too_large(solution: Solution, terms: Terms, model: FaultyModel) -> Solution:
-    """Velocities and everything else right, accelerations a third too large: a wrong factor at the end."""
+    """Return accelerations 30 % too large, with the multipliers that belong to them."""
     return Solution(1.3 * solution.a, recover_multipliers(terms, solution.a), solution.rank)
 
 
-# what is wrong with the steps
+# faults in the steps
 
 
 def reset(state: State, model: FaultyModel, t: float) -> State:
-    """Reset to the start, at rest, as an engine does that has met a NaN."""
+    """Reset the state to the start, at rest, as some engines do after a NaN."""
     if not model.reset and t >= RESET_AT:
         model.reset = True
         return model.mechanism.q0, 0 * model.mechanism.v0
@@ -214,7 +213,7 @@ def single_precision(state: State, *_: object) -> State:
     return q, v
 
 
-# what is wrong with the samples
+# faults in the samples
 
 
 def one_step_late(times: Array, step: float) -> Array:
@@ -244,14 +243,14 @@ def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
 
 
 def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """The first two links change places."""
+    """Exchange the first two links."""
     order = bodies(np.arange(mechanism.n, dtype=float)).astype(int)
     order[[0, 1]] = order[[1, 0]]
     return replace(trajectory, **{level: getattr(trajectory, level)[:, order.ravel()] for level in "qva"})
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """Joint coordinates of a library that lists joints level by level, read as if it listed them branch by branch."""
+    """Read joint coordinates that are listed level by level as if they were listed branch by branch."""
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
     for branch in tree.branches:
@@ -265,7 +264,7 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 
 
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
-    """One entry of `planted.toml`."""
+    """Return the fault of one [[engine]] table of `planted.toml`."""
     hooks: Any = {key: globals()[x] for key, x in spoils.items() if key != "alter"}
     if "alter" in spoils:
         hooks["linkage"] = partial(alter, **spoils["alter"])

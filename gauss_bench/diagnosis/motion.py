@@ -1,11 +1,11 @@
-"""The suite's own motion of a linkage, for many states at once: accelerations of possibly altered terms, exact flow, and the truth.
+"""The suite's own motion of a linkage, for many states at once: accelerations with possibly altered terms, flow, and reference.
 
-In weighted coordinates b = M^(1/2) a with K = J M^(-1/2) = U S V^T, of which redundant rows have no part,
+In weighted coordinates b = M^(1/2) a, with the singular values of K = J M^(-1/2) = U S V^T above the tolerance (index 1),
 
     b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-Every part of the terms can be another one than the linkage's, which is how a fault is predicted. Loops that an engine has left open
-by some micrometres make redundant rows contradict each other a little: they still count as one.
+Any of the terms can be replaced, to predict the effect of a fault. If an engine leaves loops open by some micrometres, redundant
+rows contradict each other slightly; the tolerance is large enough that they still count as redundant.
 """
 
 from dataclasses import dataclass, replace
@@ -19,17 +19,17 @@ from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, States
 
-RANK_TOLERANCE = 1e-4  # of the largest singular value, as where states are projected
-DEPENDENT = 1e-12  # the same, of rows that are independent
+RANK_TOLERANCE = 1e-4  # relative to the largest singular value, as for the projection of states
+DEPENDENT = 1e-12  # the same for linkages without redundant rows
 SUBSTEP = 2.5e-3  # [s] of order 8: at 50 rad/s an eighth of a radian, which leaves about 1e-11
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What accelerations are made of at k states: M as its diagonal (n,), J (k, m, n), gamma (k, m), Q (k, n).
+    """The terms of the equations of motion at k states: mass (n,) as diagonal of M, J (k, m, n), gamma (k, m), Q (k, n).
 
     Attributes:
-        tolerance: of singular values, relative to the largest: a row that adds less counts as redundant.
+        tolerance: singular values below it, relative to the largest, count as zero.
     """
 
     mass: Array
@@ -39,7 +39,7 @@ class Parts:
     tolerance: float
 
     def accelerations(self) -> Array:
-        """a (k, n) of M a + J^T lambda = Q, J a = gamma."""
+        """Return a (k, n) of M a + J^T lambda = Q, J a = gamma."""
         root = np.sqrt(self.mass)
         free = self.Q / root
         if not self.J.shape[1]:
@@ -53,18 +53,18 @@ class Parts:
         return np.asarray(b / root)
 
     def multipliers(self, a: Array) -> Array:
-        """The shortest lambda (k, m) of M a + J^T lambda = Q for given accelerations a (k, n)."""
+        """Return the shortest lambda (k, m) of M a + J^T lambda = Q for given accelerations a (k, n)."""
         inverse = np.linalg.pinv(np.swapaxes(self.J, -1, -2), rcond=RANK_TOLERANCE)
         return np.asarray((inverse @ (self.Q - self.mass * a)[..., None])[..., 0])
 
     def without(self, rows: list[int]) -> "Parts":
-        """The same with some rows dropped."""
+        """Return the terms without some constraint rows."""
         kept = [k for k in range(self.J.shape[1]) if k not in rows]
         return replace(self, J=self.J[:, kept], gamma=self.gamma[:, kept])
 
 
 class OwnMotion:
-    """The linkage as the suite understands it."""
+    """The equations of motion of a linkage by the suite's own formulation."""
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
@@ -72,13 +72,13 @@ class OwnMotion:
         self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
 
     def parts(self, x: States) -> Parts:
-        """The terms at states; without friction, which needs the multipliers."""
+        """Return the terms at states, without friction, which depends on the multipliers."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         Q = self.evaluator.applied.generalised(x.q, x.v, x.t)
         return Parts(self.evaluator.mass, rows.J, rows.gamma, Q, self.tolerance)
 
     def second_rates(self, x: States) -> Array:
-        """gamma (k, m) without velocity terms: the second derivatives of what drivers prescribe."""
+        """Return gamma (k, m) without velocity terms: the second time derivatives of the drivers' laws."""
         rows = self.evaluator.constraints
         second = np.zeros((len(x), rows.m))
         for row, law in enumerate(rows.laws, rows.joint_rows):
@@ -86,12 +86,12 @@ class OwnMotion:
         return second
 
     def gaps(self, x: States) -> Array:
-        """phi (k, h) [m, rad] of the rows that have a position level."""
+        """Return phi (k, h) [m, rad] of the holonomic constraints."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         return rows.phi[:, : self.evaluator.constraints.holonomic]
 
     def accelerations(self, x: States) -> Array:
-        """a (k, n)."""
+        """Return the accelerations (k, n)."""
         if self.evaluator.friction:
             return self.absolute.acceleration(x.t, x.q, x.v)
         return self.parts(x).accelerations()
@@ -103,7 +103,7 @@ class OwnMotion:
         h = (by / steps)[:, None]
 
         def rate(s: float, q: Array, v: Array) -> Array:
-            """In the time s, which runs from 0 to 1 in every substep of every state; v is dq/ds."""
+            """Return d2q/ds2, where s runs from 0 to 1 in every substep of every state; v is dq/ds."""
             here = States(x.t + (number + s) * h[:, 0], q.reshape(k, n), v.reshape(k, n) / speed)
             return np.asarray((self.accelerations(here) * h**2).reshape(-1))
 
@@ -122,11 +122,11 @@ class OwnMotion:
 
 
 class TrueMotion:
-    """The reference at any time: its samples, and the linkage's own flow from the nearest of them.
+    """The reference at any time: the linkage's flow from the nearest sample.
 
     Attributes:
-        reference: that was certified or built.
-        until: [s] its last time.
+        reference: its samples.
+        until: time of the last sample [s].
     """
 
     def __init__(self, motion: OwnMotion, reference: Reference):
@@ -142,7 +142,7 @@ class TrueMotion:
         return self.motion.flow(x, by) if by.any() else x
 
     def bar(self, t: Array) -> Array:
-        """(k,) error bar of the positions [m, rad] at times t: below it errors say nothing."""
+        """Return the error bar (k,) of the positions [m, rad] at times t."""
         r = self.reference
         k = np.clip(np.searchsorted(r.t, t - 1e-9), 0, len(r.t) - 1)
         return np.fmax(r.error_q, r.floor_q)[k]

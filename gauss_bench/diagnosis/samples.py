@@ -1,6 +1,6 @@
-"""Detection of wrong samples of a sound motion: of other times, of other links, frozen, or of a motion that restarted.
+"""Detection of wrong samples of a correct motion: of other times, of other links, without motion, or after a restart.
 
-What is looked for is a map from the true motion to what was told, after which (nearly) nothing is left of the error.
+Each search finds a map from the true motion to the reported samples that leaves (nearly) nothing of the error.
 """
 
 from collections.abc import Iterator
@@ -15,22 +15,22 @@ from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-LEFT = 0.2  # of the error may be left, at half of the times, where a map explains it
+LEFT = 0.2  # share of the error (median over the samples) that a map may leave
 ITERATIONS = 12
-LOOKED_AT = 20  # samples for a map of time
-STILL = 1e-3  # of the true way
-JUMP = 10.0  # times what its velocity allows that a link moves in a step
-BESIDE_TURNS = 1e-3  # [rad, m] of an error beside whole turns
-SUSPICIOUS = 0.03  # [rad, m] between two checkpoints that velocities and accelerations do not account for
+LOOKED_AT = 20  # number of samples that a time map is fitted to
+STILL = 1e-3  # largest travel of samples without motion, relative to the true travel
+JUMP = 10.0  # least size of a jump, in units of the displacement that the velocity allows in a step
+BESIDE_TURNS = 1e-3  # [rad, m] largest error that is left after whole turns are removed
+SUSPICIOUS = 0.03  # [rad, m] displacement between two checkpoints that velocities and accelerations do not explain
 
 
 @dataclass(frozen=True)
 class TimeMap:
-    """Samples told at t that are those of the true motion at shift + rate t.
+    """A map of time: the samples reported at t are those of the true motion at shift + rate t.
 
     Attributes:
-        shift: [s]; rate: 1 but where time is stretched.
-        left: median over the samples of what is left of the error, relative.
+        shift: [s]; rate: 1 unless time is stretched.
+        left: share of the error that the map leaves, median over the samples.
     """
 
     shift: float
@@ -39,12 +39,12 @@ class TimeMap:
 
 
 def _state(x: States, pace: float) -> Array:
-    """Positions and velocities (k, 2 n) in comparable units."""
+    """Return positions and velocities (k, 2 n) in comparable units."""
     return np.hstack([x.q, x.v * pace])
 
 
 def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
-    """Find the shift, or shift and stretching, of time that explains samples best; None if more than LEFT of the error is left."""
+    """Fit the shift, or shift and rate, of time to the samples; return None if more than LEFT of the error is left."""
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
     if not all(rms):
@@ -73,7 +73,7 @@ def time_map(truth: TrueMotion, told: States, stretch: bool) -> TimeMap | None:
 
 
 def _first_rate(truth: TrueMotion, told: States, pace: float) -> float:
-    """Estimate how fast time runs, from the true samples that are nearest to what was told."""
+    """Estimate the rate of time from the true samples that are nearest to the reported ones."""
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
     nearest = np.array([r.t[np.linalg.norm(true - x, axis=1).argmin()] for x in _state(told, pace)])
@@ -88,16 +88,16 @@ def stands_still(truth: States, told: States) -> bool:
 
 
 def whole_turns(off: Array) -> Array:
-    """Count the turns (k, links) by which angles are off, of errors (k, n); none where that is not all of them."""
+    """Return the turns (k, links) by which angles are wrong, from errors (k, n); zeros if whole turns do not explain all errors."""
     left, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
     angles(left)[...] -= 2 * np.pi * turns
     return turns if float(np.abs(left).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
 
 
 def other_velocities(moved: Array, told: Array) -> tuple[float, float, float]:
-    """Velocities told against those by which positions move (k, n).
+    """Compare reported velocities (k, n) with the change of positions.
 
-    How far they are off, relative; how many times the others they are; and the share of what they are off by that this leaves.
+    Return their relative error, the factor that fits best, and the share of the error that this factor leaves.
     """
     off, true = float(np.sum((told - moved) ** 2)), float(np.sum(moved**2))
     factor = float(np.sum(told * moved)) / max(true, 1e-300)
@@ -107,14 +107,14 @@ def other_velocities(moved: Array, told: Array) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Order:
-    """Links or joint coordinates that were told in another order: `sentence` says how; left: of the error, relative."""
+    """Links or joint coordinates in another order: `sentence` describes it; left: share of the error that it leaves."""
 
     sentence: str
     left: float
 
 
 def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
-    """Find the order of links or joint coordinates in which the samples match the reference; None if already in order or never."""
+    """Find the order of links or joint coordinates that matches the reference; None if the order is right or none matches."""
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
     best: Order | None = None
@@ -130,7 +130,7 @@ def order(mechanism: Mechanism, truth: States, told: States) -> Order | None:
 
 
 def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
-    """Per way of listing a state: words, what was told and the truth (columns, ...), and the columns' names."""
+    """Yield for each kind of coordinates: its name, reported and true values (columns, ...), and the names of the columns."""
 
     def links(x: Array) -> Array:
         return bodies(x).transpose(1, 0, 2)
@@ -151,7 +151,7 @@ def _columns(mechanism: Mechanism, truth: States, told: States) -> Iterator[tupl
 
 
 def suspicious_window(told: States, a: Array) -> int | None:
-    """Return the checkpoint before which a state may have jumped: the largest displacement that rates do not explain."""
+    """Return the index of the checkpoint after which the state may have jumped, or None."""
     h = np.diff(told.t)[:, None]
     v, q = told.v, told.q
     off = np.abs(np.diff(q, axis=0) - h / 2 * (v[1:] + v[:-1]) + h**2 / 12 * np.diff(a, axis=0)).max(axis=1)
@@ -164,9 +164,9 @@ class Jump:
     """A state that is not where its velocity leads.
 
     Attributes:
-        t: [s] time of the first sample after it.
-        size: [m, rad] how far it jumped.
-        to_start: whether it is back at the start.
+        t: time of the first sample after the jump [s].
+        size: size of the jump [m, rad].
+        to_start: whether the state is that of the start again.
     """
 
     t: float

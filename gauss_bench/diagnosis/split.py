@@ -1,13 +1,13 @@
-"""An engine's error, split by what changes it: the step, the closure, time.
+"""Split of an engine's error by its dependence on the step and on the closure of the loops.
 
 Three runs with steps h, h/2 and h/4 give the order p of the integration error, and an estimate x of the motion at step zero
 (Richardson extrapolation):
 
     p = log2 |x_1 - x_2| / |x_2 - x_3|,    x = x_3 + (x_3 - x_2) / (2^p - 1)
 
-The error of x does not come from the integrator. The rest of the error does; the part of it that violates the constraints is
-drift. Sizes are root mean squares over the checkpoints of the largest error of a coordinate [m, rad], as far as errors are
-small enough to add up (REGIME). All of it is the suite's own arithmetic on samples.
+The error of x does not come from the integrator; the rest of the error does. The part of the error that violates the constraints is
+drift. The size of an error is the root mean square, over the checkpoints, of its largest coordinate [m, rad]. Only checkpoints
+before the errors grow beyond REGIME count.
 """
 
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ from gauss_bench.metrics import relative_acceleration_error
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-REGIME = 0.1  # [m, rad] beyond it errors of one run no longer add up, and those of two steps have no ratio
-FEWEST = 5  # checkpoints that are looked at in any case
-CONVERGES = 0.4  # order below which runs of smaller steps do not approach anything
-STAYS = 0.75  # of a gap that is left at half the step, between the two smallest: even order 1 takes off a half
-PERIODS = 3  # of a run: the first is early, the last is late
-GROWS = 3.0  # times as wide late as early
+REGIME = 0.1  # [m, rad] larger errors no longer add up linearly, and their ratio gives no order
+FEWEST = 5  # number of checkpoints that count in any case
+CONVERGES = 0.4  # order below which the runs do not converge
+STAYS = 0.75  # a gap is independent of the step if half the step leaves this share; an error of order 1 falls to a half
+PERIODS = 3  # parts of a run: the first is "early", the last "late"
+GROWS = 3.0  # a gap grows if it is GROWS times larger late than early
 
 
 def size(x: Array) -> float:
-    """Root mean square over the samples (k, n) of their largest entries."""
+    """Return the root mean square of the largest entry of each sample (k, n)."""
     return float(np.sqrt(np.mean(np.abs(x).max(axis=1) ** 2))) if x.size else 0.0
 
 
@@ -38,9 +38,9 @@ class Steps:
     """The effect of the step size on a motion.
 
     Attributes:
-        order: at which the motion converges; NaN where it does not, or only one step was run.
-        limit: (k, n) what the motion without any step is off by; by_step: (k, n) what the step adds, of the first run.
-        horizon: how many checkpoints are looked at.
+        order: order of convergence; NaN if the runs do not converge or there are too few.
+        limit: (k, n) error extrapolated to step zero; by_step: (k, n) error that the step of the first run adds.
+        horizon: number of checkpoints that count.
     """
 
     order: float
@@ -61,7 +61,7 @@ def horizon_of(errors: list[Array]) -> int:
 
 
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
-    """Compare runs of decreasing step size."""
+    """Return the order of convergence and the parts of the error, from runs with smaller and smaller steps."""
     k = min(len(b.at) for b in bursts)
     h = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
     x, q, order = [b.at.q[:h] for b in bursts], true.q[:h], np.nan
@@ -77,13 +77,13 @@ def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
 
 @dataclass(frozen=True)
 class Closure:
-    """The opening of loops [m, rad], and the error of drivers, over the run.
+    """The gaps of loops and drivers [m, rad] over the run.
 
     Attributes:
-        closure: largest gap, of every run; closure_early, closure_late: of the first run, in the first and in the last third.
-        closure_stays: whether smaller steps leave it as it is.
-        closure_joint: where the gap is largest.
-        closure_share: of the error, by how much it leaves the constraints.
+        closure: largest gap of every run; closure_early, closure_late: those of the first run in its first and its last third.
+        closure_stays: whether the gap is independent of the step.
+        closure_joint: name of the joint with the largest gap.
+        closure_share: share of the error that violates the constraints.
         held: correlation of gaps with the forces that should close them, 0..1; compliance: gap over force [m/N].
     """
 
@@ -102,7 +102,7 @@ class Closure:
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
-    """The closure's residuals, along runs of ever smaller steps."""
+    """Measure the gaps of the loops, in runs with smaller and smaller steps."""
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]
     opened = tuple(float(g.max(initial=0.0)) for g in gaps)
     sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
@@ -118,7 +118,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
 
 
 def _hold(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
-    """Measure how well the gap of the worst row follows the force in it, and by how much it yields."""
+    """Return the correlation of the worst row's gap with its constraint force, and gap over force [m/N]."""
     phi = own.gaps(b.at)
     if not phi.shape[1]:
         return 0.0, 0.0
@@ -131,13 +131,13 @@ def _hold(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """An engine's accelerations at its own states against the linkage's there, and its steps against the linkage's flow.
+    """Errors of an engine's accelerations and steps at its own states, where the error of the motion so far has no influence.
 
     Attributes:
-        told: (k, n) accelerations that it tells, minus the linkage's; moved: (k, n) those by which its velocities change in a
-            step, minus what the linkage's would.
-        euler: (k, n) what an explicit first-order step would be off by.
-        relative_told, relative_moved: medians over the states, relative to the largest acceleration of each.
+        told: (k, n) error of the reported accelerations; moved: (k, n) error of the mean accelerations of a step, from the change
+            of velocities.
+        euler: (k, n) error that an explicit first-order step would have.
+        relative_told, relative_moved: medians over the states, relative to the largest acceleration of each state.
     """
 
     told: Array
@@ -148,7 +148,7 @@ class Local:
 
 
 def local(own: OwnMotion, b: Burst) -> Local:
-    """One run, one step at a time."""
+    """Return the errors of a run, one step at a time."""
     h = b.after.t - b.at.t
     true = own.accelerations(b.at)
     mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]
@@ -158,7 +158,7 @@ def local(own: OwnMotion, b: Burst) -> Local:
 
 
 def usable(own: OwnMotion, b: Burst, most: float) -> Array:
-    """The checkpoints of a run that are finite and not opened by more than `most` [m, rad]."""
+    """Return a mask (k,) of the checkpoints that are finite and have no gap above `most` [m, rad]."""
     with np.errstate(all="ignore"):
         gaps = np.abs(own.gaps(b.at)).max(axis=1, initial=0.0)
     sound = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
