@@ -24,7 +24,7 @@ computed before it.
     Load(array, rows, start)             rows of an array become leaves
     Store(array, values, start)          values become rows of an array
     Scatter(array, values, start, block, last)   the values of each lane, side by side, at a place of its own
-    Loop(carried, body, again, after)    body; if again: after, and once more, with the next values of the carried leaves
+    Loop(carried, body, again)           body; if again: once more, with the next values of the carried leaves
     If(condition, body, merged)          leaves that have one value after the body, and another without it
 
 A value is a double or a mask for each trajectory; the same routine serves one trajectory or a vector of them, a lane each. Counts
@@ -504,12 +504,11 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A loop with leaf -> (first value, next value): does `body`, ends unless `again` (a truth) holds, does `after`, repeats."""
+    """A loop with leaf -> (first value, next value): does `body`, ends unless `again` (a truth) holds, repeats."""
 
     carried: Mapping[int, tuple[int, int]]
     body: Sequence["Statement"]
     again: int
-    after: Sequence["Statement"] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -553,11 +552,8 @@ def nest(statements: Sequence[Statement]) -> Iterator[Statement]:
     """Yield all statements, including nested ones."""
     for s in statements:
         yield s
-        match s:
-            case Loop():
-                yield from nest([*s.body, *s.after])
-            case If():
-                yield from nest(s.body)
+        if isinstance(s, Loop | If):
+            yield from nest(s.body)
 
 
 def list_needed(r: Routine) -> set[int]:
@@ -579,7 +575,7 @@ def list_needed(r: Routine) -> set[int]:
 def find_changing(g: Graph, loop: Loop) -> set[int]:
     """Return the values that may change between turns of a loop."""
     defined = set(loop.carried)
-    for s in nest([*loop.body, *loop.after]):
+    for s in nest(loop.body):
         match s:
             case Loop():
                 defined |= set(s.carried)
@@ -625,7 +621,7 @@ class Emitter:
         """Write first values and loop invariants before a loop; names that an earlier loop gave to changing values are dropped."""
         self.first = self.compute([a for a, _ in self.select_carried(s).values()])
         changed = find_changing(self.graph, s)
-        inner = nest([*s.body, *s.after])
+        inner = nest(s.body)
         self.compute([x for c in inner if isinstance(c, Compute) for x in c.values if x not in changed])
         self.names = {x: name for x, name in self.names.items() if x not in changed}
 

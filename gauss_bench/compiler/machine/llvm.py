@@ -251,18 +251,9 @@ class Writer(Emitter):
         header, inside = self._reserve_line(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
         self.names |= inside
         self.statements(s.body)
-        again, last, on = self.need(s.again), self._new_label("end"), label
-        if s.after:
-            on = self._new_label("on")
-            self.line(f"  br i1 {again}, label %{on}, label %{last}")
-            with self.within():
-                self.label(on)
-                self.statements(s.after)
-                following, below = self.compute([b for _, b in carried.values()]), self.block
-                self.line(f"  br label %{label}")
-        else:
-            following, below = self.compute([b for _, b in carried.values()]), self.block
-            self.line(f"  br i1 {again}, label %{label}, label %{last}")
+        again, last = self.need(s.again), self._new_label("end")
+        following, below = self.compute([b for _, b in carried.values()]), self.block
+        self.line(f"  br i1 {again}, label %{label}, label %{last}")
         self.label(last)
         self.lines[header] = "\n".join(
             f"  {inside[x]} = phi {self._type_of(x)} [{a}, %{above}], [{b}, %{below}]"

@@ -156,7 +156,6 @@ class Source(Emitter):
                     self.statements(s.body)
                     self.line(self.language.leave.format(self.need(s.again)))
                     with self.within():
-                        self.statements(s.after)
                         self._assign({x: new for x, (_, new) in carried.items()})
             case If():
                 self._assign({x: old for x, (_, old) in s.merged.items()})
