@@ -9,10 +9,16 @@ from pathlib import Path
 import pytest
 
 from gauss_bench.api.diagnose import diagnose
+from gauss_bench.api.own_model import read_own_file
 from gauss_bench.api.tune import tune
 from gauss_bench.cli import main
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.edit_mjcf import write_settings
 from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.own_model import ENGINE, setting_text
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.runs.worker import Worker
 from tests.conftest import DATA, needs
 
 FOUR_BAR = DATA / "four_bar_default.xml"
@@ -186,3 +192,43 @@ def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is
     assert good.numbers is not None
     assert good.numbers.error < 1e-6
     assert any("as good as" in x for x in good.remarks)
+
+
+def test_a_model_that_diverges_is_judged_to_the_end_and_leaves_nothing_in_the_users_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    model = tmp_path / "model.xml"
+    model.write_text(FOUR_BAR.read_text().replace('timestep="0.001"', 'timestep="0.02"').replace('ctrl="0.5"', 'ctrl="500"'))
+    assert not tune(str(model), tmp_path / "tuned.xml", position=1e-4, until=0.1).succeeded
+    assert [x.name for x in tmp_path.iterdir()] == ["model.xml"]
+
+
+def test_a_model_file_takes_no_options_of_linkages_or_other_engines() -> None:
+    needs("mujoco")
+    for options, named in (
+        ({"scenario": "torque"}, "--scenario"),
+        ({"stabilization": "baumgarte"}, "--stabilization"),
+        ({"integrator": "rk4"}, "--integrator"),
+        ({"step": -1.0}, "step"),
+    ):
+        with pytest.raises(ChoiceError, match=named):
+            diagnose(str(FOUR_BAR), **options)
+    with pytest.raises(ChoiceError, match="--close"):
+        diagnose("four_bar", "gauss", close=["a.b=c.d"])
+
+
+def test_the_keyframe_called_start_is_judged_whatever_its_place(tmp_path: Path) -> None:
+    needs("mujoco")
+    model, text = tmp_path / "model.xml", FOUR_BAR.read_text()
+    home = '<key name="home" qpos="0 0 0" ctrl="0.5"/>'
+    model.write_text(text.replace(home, home + '<key name="start" qpos="0 0 0" ctrl="-0.5"/>'))
+    with Worker() as worker:
+        file, first = (read_own_file(x, (), worker) for x in (model, FOUR_BAR))
+    assert (file.key, first.key) == (1, 0)
+    run = get(ENGINE).build(file.mechanism, Choice(setting_text(file.path, {}), "", "none", 1e-3))
+    own = get("gauss").build(file.mechanism, Choice("default", "rk4"))
+    state = 0.0, file.mechanism.q0, file.mechanism.v0
+    # closures of the model are soft, so accelerations agree to a part in a hundred; with the other torque they are far off
+    assert run.acceleration(*state) == pytest.approx(own.acceleration(*state), rel=0.05, abs=0.5)

@@ -74,18 +74,15 @@ class Diagnosis(OneRun):
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What is diagnosed: a linkage in an engine, or a model file as it stands.
+    """The engine and the setting that are diagnosed, or a model file as it stands.
 
     Attributes:
-        linkage: name or path; mechanism: that it describes.
         engine: as `engines.get` takes it; name, settings: as they are printed.
         choice: of the first run.
         offered: the engine's offer.
         file: the user's model file, where its own settings are judged.
     """
 
-    linkage: str
-    mechanism: Mechanism
     engine: str
     name: str
     settings: str
@@ -138,11 +135,19 @@ def diagnose(
     required = {kind: x for kind, x in (("position", position), ("angle", angle)) if x is not None}
     if required:
         list_requirements(**required)
-    if is_model_file(linkage):
-        subject = choose_model(linkage, tuple(close), engine, settings, integrator, stabilization, step)
+    file = read_file(linkage, tuple(close))
+    mechanism = load(linkage, scenario) if file is None else file.mechanism
+    if file is not None and scenario is not None:
+        raise ChoiceError("--scenario: a model file has none, but starts at its keyframe")
+    if file is not None and file.kind == "MJCF" and engine in (None, "mujoco") and settings is None:
+        subject = subject_as_it_stands(file, integrator, stabilization, step)
+    elif engine is None:
+        raise ChoiceError("--engine: say which engine is to be diagnosed")
     else:
-        subject = choose_subject(linkage, load(linkage, scenario), engine, settings, integrator, stabilization, step)
-    mechanism, choice, offered = subject.mechanism, subject.choice, subject.offered
+        offered = offer(engine)
+        choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
+        subject = Subject(engine, engine, choice.settings, choice, offered)
+    choice, offered = subject.choice, subject.offered
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     check_size(choice.step, end)
@@ -180,51 +185,36 @@ def diagnose(
     return make_diagnosis(verdict, reference.method, remarks)
 
 
-def choose_subject(
-    linkage: str,
-    mechanism: Mechanism,
-    engine: str | None,
-    settings: str | None,
-    integrator: str | None,
-    stabilization: str | None,
-    step: float | None,
-) -> Subject:
-    """Return a linkage in an engine that is named.
+def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
+    """Return the model file of that name, or None if the name is that of a linkage.
 
     Raises:
-        ChoiceError: no engine, or one that does not offer what was asked for; KeyError: unknown engine.
+        ExchangeError, MissingExtra: as `read_own_file`; ChoiceError: loops are given for a linkage.
     """
-    if engine is None:
-        raise ChoiceError("--engine: say which engine is to be diagnosed")
-    offered = offer(engine)
-    choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
-    return Subject(linkage, mechanism, engine, engine, choice.settings, choice, offered)
+    if is_model_file(name):
+        with Worker() as worker:
+            return read_own_file(name, close, worker)
+    if close:
+        raise ChoiceError("--close: is for a URDF; a linkage file names its joints")
+    return None
 
 
-def choose_model(
-    model: str,
-    close: tuple[str, ...],
-    engine: str | None,
-    settings: str | None,
-    integrator: str | None,
-    stabilization: str | None,
-    step: float | None,
-) -> Subject:
-    """Return a model file: as it stands where it is MJCF and neither another engine nor other settings are named.
+def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: str | None, step: float | None) -> Subject:
+    """Return an MJCF file in MuJoCo, with its own timestep and integrator where no others are asked for.
 
     Raises:
-        ExchangeError, MissingExtra: as `read_own_file`; ChoiceError, KeyError: as `choose_subject`.
+        ChoiceError: MJCF has no such integrator, stabilisation or step.
     """
-    with Worker() as worker:
-        file = read_own_file(model, close, worker)
-    if file.kind != "MJCF" or engine not in (None, "mujoco") or settings is not None:
-        return choose_subject(model, file.mechanism, engine, settings, integrator, stabilization, step)
     integrator = integrator or file.settings["integrator"]
+    step = file.settings["timestep"] if step is None else step
     if integrator not in INTEGRATORS:
         raise ChoiceError(f"--integrator {integrator}: MJCF has {', '.join(INTEGRATORS)}")
-    step = file.settings["timestep"] if step is None else step
+    if stabilization not in (None, "none"):
+        raise ChoiceError(f"--stabilization {stabilization}: MuJoCo has none but the solref of its closures")
+    if not (np.isfinite(step) and step > 0):
+        raise ChoiceError(f"the step must be a positive number of seconds, not {step}")
     choice = Choice(setting_text(file.path, {}), integrator, "none", step)
-    return Subject(model, file.mechanism, ENGINE, "mujoco", f"as {file.path.name} has them", choice, offer(ENGINE), file)
+    return Subject(ENGINE, "mujoco", f"as {file.path.name} has them", choice, offer(ENGINE), file)
 
 
 def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference, required: Mapping[str, float]) -> list[str]:

@@ -28,6 +28,7 @@ class OwnFile:
         path: of the file; kind: "MJCF" or "URDF".
         mechanism: the linkage that it is, at its keyframe and with the keyframe's controls.
         settings: of an MJCF file, option -> value as compiled; empty for a URDF, which holds none.
+        key: number of the keyframe at which it starts.
         left_out: sentences on its parts that the linkage lacks or has changed.
     """
 
@@ -35,6 +36,7 @@ class OwnFile:
     kind: str
     mechanism: Mechanism
     settings: dict[str, Any]
+    key: int
     left_out: tuple[str, ...]
 
 
@@ -53,7 +55,7 @@ def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> O
     path = Path(name).absolute()
     read = answer_in_worker(worker, read_own_there, (str(path), list(close)), READING, str(name))
     mechanism = load_document(read["document"], None, str(path), "", read["document"]["name"])
-    return OwnFile(path, read["kind"], mechanism, read["settings"], tuple(read["left_out"]))
+    return OwnFile(path, read["kind"], mechanism, read["settings"], read["key"], tuple(read["left_out"]))
 
 
 def read_own_there(path: str, close: list[str]) -> dict[str, Any]:
@@ -66,11 +68,13 @@ def read_plainly(path: Path, close: list[str]) -> dict[str, Any]:
     name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
     if kind != "MJCF":
         imported = import_file(path, name, close)
-        return {"document": tomllib.loads(imported.text), "kind": kind, "settings": {}, "left_out": imported.left_out}
+        document, left_out = tomllib.loads(imported.text), imported.left_out
+        return {"document": document, "kind": kind, "settings": {}, "key": 0, "left_out": left_out}
     if close:
         raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
-    document, flattened, _, _ = own_linkage(path, name)
-    return {"document": document, "kind": kind, "settings": settings_as_they_stand(str(path)), "left_out": flattened.remarks}
+    linkage, settings = own_linkage(path, name), settings_as_they_stand(str(path))
+    left_out = tuple(linkage.flattened.remarks)
+    return {"document": linkage.document, "kind": kind, "settings": settings, "key": linkage.key, "left_out": left_out}
 
 
 def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
@@ -79,8 +83,8 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
     Raises:
         ExchangeError: naming the element, and the time at which it acts first.
     """
-    found = answer_in_worker(worker, acts_beside_loops, (str(file.path), until), ACTING, str(file.path))
-    if found["at"] is not None:
+    found = answer_in_worker(worker, acts_beside_loops, (str(file.path), file.key, until), ACTING, str(file.path))
+    if found["what"]:
         raise ExchangeError(
             f"{file.path}: {found['what']} at t = {found['at']:.4g} s, which no linkage has: its motion cannot be judged"
         )

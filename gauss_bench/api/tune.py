@@ -6,7 +6,6 @@ is judged, not the setting that it was made from.
 """
 
 import math
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.advice.budget import Budget
+from gauss_bench.advice.recommending import HALF, KNOWN
 from gauss_bench.advice.truth import NoTruth, Truth, truth
 from gauss_bench.api.exchange import READING, answer_in_worker
 from gauss_bench.api.files import writable
@@ -25,10 +25,12 @@ from gauss_bench.bench.clock import interleave, stepping, time_of
 from gauss_bench.bench.ways import Run, Way, judge_trial
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco.adapter import VARIANTS
 from gauss_bench.engines.mujoco.own_model import compare_models
 from gauss_bench.exchange.edit_mjcf import write_settings
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.own_model import ENGINE, setting_text
+from gauss_bench.exchange.safe_xml import MAX_BYTES
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS, Trial
@@ -36,24 +38,19 @@ from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import check_budget, duration
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.worker import Worker
+from gauss_bench.tables import atomically
 from gauss_bench.untrusted import read_bytes
 
 BUDGET = 60.0  # [s]
 REFERENCE = 0.5  # of the budget, for the reference
-HOLDS = 0.5  # of a requirement: the largest error of a setting that holds it, as in `recommend`
-KNOWN = 0.1  # of a requirement: the largest error bar of the reference that is aimed at
+HOLDS = HALF.limit  # of a requirement: the largest error of a setting that holds it
 SHORTER = 4.0  # factor by which the time is shortened where no reference is known over it
 SAMPLES = 200  # of a run
 HALVINGS = 10  # of the timestep at most
-STIFF = {"solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0], "tolerance": 1e-15, "iterations": 100}
+STIFF = VARIANTS.settings["tuned"]  # as stiff as documented options make closures
+UNWRITABLE = {"body_invweight0": VARIANTS.settings["rigid"]["body_invweight0_factor"]}
 IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
-UNWRITABLE = {"body_invweight0": 1e-6}
-MOST_BYTES = 4 << 20
 RACING, ROUNDS = 60.0, 7  # [s] for the race of both models, and its rounds
-
-
-class NotHeld(ExchangeError):
-    """No setting that was tried holds the requirement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +116,7 @@ class Judge:
         step = float(changes.get("timestep", self.file.settings["timestep"]))
         steps = max(1, int(self.run.until / step * (1 + 1e-12)))
         times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # where whole steps arrive
-        options = {key: x for key, x in changes.items() if key != "timestep"}
-        choice = Choice(setting_text(path or self.file.path, options), "", "none", step)
+        choice = Choice(setting_text(path or self.file.path, changes), "", "none", step)
         wanted = Sampling(times, step, steps, 0)
         request = Request(self.run.linkage, self.run.mechanism.scenario, ENGINE, choice, wanted)
         ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.remaining()), self.worker)
@@ -175,7 +171,7 @@ def tune(
         refuse_what_acts(file, end, worker)
         judge = Judge(file, end, required, known, worker, seconds)
         before = judge.try_setting({})
-        told(f"as it stands: {errors_said(before)}")
+        told(f"as it stands: {describe_errors(before)}")
         best = find_setting(judge, before, allow_step, told)
         written = best.share <= HOLDS
         remarks = list_remarks(judge, best)
@@ -234,7 +230,8 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     own = file.settings["integrator"]
     integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
     at = {} if step == file.settings["timestep"] else {"timestep": step}
-    stiff = {"solref": [2 * step, 1.0], **STIFF}  # two steps are the least that the guard refsafe allows
+    steps, damping = STIFF["solref"]  # in time steps: two are the least that the guard refsafe allows
+    stiff = {"solref": [steps * step, damping]} | {key: STIFF[key] for key in ("solimp", "tolerance", "iterations")}
     for closures in ({}, stiff):
         for integrator in integrators:
             changes = at | {"integrator": integrator} | closures
@@ -254,7 +251,7 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
             if judge.budget.remaining() <= 0:
                 return best
             tried = judge.try_setting(changes) if changes else before
-            told(f"{changes_said(changes)}: {errors_said(tried)}")
+            told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried
             if best.share <= HOLDS:
@@ -272,29 +269,31 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
         OSError: the file cannot be written.
     """
     source = judge.file.path
-    content = read_bytes(source, MOST_BYTES)
+    content = read_bytes(source, MAX_BYTES)
     option = {key: attribute_text(x) for key, x in best.changes.items() if key in IN_OPTION}
     closures = {key: attribute_text(x) for key, x in best.changes.items() if key not in IN_OPTION}
-    part = path.with_name(f".{path.stem}.{os.getpid()}.xml")  # in the folder of the result, as MuJoCo looks for what it includes
-    reason = ""
-    try:
-        for by_default in (False, True):
+    written, cost = best, math.nan
+
+    def write(part: Path) -> None:
+        """Fill a file in the folder of the result, from where MuJoCo looks for what it includes, and judge it."""
+        nonlocal written, cost
+        reason = ""
+        for by_default in (False, True):  # a default only where closures stand in included files
             part.write_bytes(write_settings(content, str(source), option, closures, by_default))
-            files = (str(source), str(part))
-            reason = answer_in_worker(worker, compare_models, (*files, best.changes), READING, str(path))["reason"]
+            arguments: tuple[Any, ...] = (str(source), str(part), best.changes)
+            reason = answer_in_worker(worker, compare_models, arguments, READING, str(path))["reason"]
             if not reason:
                 break
         if reason:
             raise ExchangeError(f"{path}: not written: {reason}")
         written = judge.try_setting({key: x for key, x in best.changes.items() if key == "timestep"}, part)
         if written.share > HOLDS:
-            raise ExchangeError(f"{path}: not written: the file itself is off by {errors_said(written)}")
+            raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
         arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
-        cost = answer_in_worker(worker, race_there, arguments, RACING, str(path))["ratio"]
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-    return Tried(best.changes, written.trial, written.share), float(cost)
+        cost = float(answer_in_worker(worker, race_there, arguments, RACING, str(path))["ratio"])
+
+    atomically(path, write)
+    return Tried(best.changes, written.trial, written.share), cost
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
@@ -306,40 +305,38 @@ def race_there(mechanism: Mechanism, before: str, step_before: float, after: str
         blocks.append(stepping(k, model, steps[k], native=True))
     times: list[list[float]] = [[], []]
     for block, _, seconds in interleave(blocks, ROUNDS):
-        k = 0 if block is blocks[0] else 1
+        k = blocks.index(block)
         times[k].append(seconds / steps[k])
     one, other = (time_of(np.array(x)) for x in times)
     return {"ratio": other / one}
 
 
 def list_remarks(judge: Judge, best: Tried) -> list[str]:
-    """Return sentences on what could not be written, and on what was not tried."""
-    remarks = []
+    """Return sentences on what was not tried, and on a better setting that cannot be written."""
     if judge.budget.remaining() <= 0:
-        remarks.append("the budget ended before all settings were tried: a larger --budget may find one")
-    if judge.budget.remaining() > 0:
-        factor = UNWRITABLE["body_invweight0"]
-        stiffer = judge.try_setting(best.changes | UNWRITABLE)
-        if stiffer.share < best.share / 2:
-            remarks.append(
-                f"with body_invweight0 scaled by {factor:g} after compiling, which no attribute of MJCF expresses, "
-                f"the same setting would be off by {errors_said(stiffer)}"
-            )
-    return remarks
+        held = best.share <= HOLDS
+        return [] if held else ["the budget ended before all settings were tried: a larger --budget may find one"]
+    stiffer = judge.try_setting(best.changes | UNWRITABLE)
+    if not stiffer.share < best.share / 2:
+        return []
+    factor, errors = UNWRITABLE["body_invweight0"], describe_errors(stiffer)
+    return [f"no attribute of MJCF scales body_invweight0; with a factor of {factor:g} on it the errors would be {errors}"]
 
 
-def errors_said(tried: Tried) -> str:
+def describe_errors(tried: Tried) -> str:
     """Return the errors of a run in words, or why it has none."""
     if not tried.trial.errors:
         return tried.trial.message or str(tried.trial.status)
     return ", ".join(f"{kind} {tried.trial.errors[kind]:.2e} {UNITS[kind]}" for kind in UNITS if kind in tried.trial.errors)
 
 
-def changes_said(changes: Mapping[str, Any]) -> str:
+def describe_changes(changes: Mapping[str, Any]) -> str:
     """Return a setting as MJCF writes it."""
     return " ".join(f'{key}="{attribute_text(x)}"' for key, x in changes.items()) or "as it stands"
 
 
 def attribute_text(value: Any) -> str:
     """Return the value of an attribute: numbers so that they are read again without a change."""
-    return " ".join(map(repr, value)) if isinstance(value, list) else value if isinstance(value, str) else repr(value)
+    if isinstance(value, str):
+        return value
+    return " ".join(map(repr, value)) if isinstance(value, list) else repr(value)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -77,12 +78,26 @@ def see(flattened: Flattened, mechanism: Mechanism) -> Seen:
     return Seen(tuple(flattened.links), np.array(places), axes, angles, turns)
 
 
-def own_linkage(path: Path, name: str) -> tuple[dict[str, Any], Flattened, dict[str, Any], Element]:
-    """Return the linkage of a file as a document, how it was flattened, the compiled model and the file's document."""
+@dataclass(frozen=True, eq=False)
+class OwnLinkage:
+    """The linkage that a file describes: its document, how it was flattened, and the number of the keyframe at which it starts."""
+
+    document: dict[str, Any]
+    flattened: Flattened
+    key: int
+
+
+def own_linkage(path: Path, name: str) -> OwnLinkage:
+    """Read the linkage of an MJCF file.
+
+    Raises:
+        ExchangeError, ImportError: as `read_own_model`; or an element cannot be part of a planar linkage.
+    """
     root, compiled = read_own_model(path)
-    flattened = Flattened(Reader(compiled, str(path)).spatial())
+    reader = Reader(compiled, str(path))
+    flattened = Flattened(reader.spatial())
     document, _ = flattened.document(name, f"{root.get('model') or path.stem}, from MJCF")
-    return document, flattened, compiled, root
+    return OwnLinkage(document, flattened, reader.key)
 
 
 def setting_text(path: Path, changes: Mapping[str, Any]) -> str:
@@ -112,5 +127,6 @@ class OwnModel:
     def build(self, mechanism: Mechanism, choice: Choice) -> OwnModelRun:
         asked = json.loads(choice.settings)
         path = Path(asked["model"])
-        _, flattened, compiled, _ = own_linkage(path, "model")
-        return OwnModelRun(path, see(flattened, mechanism), Reader(compiled, str(path)).key, asked["changes"], choice)
+        linkage = own_linkage(path, "model")
+        changes = asked["changes"] | {"timestep": choice.step}
+        return OwnModelRun(path, see(linkage.flattened, mechanism), linkage.key, changes, choice)
