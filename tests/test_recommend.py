@@ -492,7 +492,7 @@ def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch:
     with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(60.0), quiet) as recommender:
         left = recommender.budget.remaining
         monkeypatch.setattr(
-            recommender.budget, "left", lambda share=1.0: min(0.0, left(share)) if share == SEARCHED else left(share)
+            recommender.budget, "remaining", lambda share=1.0: min(0.0, left(share)) if share == SEARCHED else left(share)
         )
         recommender.search()
         answers = recommender.answers({})
