@@ -89,6 +89,7 @@ class Reach:
         reason: why the engine is not timed, not tried or has no model; for NOT_REACHED, how its runs failed.
         steps: the most steps of a run that was tried.
         seconds: the time of the search [s], where time ended it.
+        within: the same in words, where it is no number of seconds.
         order: of convergence, of the variant that would hold with the fewest steps; NaN where none is steady.
         needed: number of steps at which that variant would hold the requirement, if its error keeps falling at that order.
     """
@@ -99,6 +100,7 @@ class Reach:
     seconds: float = math.nan
     order: float = math.nan
     needed: float = math.nan
+    within: str = ""
 
     @property
     def holds(self) -> bool:
@@ -109,6 +111,7 @@ class Reach:
         """Return the answer as it is printed everywhere."""
         within = [f"in {self.steps:,} steps"] if self.steps and self.kind is Kind.NOT_REACHED else []
         within += [f"within {self.seconds:.3g} s"] if math.isfinite(self.seconds) else []
+        within += [self.within] if self.within else []
         said = " ".join([str(self.kind), *within[-1:]])
         if math.isfinite(self.needed):
             needed = f"{float(f'{self.needed:.2g}'):,.0f}" if self.needed < 1e9 else f"{self.needed:.0e}"

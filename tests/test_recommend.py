@@ -19,7 +19,7 @@ from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, by_loop, choices, work
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
-from gauss_bench.api.recommend import Recommendation, remarks, variants
+from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.cli import main
 from gauss_bench.engines import get
@@ -33,7 +33,7 @@ from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import Run as Ended
-from gauss_bench.runs.worker import Worker
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Reference, Status, Trajectory
 from tests.alone import python_alone, rows_of
 from tests.conftest import DATA, needs
@@ -220,7 +220,7 @@ def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(
     monkeypatch.setattr(truths, "_compare", known_to)
     monkeypatch.setattr(truths, "_certify", lambda run, truth: truth)
     if best is None:
-        with pytest.raises(NoTruth, match="not within"):
+        with pytest.raises(NoTruth, match="no reference within 0 s, its share of the budget; a larger --budget helps"):
             truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), quiet)
     else:
         assert truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), quiet).bars["position"] == best
@@ -530,8 +530,8 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> N
     late = Trial(0.1, {}, 0, Status.TIMEOUT, "no answer within 6 s")
     near = [Trial(1 / n, {SHARE: 2e6 / n**2}, n) for n in (250, 500, 1000)]  # half of the requirement at 2000 steps
     said = {
-        "not tried: there was no time": engine_with(),
-        "not reached within 6 s: no run ended": engine_with(late),
+        "not tried within the budget: it had no turn; a larger --budget helps": engine_with(),
+        "not tried within the budget: no run ended in the 6 s that it had; a larger --budget helps": engine_with(late),
         "not reached in 1,000 steps; order 2.0 extrapolates to 2,000": engine_with(*near),
         "not reached in 20 steps: no run ended: SIGSEGV": engine_with(Trial(0.05, {}, 20, Status.CRASHED, "SIGSEGV")),
         "cannot be modelled: no knife edge": engine_with(refused=(Status.SKIP, "no knife edge")),
@@ -539,6 +539,104 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> N
         "not tried: ImportError: broken": engine_with(refused=(Status.ERROR, "ImportError: broken")),
     }
     assert [answer_of(x).words for x in said.values()] == [*said]
+
+
+@pytest.mark.parametrize("other", [Trial(0.1, {}, 0, Status.SKIP, "no drivers"), Trial(0.05, {}, 20, Status.CRASHED, "SIGSEGV")])
+def test_not_reached_is_said_only_where_a_run_ended(other: Trial) -> None:
+    late, ended = Trial(0.1, {}, 10, Status.TIMEOUT, "no answer within 6 s"), Trial(0.1, {SHARE: 2.0, "position": 2e-6}, 10)
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        recommender.engines = {
+            "none": replace(engine_with(), name="none"),
+            "late": replace(engine_with(late, other), name="late"),
+            "far": replace(engine_with(ended, late), name="far"),
+        }
+        answers = recommender.answers({})
+    assert [x.status for x in answers] == ["not tried", "not tried", "not reached"]
+    assert all(x.message.startswith("not tried within the budget: ") and "--budget" in x.message for x in answers[:2])
+    assert "raise --budget" in advice(answers[:2], {"position": 1e-6})
+
+
+def told_as(answers: Sequence[Answer]) -> str:
+    """Return the text of a recommendation of these answers."""
+    wanted = {"position": 1e-6}
+    sentence = advice(answers, wanted)
+    return Recommendation(
+        "rig", "free", 0.2, wanted, "step-halved", False, {"position": 1e-9}, (*answers,), sentence, (), False
+    ).text
+
+
+def test_the_program_that_is_shown_is_that_of_the_advice() -> None:
+    """Of two engines that hold, one was raced, and the program of the other could be written."""
+    timed = dict.fromkeys(("seconds", "seconds_low", "seconds_high"), 5e-3) | dict.fromkeys(
+        ("ratio", "ratio_low", "ratio_high"), 1.0
+    )
+    held = Answer("", "ok", "", "default", "rk4", "none", 0.01, errors={"position": 1e-7})
+    raced = replace(held, engine="mujoco", snippet="run_mujoco()", **timed)
+    unraced = replace(held, engine="gauss-native", message="holds, not raced: the time ended first", snippet="run_native()")
+    text = told_as([raced, unraced])
+    assert "Take mujoco with " in text
+    assert "run_mujoco()" in text
+    assert "run_native()" not in text
+    text = told_as([replace(raced, snippet="", message="no answer within 1 s"), unraced])
+    assert "run_native()" not in text
+    assert "Its program: no answer within 1 s." in text
+    text = told_as([unraced])
+    assert "Take gauss-native with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m (no setting was raced)." in text
+    assert "run_native()" in text
+    assert advised([unraced, raced]) is raced
+
+
+def test_an_engine_that_the_race_lost_says_why() -> None:
+    """The race of four engines: the process crashed in one, one was refused, for one there was no time."""
+    names = ("crashed", "refused", "late", "raced")
+    ways = {name: Way(name, "a", "rk4", "none", 0.0) for name in names}
+    trial = Trial(0.01, {SHARE: 0.1, "position": 1e-7}, 20)
+    engines = {x: _Engine(x, [], None, (), trials={ways[x]: [trial]}) for x in names}  # type: ignore[arg-type]
+    tables = {
+        "race": [{"way": [*ways["raced"]._replace(size=0.01)], "seconds": [1e-3] * 3}],
+        "failed": [{"engine": "refused", "message": "no such joint"}],
+    }
+    lost = {"crashed": WorkerFailure(Status.CRASHED, "SIGSEGV")}
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender,
+    ):
+        patch.setattr("gauss_bench.advice.recommending.list_survivors", lambda *_: (tables, lost))
+        recommender.engines = engines
+        answers = recommender.answers(recommender.race())
+    assert [x.engine for x in answers] == ["raced", "crashed", "refused", "late"]
+    said = ("SIGSEGV", "no such joint", "the time ended first; a larger --budget helps")
+    assert [x.message for x in answers] == ["", *(f"holds, not raced: {x}" for x in said)]
+    assert [x.ratio is None for x in answers] == [False, True, True, True]
+
+
+def test_what_a_busy_machine_answers_differs_in_what_was_not_tried(slow: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of 6 s of work, which a busy machine lets wait for 3 s; and so long that the limit of elapsed time ends the search."""
+    spaces = {name: variants(offer(name))[:2] for name in ("gauss", "schur", "lagrange")}
+    judge = Evaluator(SHORT.mechanism)
+    known = truths._compare(SHORT, judge, moving(40), moving(80), 40, "gauss")
+    monkeypatch.setattr(Recommender, "_truth", lambda recommender: known)
+    monkeypatch.setattr("gauss_bench.advice.recommending.LANES", 1)
+
+    def search(seconds: float, wall: float, waited: float) -> dict[str, Answer]:
+        slow[:] = 0.0, 0.0
+
+        def evaluate(recommender: Recommender, engine: _Engine, way: Way, adaptive: bool) -> Trial:
+            slow[:] = slow[0] + wall, slow[1] + waited
+            return Trial(way.size, {SHARE: 0.1, "position": 1e-7}, round(SHORT.until / way.size))
+
+        monkeypatch.setattr(Recommender, "_evaluate", evaluate)
+        with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(seconds, lanes=1), quiet) as recommender:
+            recommender.search()
+            return {x.engine: x for x in recommender.answers({})}
+
+    idle, busy = search(600.0, 6.0, 0.0), search(600.0, 9.0, 3.0)
+    assert busy == idle, "waiting does not count"
+    crowded = search(600.0, 300.0, 290.0)
+    assert sum(x.tried for x in crowded.values()) < sum(x.tried for x in idle.values()), "elapsed time has its limit"
+    for name, answer in crowded.items():
+        assert answer.status == idle[name].status == "ok"
+        assert answer.complete == (answer.tried == answer.variants), "what was not tried is told"
 
 
 def test_the_cheapest_is_told_by_evaluations_where_they_are_counted() -> None:
@@ -643,7 +741,7 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_so(
     assert [x.settings for x in answers[:3]] == ["quick", "quick", "slow"]
     assert [x.status for x in answers] == ["ok", "ok", "ok", "not reached"]
     assert [x.ratio for x in answers[:3]] == [pytest.approx(1.0), pytest.approx(2.0), None]
-    assert [x.message for x in answers[:3]] == ["", "", "not raced: the time ended first"]
+    assert [x.message for x in answers[:3]] == ["", "", "holds, not raced: the time ended first; a larger --budget helps"]
     assert [(x.step, x.tolerance, x.steps) for x in answers[:1]] == [(SHORT.until / 120, None, 120)]
     assert "came to 2.0e-06 m with a, rk4, step 0.004 s" in answers[3].message
 

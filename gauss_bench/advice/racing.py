@@ -52,6 +52,7 @@ def race_there(
         else:
             round_time += taken
     rounds = int(min(max((deadline - time.monotonic()) / max(round_time, 1e-3), ROUNDS[0]), ROUNDS[1]))
-    measured = race.run(rounds).samples
-    told = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.items() if isinstance(way, Way)]
-    return {"race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}
+    measured = race.run(rounds)
+    told = [{"way": list(way), "seconds": x.tolist()} for way, x in measured.samples.items() if isinstance(way, Way)]
+    failed = [{"engine": way.engine, "message": str(x)} for way, x in measured.failed.items() if isinstance(way, Way)]
+    return {"failed": failed, "race": told + [{"way": list(way), "seconds": [x]} for way, x in slow.values()]}

@@ -25,7 +25,7 @@ import numpy as np
 from gauss_bench.advice.answer import LOOPS, UNITS, Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
-from gauss_bench.advice.truth import NoTruth, Truth, truth
+from gauss_bench.advice.truth import MORE, NoTruth, Truth, truth
 from gauss_bench.bench.clock import ratio, spread, time_of
 from gauss_bench.bench.search import coarsest, equal_steps, explore, nearest, no_coarser, pick_winner, tolerances
 from gauss_bench.bench.survived import list_survivors
@@ -155,6 +155,7 @@ class Recommender:
         self._told, self._say, self._stack, self._state = told, threading.Lock(), ExitStack(), threading.Condition()
         self.judge = Evaluator(run.mechanism)
         self.engines: dict[str, _Engine] = {}
+        self.lost: dict[str, str] = {}  # engine -> why the race went on without it
         for name, space in spaces.items():
             offered = offer(name)
             engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive)
@@ -367,8 +368,10 @@ class Recommender:
             tables, lost = list_survivors(race_there, (*place_of, rows, deadline), names, *limits)
         except WorkerFailure as error:
             self.report(f"race: {error}")
+            self.lost = {} if error.status is Status.TIMEOUT else dict.fromkeys(names, str(error))
             return {}
-        for name, failure in lost.items():
+        self.lost = {row["engine"]: row["message"] for row in tables["failed"]} | {name: str(x) for name, x in lost.items()}
+        for name, failure in self.lost.items():
             self.report(f"race: {name}: {failure}")
         return {Way(*r["way"]): np.array(r["seconds"]) for r in tables["race"] if r["seconds"]}
 
@@ -417,7 +420,7 @@ class Recommender:
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
         columns.pop("size")
-        message = "" if timed else "not raced: the time ended first"
+        message = "" if timed else f"holds, not raced: {self.lost.get(engine.name, f'the time ended first; {MORE}')}"
         columns["options"] = engine.options.get(way.settings, {})
         columns["in_python"] = in_python(way.engine, self.run.mechanism, choice_of(way, adaptive, self.run.until))
         return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
@@ -464,9 +467,11 @@ def answer_of(engine: _Engine) -> Reach:
         return reach([[Trial(math.nan, {}, 0, *engine.refused)]], [HALF])
     trials = [trial for some in engine.trials.values() for trial in some]
     if not trials:
-        return Reach(Kind.NOT_TRIED, "there was no time")
-    if all(trial.status is Status.TIMEOUT for trial in trials):
-        return Reach(Kind.NOT_REACHED, "no run ended", seconds=engine.longest)
+        return Reach(Kind.NOT_TRIED, f"it had no turn; {MORE}", within="within the budget")
+    # a refusal or a crash at one setting does not say what the runs without an end would have come to
+    statuses = {trial.status for trial in trials}
+    if Status.TIMEOUT in statuses and Status.OK not in statuses:
+        return Reach(Kind.NOT_TRIED, f"no run ended in the {engine.longest:.3g} s that it had; {MORE}", within="within the budget")
     return reach(engine.trials.values(), [HALF])
 
 

@@ -29,6 +29,7 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
+MORE = "a larger --budget helps"  # where time alone was missing
 METHOD = "dop853_fixed"
 PLAIN, NATIVE = 100, 1600  # steps of the first coarser run, in numpy and compiled
 LOOK = 0.2  # share of the budget for the first two runs, in numpy
@@ -123,7 +124,10 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
             served = try_steps("gauss-native", worker, 1 - COMPILED, NATIVE)
         served = served or try_steps("gauss", aside, 0.0, 2 * PLAIN)
         if not known:
-            why = "; ".join(dict.fromkeys(reasons.values())) or f"not within {budget:.3g} s"
+            why = "; ".join(dict.fromkeys(reasons.values()))
+            if left() <= 0:
+                ended = f"; {why}" if why else ""
+                raise NoTruth(f"no reference within {budget:.3g} s, its share of the budget; {MORE}{ended}")
             raise NoTruth(f"the motion cannot be followed: {why}")
         best = known[-1] if served else min(known, key=lambda x: max(x.bars.get(k, 0.0) / y for k, y in wanted.items()))
         return _certify(run, best)

@@ -33,7 +33,7 @@ class Recommendation(Result):
         required: kind -> largest allowed error [m], [rad], [N]; settings hold half of it.
         truth: how the reference was made; certified: whether it is a certificate.
         known: kind -> error bar of the reference [m], [rad], [N].
-        answers: one per engine, the fastest first, then those that do not hold the requirement.
+        answers: one per engine: those that were raced, the fastest first, those that hold without a race, and the others.
         advice: one sentence.
         remarks: sentences on limits of the answers.
         complete: whether the search of every variant of every engine was finished.
@@ -58,7 +58,7 @@ class Recommendation(Result):
     @property
     def text(self) -> str:  # type: ignore[override]
         settings = [setting_of(x) if x.status == "ok" else "" for x in self.answers]
-        return render("recommend", self, units=UNITS, said=settings)
+        return render("recommend", self, units=UNITS, said=settings, advised=advised(self.answers))
 
 
 def recommend(
@@ -220,21 +220,28 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
     return sentences
 
 
+def advised(answers: Sequence[Answer]) -> Answer | None:
+    """Return the answer that is advised: the fastest of the race, else the first that holds; None where none does."""
+    held = [x for x in answers if x.status == "ok"]
+    return next((x for x in held if x.ratio is not None), held[0] if held else None)
+
+
 def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     """Return the advice: which setting to take, or what to do if none holds the requirement."""
     limit, more = " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items()), "raise --budget or the limit"
-    held = [x for x in answers if x.status == "ok"]
-    if not held:
+    best = advised(answers)
+    if best is None:
         near = [x for x in answers if x.errors]
         if not near:
-            return f"No engine runs this linkage within the budget: raise --budget, or see the reasons above for {limit}."
-        best = min(near, key=lambda x: max(x.errors.get(k, math.inf) / y for k, y in wanted.items()))
-        came = " and ".join(f"{best.errors[k]:.1e} {UNITS[k]}" for k in wanted if k in best.errors)
-        return f"No setting holds half of {limit} within the budget; {best.engine} is nearest with {came}: {more}."
-    best = held[0]
+            if any(x.status == "not tried" for x in answers):
+                return f"No run ended within the budget that says whether {limit} can be held: see the reasons above, or {more}."
+            return f"No engine runs this linkage: see the reasons above for {limit}."
+        nearest = min(near, key=lambda x: max(x.errors.get(k, math.inf) / y for k, y in wanted.items()))
+        came = " and ".join(f"{nearest.errors[k]:.1e} {UNITS[k]}" for k in wanted if k in nearest.errors)
+        return f"No setting holds half of {limit} within the budget; {nearest.engine} is nearest with {came}: {more}."
     errors = " and ".join(f"{best.errors[k]:.1e} {UNITS[k]}" for k in wanted)
-    takes = "" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
-    others = [x for x in held[1:] if x.engine in FOREIGN and x.ratio is not None]
+    takes = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
+    others = [x for x in answers if x is not best and x.engine in FOREIGN and x.ratio is not None]
     than = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
     return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}."
 
