@@ -718,6 +718,21 @@ def test_an_engine_that_refuses_is_asked_once_more_by_another_integrator() -> No
         assert (engine.left, engine.refused) == ([], (Status.SKIP, "no such joint"))
 
 
+def test_an_engine_whose_compiled_loop_refuses_is_asked_by_its_other_loop() -> None:
+    trial = Trial(1e-3, {}, 100, Status.SKIP, "the compiled loop has no drivers")
+    compiled = [Variant(x, y, "none", {"loop": "compiled"}) for x, y in (("a", "rk4"), ("b", "euler"))]
+    called = [Variant(x, y, "none", {"loop": "called"}) for x, y in (("c", "rk4"), ("d", "euler"))]
+    options = {x.name: x.options for x in [*compiled, *called]}
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        engine = replace(engine_of({way("a"): (100, 1.0)}), left=[compiled[1], *called], options=options)
+        recommender._refuse(engine, trial)
+        assert (engine.left, engine.refused) == (called, None)
+        engine.trials[way("c")] = [trial]
+        engine.left = [called[1]]
+        recommender._refuse(engine, trial)
+        assert (engine.left, engine.refused) == ([], (Status.SKIP, trial.message))
+
+
 def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_so() -> None:
     def named(name: str, steps: int, share: float) -> tuple[Way, Trial]:
         errors = {SHARE: share, "position": share * 1e-6}

@@ -279,7 +279,7 @@ class Recommender:
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
         except _Over:
             engine.cut, engine.ended[way] = True, "its time for searching ended"
-        if trials and all(t.status is Status.SKIP for t in trials) and not before and len(engine.trials) == 1:
+        if trials and all(t.status is Status.SKIP for some in engine.trials.values() for t in some):
             self._refuse(engine, trials[-1])
         self._tell(engine, before)
 
@@ -290,8 +290,14 @@ class Recommender:
         return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
-        """Keep one variant with another integrator for an engine that refused the linkage; without one, record the reason."""
-        others = [x for x in engine.left if x.integrator != next(iter(engine.trials)).integrator][:1]
+        """Keep the variants with other time loops of an engine that refused the linkage, else one with another integrator.
+
+        Without any, record the reason.
+        """
+        loops = {engine.loop_of(way) for way in engine.trials}
+        others = [x for x in engine.left if str(x.options.get("loop", "")) not in loops]
+        if not others and len(engine.trials) == 1:
+            others = [x for x in engine.left if x.integrator != next(iter(engine.trials)).integrator][:1]
         engine.left = others
         engine.refused = None if others else (trial.status, trial.message)
 
