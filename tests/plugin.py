@@ -59,13 +59,13 @@ class Bare:
 NAMES = ("aborts", "spoils", "short", "rests", "wordy", "letters", "bare", "absent")
 
 
-def installed(folder: Path) -> dict[str, str]:
-    """The environment of a process that has it, in this folder."""
-    (folder / "others.py").write_text(PLUGIN, encoding="utf-8")
+def installed(folder: Path, package: str = PLUGIN, names: tuple[str, ...] = NAMES) -> dict[str, str]:
+    """The environment of a process that has the package, in this folder."""
+    (folder / "others.py").write_text(package, encoding="utf-8")
     made = folder / "others-1.0.dist-info"
     made.mkdir()
     (made / "METADATA").write_text("Metadata-Version: 2.1\nName: others\nVersion: 1.0\n", encoding="utf-8")
-    points = "".join(f"{x} = {'nowhere' if x == 'absent' else 'others'}:{x.capitalize()}\n" for x in NAMES)
+    points = "".join(f"{x} = {'nowhere' if x == 'absent' else 'others'}:{x.capitalize()}\n" for x in names)
     (made / "entry_points.txt").write_text(f"[gauss_bench.engines]\n{points}", encoding="utf-8")
     root = str(Path(__file__).parents[1])
     return os.environ | {"PYTHONPATH": os.pathsep.join([root, str(folder)])}

@@ -87,3 +87,16 @@ def test_a_bad_option_on_the_command_line_is_bad_input(capsys: pytest.CaptureFix
     assert "the option 'dop853_rtol' takes a number that is not negative; not '-1'" in capsys.readouterr().err
     with pytest.raises(ChoiceError, match="no option 'x'"):
         gauss_bench.compare("four_bar", ["gauss"], settings="x=1")
+
+
+def test_a_tolerance_is_for_integrators_that_choose_their_steps(capsys: pytest.CaptureFixture[str]) -> None:
+    loose = gauss_bench.simulate("four_bar", integrator="dop853", at=[0.0, 0.2], tolerance=1e-4)
+    exact = gauss_bench.simulate("four_bar", integrator="dop853", at=[0.0, 0.2])
+    assert loose.valid
+    assert loose.metrics["evaluations"] < exact.metrics["evaluations"]
+    for value, word in (
+        ("-1", "positive number"),
+        ("1e-6", "gauss: rk4 does not choose its steps by a tolerance; those that do are dop853"),
+    ):
+        assert main(["simulate", "four_bar", "--integrator", "rk4", "--tolerance", value]) == 2
+        assert word in capsys.readouterr().err

@@ -37,6 +37,7 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Reference, Status, Trajectory
 from tests.alone import python_alone, rows_of
 from tests.conftest import DATA, needs
+from tests.plugin import installed
 
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
 QUICK = ("minimal", "by_hand")
@@ -384,6 +385,39 @@ def test_the_programs_of_a_recommendation_start_from_any_folder(tmp_path: Path) 
         ended = start(program.relative_to(folder), folder=folder)
         assert ended.returncode == 0, ended.stderr
         assert ended.stdout
+
+
+ADAPTIVE = """
+from dataclasses import replace
+from gauss_bench.engines.interpreted import Interpreted
+
+class Ode(Interpreted):
+    adaptive = ("ode",)
+    def __init__(self):
+        super().__init__("gauss")
+        self.name, self.integrators, self.stabilizations, self.settings = "ode", ("ode",), ("none",), {"default": {}}
+        self.options = ()
+    def build(self, mechanism, choice):
+        assert choice.tolerance <= 1e-7  # the program's, or the tighter one of the repetition that judges it
+        return Interpreted("gauss").build(mechanism, replace(choice, integrator="dop853"))
+"""
+
+
+@pytest.mark.parametrize(
+    "name", ["crank_slider", "four_bar", *(pytest.param(x, marks=pytest.mark.long) for x in ("six_bar", "shaper"))]
+)
+def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: Path) -> None:
+    """An engine of others too, which has no option for it: the tolerance is a part of the choice."""
+    environment = installed(tmp_path, ADAPTIVE, ("ode",))
+    for engine, integrator in (("gauss", "dop853"), ("ode", "ode")):
+        choice = Choice("default", integrator, "none", 0.01, 1e-7)
+        program = tmp_path / f"run-{engine}.py"
+        program.write_text(snippet(load(name), name, engine, choice, 0.05))
+        command = [sys.executable, str(program)]
+        ended = subprocess.run(command, cwd="/", env=environment, capture_output=True, text=True, timeout=300, check=False)
+        assert ended.returncode == 0, ended.stderr
+        run = json.loads(ended.stdout)
+        assert (run["status"], run["engine"], run["t"]) == ("ok", engine, [0.0, 0.05]), run["message"]
 
 
 @pytest.mark.long

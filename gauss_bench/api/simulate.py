@@ -138,6 +138,7 @@ def simulate(
     at: list[float] | None = None,
     limit: float = LIMIT,
     told: Hearing = nobody,
+    tolerance: float | None = None,
 ) -> Simulation:
     """Simulate a linkage (a built-in name or a file) in one engine, and judge the run.
 
@@ -154,6 +155,8 @@ def simulate(
         at: times [s] to report; 0 and the scenario's duration where not given.
         limit: seconds after which a worker is stopped.
         told: called with a sentence when the run begins, after all arguments were checked.
+        tolerance: relative tolerance of an integrator that chooses its own steps; the absolute one is a hundredth of it. Where it
+            is not given, the settings give both.
 
     Raises:
         LinkageError: the file has faults.
@@ -161,7 +164,7 @@ def simulate(
         KeyError: unknown engine.
     """
     offered = offer(engine)
-    choice = offered.choose(settings, integrator, stabilization, step)
+    choice = offered.choose_tolerance(offered.choose(settings, integrator, stabilization, step), tolerance)
     mechanism = load(linkage, scenario)
     at = sorted(set(at)) if at else [0.0, mechanism.duration]
     if not all(np.isfinite(x) and x >= 0 for x in at):

@@ -26,11 +26,7 @@ def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, unt
         ImportError: the engine is not installed.
     """
     if engine not in WRITERS:
-        settings = choice.settings
-        if choice.tolerance is not None:
-            own = f"dop853_rtol={choice.tolerance:g},dop853_atol={choice.tolerance / 100:g}"
-            settings = own if settings == "default" else f"{settings},{own}"
-        given = {"linkage": linkage, "engine": engine, "settings": settings, "until": until}
+        given = {"linkage": linkage, "engine": engine, "until": until}
         return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **given)
     head = [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]
     refused, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")

@@ -100,6 +100,22 @@ class Offer:
                 raise ChoiceError(f"{self.name} has no {kind} {value!r}; it offers {', '.join(offered)}")
         return chosen
 
+    def choose_tolerance(self, choice: Choice, tolerance: float | None) -> Choice:
+        """Return a choice with the relative tolerance of its steps, if one is given.
+
+        Raises:
+            ChoiceError: it is not positive, or the integrator takes equal steps.
+        """
+        if tolerance is None:
+            return choice
+        if not (math.isfinite(tolerance) and tolerance > 0):
+            raise ChoiceError(f"the tolerance must be a positive number, not {tolerance:g}")
+        if self.usable and choice.integrator not in self.adaptive:
+            adaptive = [x for x in self.integrators if x in self.adaptive]
+            others = f"those that do are {', '.join(adaptive)}" if adaptive else "none of its integrators does"
+            raise ChoiceError(f"{self.name}: {choice.integrator} does not choose its steps by a tolerance; {others}")
+        return replace(choice, tolerance=tolerance)
+
     def require_settings(self, text: str) -> None:
         """Check that the engine knows settings, a variant, or options one by one.
 
