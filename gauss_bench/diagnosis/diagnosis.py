@@ -295,9 +295,8 @@ class Case:
         if not samples.stands_still(self.true, self.first.at):
             return None
         last = self.local[-1]
-        if (
-            self.own.mechanism.drivers and last is not None
-        ):  # without the second derivative of the drivers an engine may stand still
+        if self.own.mechanism.drivers and last is not None:
+            # an engine that leaves out the second derivative of the drivers may stand still
             best = next(iter(self._explain(last.told)), None)
             if best and best.share >= EXPLAINS and best.cause is Cause.SECOND_RATE:
                 return Answer(Cause.SECOND_RATE, f"{best.sentence}, so that the linkage stands still")
@@ -325,7 +324,8 @@ class Case:
         if len(self.bursts) < 2 or not opened > SMALL / 10:
             return None
         pin = misplace(self.own, self.bursts[0].at, self.bursts[-1].at)
-        if pin is None or self.closure.held**2 >= pin.share:
+        by_softness = self.closure.held**2  # share of the gaps that follows the closing forces: a correlation, squared
+        if pin is None or by_softness >= pin.share:
             return None
         gap = f"loops stay open by {opened:.1e} (m, rad) by the file's dimensions, whatever the step"
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; that explains {format_share(pin.share)} of it")

@@ -173,14 +173,14 @@ class _Follower:
 
     def _failure(self, step: Array) -> MotionError:
         """Return the exception for the end of the motion: a limit if there is no solution just ahead, else a singular position."""
+        # least squares come as near as the links reach, where Gauss-Newton would diverge
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
-        near = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
-        if ahead.flag == ExitFlag.CONVERGED and near:
-            return self._singular(self.model.residual(self.x)(self.p)[1])
-        text = (
-            f"no solution beyond {self._inputs()}: a limit of motion; just ahead the equations stay open by {ahead.residual:.2g} m"
-        )
-        return LimitOfMotion(text, self.x)
+        same_branch = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
+        if ahead.flag == ExitFlag.CONVERGED and same_branch:
+            jacobian = self.model.residual(self.x)(self.p)[1]
+            return self._singular(jacobian)
+        opening = f"just ahead the equations stay open by {ahead.residual:.2g} m"
+        return LimitOfMotion(f"no solution beyond {self._inputs()}: a limit of motion; {opening}", self.x)
 
     def _inputs(self) -> str:
         """Describe the present inputs."""

@@ -245,7 +245,10 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
 
 
 class _Clock:
-    """The rest of a task's limit [s]; waits for a processor do not count, where the system reports them."""
+    """The rest of a task's time.
+
+    `limit` [s] counts without waits for a processor, where the system reports them; `longest` [s] counts with them.
+    """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
         self.path, self.limit, self.longest = f"/proc/{pid}/schedstat", limit, min(longest, BACKSTOP * limit)
@@ -261,9 +264,10 @@ class _Clock:
 
     def remaining(self) -> float:
         """Return the seconds that are left."""
-        gone = time.monotonic() - self.start
-        given = max(0.0, self._waiting_time() - self.waited)
-        return min(self.limit - (gone - min(given, gone)), self.longest - gone)
+        passed = time.monotonic() - self.start
+        # the system counts waits by another clock than ours: they may seem to be negative, or longer than the time that passed
+        waited = min(max(0.0, self._waiting_time() - self.waited), passed)
+        return min(self.limit - (passed - waited), self.longest - passed)
 
 
 def _end_all(mark: str) -> None:

@@ -123,7 +123,12 @@ def closing_program(mechanism: Mechanism, inputs: Sequence[Input], open_names: t
 
 
 class _Equations:
-    """The constraint rows of a driven linkage before elimination, at samples of the assembly in which it starts."""
+    """The constraint rows of a driven linkage before elimination, at samples of the assembly in which it starts.
+
+    Attributes:
+        kept: rows that are eliminated, those of joints and then one for each driver; drop: how the others are shared among them.
+        levels: four tuples of one node per input: value u, rate w, second rate b, and the change g from the last position.
+    """
 
     def __init__(self, driven: Mechanism, parameters: Parameters, known: Study):
         self.driven, self.parameters, self.drop = driven, parameters, known.drops[0]

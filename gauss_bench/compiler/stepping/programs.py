@@ -89,9 +89,9 @@ class Course:
 
 
 class Stepper:
-    """Steps trajectories by one routine `rollout`.
+    """Steps trajectories by one routine `rollout`, whose angles may turn by no more than its reach in a step (`steps.Reach`).
 
-    `further` contains all reaches and takes longer to compile; it replaces `rollout` once the first reach has been exceeded.
+    `further` contains every reach and takes longer to compile; it replaces `rollout` once a step has turned further than that.
     """
 
     def __init__(self, loaded: Loaded, further: Loaded | None = None):
@@ -99,7 +99,7 @@ class Stepper:
         self.native, self.compiled = loaded.target.backend == "llvm", [loaded]
 
     def extend(self) -> None:
-        """Switch to the routine that contains all reaches."""
+        """Switch to `further`, the routine for steps of every reach."""
         if self.further is not None:
             self.loaded, self.further = self.further, None
             self.compiled.append(self.loaded)

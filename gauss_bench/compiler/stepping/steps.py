@@ -515,12 +515,13 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 
 
 def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> int:
+    """Return the squared estimate of the error of a step of `dop853`, from the states (2n) before and after; 1 is what is allowed."""
     g, squares = b.g, []
-    allowed = []
+    allowed = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and rate
     for x, y in zip(old, new, strict=True):
         larger = g.make("select", g.make("lt", g.abs(x), g.abs(y)), g.abs(y), g.abs(x))
         allowed.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
-    for weights, twice in order_eight().estimates:
+    for weights, twice in order_eight().estimates:  # velocities take the weights, positions their sums over two integrations
         off = [*(g.mul(b.h, x) for x in b.weighted(a, twice)), *b.weighted(a, weights)]
         squares.append(g.squares([g.mul(x, scale) for x, scale in zip(off, allowed, strict=True)]))
     fifth, third = squares

@@ -152,10 +152,12 @@ class March:
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
         """Return coordinates and rates of samples (time, state) within one chart, by the laws instead of their pieces."""
         n = self.rows.coordinates.n
-        t, y = np.array([x for x, _ in samples]), np.array([x for _, x in samples])
-        motion = rates(self.rows, chart, at_states(y[:, :n]), split_columns(y[:, n:]), self.rows.laws(t))
-        v, a = (stack_arrays([x.get(j, 0) for j in range(n)], t - t) for x in (motion.velocity, motion.acceleration))
-        return LoopStates(t, y[:, :n], v, a)
+        t, y = np.array([time for time, _ in samples]), np.array([state for _, state in samples])
+        positions, free_rates = y[:, :n], y[:, n:]
+        motion = rates(self.rows, chart, at_states(positions), split_columns(free_rates), self.rows.laws(t))
+        zero = t - t  # (k,) zeros in the number type of the times
+        v, a = (stack_arrays([level.get(j, 0) for j in range(n)], zero) for level in (motion.velocity, motion.acceleration))
+        return LoopStates(t, positions, v, a)
 
     def _singular(self, t: float, pivots: Pivots) -> str:
         return (
