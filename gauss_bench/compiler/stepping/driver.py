@@ -132,7 +132,6 @@ class Driver:
                 stopped = isinstance(end, Stop)
                 if isinstance(end, Stop):
                     # after progress only the program that stopped is excluded; without progress also those tried before
-
                     state, at, tried = end.state, at + end.done, {used} if end.done else tried | {used}
                 else:
                     state, at, there = end, goal, True

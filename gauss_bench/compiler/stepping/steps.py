@@ -515,7 +515,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 
 
 def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> int:
-    """Return the squared estimate of the error of a step of `dop853`, from the states (2n) before and after; 1 is what is allowed."""
+    """Return the square of a step's estimated error over the allowed one, for `dop853`; `old`, `new` are states (2n)."""
     g, squares = b.g, []
     allowed = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and rate
     for x, y in zip(old, new, strict=True):
