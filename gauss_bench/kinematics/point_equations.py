@@ -75,7 +75,7 @@ def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
 
 
 def bar_equation(p: Points, name: str) -> Equation:
-    """Return the equation of the length of an active bar."""
+    """Return |b - a|^2 = L^2 of an active bar, over twice the size of the linkage; L^2 is an entry of z."""
     bar, size = p.bars[name], np.sqrt(2 * p.size)
     gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / size
     return gap, gap, -p.unit(p.stretched[name]) / size**2
