@@ -4,6 +4,7 @@ Elements that a linkage cannot have are refused. Elements that do not change its
 """
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
@@ -248,6 +249,9 @@ class Reader:
             law = Straight(c=-g * g * b2, bias=g * constant)
         match words["trn"]:
             case "joint" | "jointinparent":
+                backwards = g < 0 and not b1 and self.word("jnt", x["jnt_type"][first]) == "hinge"
+                if backwards:  # a motor on the hinge the other way round, so that its value is that of the control
+                    return OnJoints(name, {int(first): -1.0}, replace(law, bias=-law.bias))
                 return OnJoints(name, {int(first): 1.0}, law)
             case "tendon":
                 return self._on_tendon(int(first), name, law)
