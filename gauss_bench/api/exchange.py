@@ -113,6 +113,7 @@ class Import(Result):
         file: that was written; name: of the linkage.
         links, dof: how many it has.
         left_out: parts of the model that the linkage file lacks or represents in another way.
+        note: sentence that says that no loop is closed, and how one is; empty if there is a closure.
     """
 
     model: str
@@ -122,6 +123,11 @@ class Import(Result):
     links: int
     dof: int
     left_out: tuple[str, ...]
+    note: str = ""
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        return (*(f"not imported: {x}" for x in self.left_out), *([self.note] if self.note else []))
 
 
 def export(
@@ -247,7 +253,8 @@ def import_model(
     with Worker() as worker:
         linkage = answer_in_worker(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))
     write_text(path, linkage["text"])
-    return Import(str(model), linkage["kind"], str(path), path.stem, linkage["links"], linkage["dof"], tuple(linkage["left_out"]))
+    left_out, note = tuple(linkage["left_out"]), linkage["note"]
+    return Import(str(model), linkage["kind"], str(path), path.stem, linkage["links"], linkage["dof"], left_out, note)
 
 
 def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ Elements that a linkage cannot have are refused. Elements that do not change its
 """
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.safe_xml import refuse_bulk, refuse_files
 from gauss_bench.exchange.spatial import Acting, Between, Body, Joint, OnJoints, Push, Spatial, Spot, Straight
+from gauss_bench.exchange.unused import list_names, list_unused
 from gauss_bench.terms import Array
 
 NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # features that must not be disabled
@@ -37,7 +39,8 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
         x = compile_document(tostring(root, encoding="unicode"))
     except DoesNotCompile as error:
         raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
-    return Reader(x, str(path)).spatial()
+    spatial = Reader(x, str(path)).spatial()
+    return replace(spatial, dropped=(*spatial.dropped, *list_unused(root)))
 
 
 class Reader:
@@ -86,7 +89,7 @@ class Reader:
             set_ones = np.flatnonzero(x[known["fields"][0]])
             self.dropped += [f"{known['reason']} {self.name(known['kind'], int(k))}" for k in set_ones]
         closures, welds = self._equalities()
-        acting = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in range(x["nu"]))]
+        acting = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in self._enabled_actuators())]
         gravity = np.zeros(3) if "gravity" in x["disabled"] else x["gravity"]
         bodies = tuple(self._body(k) for k in range(len(x["body_mass"])))
         spots = tuple(self._site(k) for k in range(x["nsite"]))
@@ -104,13 +107,19 @@ class Reader:
             raise self.refuse("<flag>", f"{min(disabled)} is disabled, so that the model does not behave as its elements say")
         if (x["body_mocapid"] >= 0).any():
             raise self.refuse(self.describe("body", int(x["body_mocapid"].argmax())), "a motion capture body")
-        contacts = int(np.count_nonzero(x["geom_contype"] | x["geom_conaffinity"]) + x["npair"])
-        if contacts:
-            self.dropped.append(f"contacts of {contacts} geoms and pairs: bodies pass through each other")
+        touching = [x["names"]["geom"][int(k)] for k in np.flatnonzero(x["geom_contype"] | x["geom_conaffinity"])]
+        contacts = len(touching) + x["npair"]
+        if contacts and "contact" not in x["disabled"]:
+            geoms = f" (<geom> {list_names(touching)})" if touching else ""
+            self.dropped.append(f"contacts of {contacts} geoms and pairs{geoms}: bodies pass through each other")
         if x["nkey"] > 1:
-            self.dropped.append(f"keyframes other than {self.name('key', self.key)!r}, which is the start")
+            others = [name for k, name in enumerate(x["names"]["key"]) if k != self.key]
+            start = self.name("key", self.key)
+            self.dropped.append(f"keyframes other than {start!r}, which is the start: <key> {list_names(others)}")
         if x["nsensor"]:
-            self.dropped.append(f"{x['nsensor']} sensors")
+            kinds = [self.word("sensor", kind) for kind in x["sensor_type"]]
+            names = list_names([f"<{kind}> {name}".strip() for kind, name in zip(kinds, x["names"]["sensor"], strict=True)])
+            self.dropped.append(f"{x['nsensor']} sensors: {names}")
 
     def _joint(self, k: int) -> Joint:
         """Return a joint; its start is that of the keyframe, if there is one.
@@ -222,10 +231,24 @@ class Reader:
                 tendons.append(self._on_tendon(k, self.name("tendon", k), law))
         return tendons
 
+    def _enabled_actuators(self) -> list[int]:
+        """Return the numbers of the actuators that act; those of groups that are switched off are listed as left out.
+
+        Raises:
+            ExchangeError: an actuator has several controls.
+        """
+        x = self.x
+        if x["nactuator"] != x["nu"]:
+            raise self.refuse("<actuator>", "an actuator with several controls")
+        off = [k for k in range(x["nu"]) if x["actuator_group"][k] in x["disabled_groups"]]
+        self.dropped += [f"actuator {self.name('actuator', k)}, whose group is switched off" for k in off]
+        return [k for k in range(x["nu"]) if k not in off]
+
     def _actuator(self, k: int) -> Acting:
         """Return an actuator as a force: F = gain u + b0 + b1 L + b2 L' along the length L = g x of its transmission.
 
-        The control u is that of the keyframe, or 0 without a keyframe. Along x the force is g F.
+        The control u is that of the keyframe, or 0 without a keyframe. Along x the force is g F. Ranges act on u, and on F where it
+        is constant.
 
         Raises:
             ExchangeError: the force is not linear, or acts on something else than a joint, a tendon or a point.
@@ -235,11 +258,13 @@ class Reader:
         if words["gain"] != "fixed" or words["bias"] not in ("none", "affine") or words["dyn"] != "none":
             raise self.refuse(element, "only motors and linear servos act in a linkage")
         control = float(x["key_ctrl"][self.key][k]) if x["nkey"] else 0.0
-        if x["actuator_ctrllimited"][k]:
+        if x["actuator_ctrllimited"][k] and "clampctrl" not in x["disabled"]:
             control = float(np.clip(control, *x["actuator_ctrlrange"][k]))
         bias = x["actuator_biasprm"][k][:3] if words["bias"] == "affine" else np.zeros(3)
         b0, b1, b2 = (float(b) for b in bias)
         constant = float(x["actuator_gainprm"][k][0]) * control + b0
+        if x["actuator_forcelimited"][k] and not (b1 or b2):
+            constant = float(np.clip(constant, *x["actuator_forcerange"][k]))
         gear, (first, second) = x["actuator_gear"][k], x["actuator_trnid"][k]
         g = float(np.linalg.norm(gear[:3])) if words["trn"] == "site" else float(gear[0])
         if b1:  # a servo is a spring towards the position that the control commands
@@ -248,6 +273,9 @@ class Reader:
             law = Straight(c=-g * g * b2, bias=g * constant)
         match words["trn"]:
             case "joint" | "jointinparent":
+                backwards = g < 0 and not b1 and self.word("jnt", x["jnt_type"][first]) == "hinge"
+                if backwards:  # a motor on the hinge the other way round, so that its value is that of the control
+                    return OnJoints(name, {int(first): -1.0}, replace(law, bias=-law.bias))
                 return OnJoints(name, {int(first): 1.0}, law)
             case "tendon":
                 return self._on_tendon(int(first), name, law)

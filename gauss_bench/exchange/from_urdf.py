@@ -5,6 +5,7 @@ LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or 
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -13,11 +14,17 @@ import numpy as np
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.safe_xml import describe
 from gauss_bench.exchange.spatial import WORLD, Acting, Body, Joint, OnJoints, Spatial, Spot, Straight
+from gauss_bench.exchange.unused import list_ignored, list_names
 from gauss_bench.terms import Array
 
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]: a URDF has none of its own, and z points up
 MOVING = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": ""}
-IGNORED = ("visual", "collision", "gazebo", "transmission", "material", "sensor")
+READ = {  # tag -> tags in it that are read
+    "robot": ("link", "joint"),
+    "link": ("inertial",),
+    "inertial": ("origin", "mass", "inertia"),
+    "joint": ("parent", "child", "origin", "axis", "dynamics", "mimic", "limit"),  # limits are listed by joint
+}
 
 
 def from_urdf(root: Element, path: Path, close: Sequence[str] = ()) -> Spatial:
@@ -144,14 +151,40 @@ class Robot:
             spots=tuple(Spot(name, k, bodies[k].origin) for name, k in self.index.items() if not bodies[k].mass and k != WORLD),
             acting=tuple(acting),
             dropped=tuple(dropped),
+            closable="" if close else self._describe_closing(bodies),
         )
 
     def _list_ignored(self) -> list[str]:
-        """List the elements that are left out: visuals and the like, and limits of joints."""
-        counts = [(tag, sum(1 for _ in self.root.iter(tag))) for tag in IGNORED]
-        ignored = ", ".join(f"{count} <{tag}>" for tag, count in counts if count)
-        bounded = [name for name, x in self.joints.items() if x.find("limit") is not None and x.get("type") != "continuous"]
-        return ([ignored] if ignored else []) + [f"the limits of joint {name}" for name in bounded]
+        """List the elements that are left out: visuals and the like, and limits of joints with their numbers."""
+        limits: list[str] = []
+        for name, joint in self.joints.items():
+            limit = joint.find("limit")
+            if limit is not None and joint.get("type") != "fixed":
+                numbers = ", ".join(f"{key} {list_names([x])}" for key, x in limit.items())
+                limits.append(f"the limits of joint {name}" + (f": {numbers}" if numbers else ""))
+        return [*list_ignored(self.root, READ), *limits]
+
+    def _describe_closing(self, bodies: Sequence[Body]) -> str:
+        """Return how --close closes a loop, by the two ends of this tree that are nearest to each other, if it has two."""
+        parents = {parent for parent, _ in self.ends.values()}
+        tips = [(self._carrier(name), name) for name in self.index if name not in parents and name in self.joint_to]
+        pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]
+        if not pairs:
+            return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
+
+        def rank(pair: tuple[tuple[str, str], tuple[str, str]]) -> tuple[int, float]:
+            links = sum(link == frame for link, frame in pair)  # rather frames, which are made to be joined
+            a, b = (bodies[self.index[frame]].origin for _, frame in pair)
+            return links, float(np.linalg.norm(a - b))
+
+        a, b = (f"{link}.{frame}" for link, frame in min(pairs, key=rank))
+        return f"--close LINK.FRAME=LINK.FRAME closes a loop, for example --close {a}={b}"
+
+    def _carrier(self, name: str) -> str:
+        """Return the link that carries a frame: the link itself if it moves, else the one to which it is fixed in the end."""
+        while name in self.joint_to and self.joints[self.joint_to[name]].get("type") == "fixed":
+            name = self.ends[self.joint_to[name]][0]
+        return name
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
         """Return the body of a link whose frame has this place and rotation."""

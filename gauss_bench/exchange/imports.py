@@ -12,6 +12,7 @@ from gauss_bench.exchange.from_mjcf import from_mjcf
 from gauss_bench.exchange.from_urdf import from_urdf
 from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml
+from gauss_bench.exchange.spatial import Spatial
 from gauss_bench.exchange.toml import toml
 from gauss_bench.linkage.errors import AssemblyError, LinkageError
 from gauss_bench.linkage.load import load_document
@@ -27,6 +28,7 @@ class Imported:
         kind: kind of the file that was read.
         left_out: sentences on parts of that file that the linkage leaves out or changes.
         links, dof: numbers of links and of degrees of freedom.
+        note: sentence that says that no loop is closed, and how one is; empty if there is a closure.
     """
 
     text: str
@@ -34,6 +36,7 @@ class Imported:
     left_out: tuple[str, ...]
     links: int
     dof: int
+    note: str = ""
 
 
 def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
@@ -58,13 +61,23 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
     title = root.get("model" if kind == "MJCF" else "name") or path.stem
     try:
         document, left_out = Flattened(spatial).document(name, f"{title}, from {kind}")
+        note = describe_open_tree(spatial, document["expect"]["dof"])
         head = [
             f"From the {kind} file {path.name}, by gauss-bench {__version__}. This file is yours, without conditions.",
             "SI units. Links' frames are those of their first bodies; signs of angles are those of the plane's own axes.",
             *(f"Left out or changed: {x}" for x in left_out),
+            *([note] if note else []),
         ]
         text = toml(document, head)
         mechanism = load_document(tomllib.loads(text), None, str(path), "", name)
     except (AssemblyError, LinkageError) as error:
         raise ExchangeError(f"{path}: no linkage that can be assembled: {' '.join(str(error).split())}") from error
-    return Imported(text, kind, left_out, len(mechanism.links), mechanism.dof)
+    return Imported(text, kind, left_out, len(mechanism.links), mechanism.dof, note)
+
+
+def describe_open_tree(spatial: Spatial, dof: int) -> str:
+    """Return the sentence on a file that closes no loop; empty if it closes one."""
+    if spatial.closures or spatial.welds:
+        return ""
+    freedoms = f"the linkage is an open tree with {dof} degree{'s' * (dof != 1)} of freedom"
+    return f"Nothing is closed: {freedoms}. {spatial.closable or '<connect> in <equality> closes a loop'}."

@@ -314,6 +314,9 @@ class Flattened:
             case OnJoints(name, joints, law):
                 slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.locked]
                 if slides and [*joints.values()] == [1.0]:
+                    single = self.joint_names.get(slides[0])
+                    if law.c > 0 and not (law.k or law.bias) and single is not None:
+                        return [{"type": "joint_damping", "joint": single, "c": law.c}]
                     return self._on_slide(slides[0], law)
                 if slides:
                     raise self.refuse(name, "a sum of joints that contains a slide")
@@ -347,7 +350,9 @@ class Flattened:
             links = [self.names[a], self.names[b]]
             tables.append({"type": "rotational_spring_damper", "links": links, "k": law.k, "c": law.c, "rest": rest})
         if law.bias or not tables:
-            link, reaction, value = (b, a, sign * law.bias) if b != WORLD else (a, b, -sign * law.bias)
+            link, reaction, value = (b, a, law.bias) if sign > 0 else (a, b, law.bias)  # the value keeps the sign of the control
+            if link == WORLD:
+                link, reaction, value = reaction, link, -value
             tables.append({"type": "torque", "link": self.names[link], "reaction": self.names[reaction], "value": value})
         return tables
 
@@ -358,7 +363,11 @@ class Flattened:
             ExchangeError: there are no such links.
         """
         opposite = {k: -c for k, c in wanted.items()}
-        for a, b in permutations(self.names, 2):
+        pairs = [*permutations(self.names, 2)]
+        if len(wanted) == 1:  # rather the two links of the joint than others that slide on them
+            body = self.spatial.joints[next(iter(wanted))].body
+            pairs.insert(0, (self.link_of[self.spatial.bodies[body].parent], self.link_of[body]))
+        for a, b in pairs:
             turn = self._turn(a, b)
             if turn in (wanted, opposite):
                 return a, b, 1.0 if turn == wanted else -1.0

@@ -125,6 +125,7 @@ class Spatial:
         welds: pairs of bodies that are rigidly connected.
         spots: named points of bodies.
         dropped: sentences on parts of the file that are left out.
+        closable: how a user closes a loop of a tree without closures, as a part of a sentence; empty if the file does that itself.
     """
 
     file: str
@@ -136,6 +137,7 @@ class Spatial:
     spots: tuple[Spot, ...] = ()
     acting: tuple[Acting, ...] = ()
     dropped: tuple[str, ...] = ()
+    closable: str = ""
 
     def refuse(self, element: str, reason: str) -> ExchangeError:
         return ExchangeError(f"{self.file}: {element}: {reason}")

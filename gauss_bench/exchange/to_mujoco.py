@@ -20,7 +20,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     from gauss_bench.engines.mujoco.adapter import VARIANTS, MujocoModel
     from gauss_bench.engines.mujoco.mjcf import mjcf
 
-    root, built = mjcf(mechanism, choice, edited=True), MujocoModel(mechanism, choice)
+    root, built = mjcf(mechanism, choice, edited=True).root, MujocoModel(mechanism, choice)
     indent(root)
     options, tree, laws = VARIANTS.options(choice.settings), built.tree, name_laws(mechanism)
     # angles of links are affine in the tree's coordinates: their values at 0 and at each unit vector determine them

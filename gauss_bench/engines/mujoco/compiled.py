@@ -48,6 +48,7 @@ def describe_model(mujoco: Any, compiler: Callable[[], Any]) -> dict[str, Any]:
         names                         by kind of part
         types                         words for MuJoCo's numbers of joints, equalities, tendon parts, transmissions, gains, biases
         gravity, medium, disabled     medium is (density, viscosity); `disabled` lists flags
+        disabled_groups               groups of actuators that are switched off
 
     Raises:
         DoesNotCompile: MuJoCo rejects the model.
@@ -81,5 +82,6 @@ def describe_model(mujoco: Any, compiler: Callable[[], Any]) -> dict[str, Any]:
         "gravity": np.array(model.opt.gravity),
         "medium": [float(model.opt.density), float(model.opt.viscosity)],
         "disabled": [key for key, bit in flags.items() if model.opt.disableflags & int(bit)],
+        "disabled_groups": [k for k in range(31) if int(model.opt.disableactuator) >> k & 1],
         "site_object": int(mujoco.mjtObj.mjOBJ_SITE),
     }

@@ -24,6 +24,9 @@ class Draft:
     Attributes:
         spec: the MjSpec that MuJoCo compiles.
         torque: (n,) constant generalised force; MuJoCo keeps it in the data (qfrc_applied), not in the model.
+        steady: the constant forces that make it.
+        pushes: constant forces at points, with their actuators.
+        controls: name of a motor -> its control; `add_motors` fills it.
         cylinders: for every driven length the driver, its tendon, and the motor whose control is the force.
     """
 
@@ -33,6 +36,9 @@ class Draft:
         self.spec.compiler.degree = False
         self.spec.option.gravity = spatial(mechanism.gravity)
         self.torque = np.zeros(tree.n)
+        self.steady: list[Steady] = []
+        self.pushes: list[tuple[AtSite, Any]] = []
+        self.controls: dict[str, float] = {}
         self.bodies: dict[int, Any] = {GROUND: self.spec.worldbody}
         self.joints: dict[int, Any] = {}
         self.names: set[tuple[str, str]] = {("body", "world")}
@@ -91,7 +97,8 @@ class Draft:
         """Add a force, or return it if it acts on a single joint: a joint has one spring, in which all of them must be summed."""
         match f:
             case Steady():
-                self.torque += f.force
+                self.torque += f.value * f.force
+                self.steady.append(f)
             case Tendon():
                 self._add_spatial_tendon(f)
             case AtSite():
@@ -121,15 +128,49 @@ class Draft:
         tendon.wrap_site(self._site(driver.a))
         tendon.wrap_site(self._site(driver.b))
         motor = self._add_actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
-        motor.gainprm = [1.0, *np.zeros(len(motor.gainprm) - 1)]
+        self._make_motor(motor)
         return driver, tendon, motor
 
-    def hold_torque(self) -> None:
-        """Move the constant generalised forces into the model as actuators, for a document that is used without this suite."""
-        for at in np.flatnonzero(self.torque):
-            name = self.joints[int(at)].name
-            target = {"trntype": self.mujoco.mjtTrn.mjTRN_JOINT, "target": name}
-            self._add_actuator((float(self.torque[at]), 0.0, 0.0), name=self._name("actuator", f"torque on {name}"), **target)
+    def add_motors(self) -> list[str]:
+        """Make constant forces motors whose controls are their values, for a document that is used without this suite.
+
+        Returns:
+            the names of the forces that a control can change.
+        """
+        changed: list[str] = []
+        for f in self.steady:
+            if f.force.any():
+                changed += f.names
+                self.controls[self._add_motor(f)] = f.value
+        for push, actuator in self.pushes:
+            size = float(np.linalg.norm(push.direction))
+            actuator.gear = [*(push.direction / size), 0.0, 0.0, 0.0, 0.0]
+            self._make_motor(actuator)
+            changed.append(push.name)
+            self.controls[actuator.name] = size
+        return changed
+
+    def _add_motor(self, f: Steady) -> str:
+        """Add the motor of a constant generalised force, on a joint or on a sum of joints, and return its name."""
+        name = self._name("actuator", f.names[0] if f.names else "torque")
+        joints, kinds = [(self.joints[int(at)].name, float(f.force[at])) for at in np.flatnonzero(f.force)], self.mujoco.mjtTrn
+        gear = 1.0
+        if len(joints) == 1:
+            ((target, gear),), kind = joints, kinds.mjTRN_JOINT
+        else:
+            tendon, kind = self.spec.add_tendon(name=self._name("tendon", name)), kinds.mjTRN_TENDON
+            target = tendon.name
+            for joint, coefficient in joints:
+                tendon.wrap_joint(joint, coefficient)
+        actuator = self._add_actuator((0.0, 0.0, 0.0), trntype=kind, target=target, name=name)
+        actuator.gear = [gear, 0.0, 0.0, 0.0, 0.0, 0.0]
+        self._make_motor(actuator)
+        return name
+
+    def _make_motor(self, actuator: Any) -> None:
+        """Let the control of an actuator be its force."""
+        actuator.gainprm = [1.0, *np.zeros(len(actuator.gainprm) - 1)]
+        actuator.biastype, actuator.biasprm = self.mujoco.mjtBias.mjBIAS_NONE, np.zeros_like(actuator.biasprm)
 
     def _add_actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
         """Add an actuator with the force bias . [1, L, dL/dt] on the length L of a transmission."""
@@ -140,10 +181,13 @@ class Draft:
         return actuator
 
     def _add_site_force(self, f: AtSite) -> None:
-        actuator = self._add_actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=self._site(f.point))
+        name, target = self._name("actuator", f.name), self._site(f.point)
+        actuator = self._add_actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=target, name=name)
         if f.frame is not None:
             actuator.refsite = self._site(f.frame)
         actuator.gear = [*f.direction, 0.0, 0.0, 0.0, 0.0]
+        if f.constant:
+            self.pushes.append((f, actuator))
 
     def _add_fixed_tendon(self, f: OnJoints) -> None:
         """Add a spring and damper on a sum of joint coordinates.

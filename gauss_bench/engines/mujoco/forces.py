@@ -4,6 +4,7 @@ The angle of a link is a sum of hinge coordinates, theta = e . y + const. A forc
 represents it exactly; otherwise the linkage is skipped:
 
     torque                                                            constant generalised force on the hinges of the chain
+    force along a slide, with its reaction on the guide               constant generalised force on the slide
     force at a point                                                  site transmission; if the force keeps its direction in the
                                                                       world, with a reference site there
     spring and damper between points                                  spatial tendon
@@ -11,26 +12,48 @@ represents it exactly; otherwise the linkage is skipped:
     spring and damper along an axis                                   site transmission with a reference site, k rest - k x - c x'
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import assert_never
 
 import numpy as np
 
 from gauss_bench.engines.shared import PARALLEL
-from gauss_bench.engines.tree import Tree, Turning
+from gauss_bench.engines.tree import Branch, Tree, Turning
 from gauss_bench.engines.tree import turning as turning  # where plug-ins look for it
 from gauss_bench.mechanism.coordinates import rate, rotate, value
 from gauss_bench.mechanism.frames import unit
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Distance, Law, Load, Mechanism, Point, PointForce, Weighted, factor_of
+from gauss_bench.mechanism.model import (
+    GROUND,
+    Along,
+    Angle,
+    Distance,
+    Law,
+    Load,
+    Mechanism,
+    Point,
+    PointForce,
+    Torque,
+    Weighted,
+    factor_of,
+)
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
+
+ALIGNED = 1e-12  # [m] by which rounding may move two points off one line
 
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """A constant generalised force (n,) on the tree coordinates."""
+    """The constant generalised force `value` times `force` (n,) on the tree coordinates.
+
+    Attributes:
+        names: forces of the linkage that make it: a force along a slide and its reaction are two.
+    """
 
     force: Array
+    value: float = 1.0
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +82,18 @@ class AtSite:
 
     `direction` (2,) is fixed in the link of `frame`; L is the coordinate of the point along it, measured from `frame`. Without a
     frame, `direction` is fixed in the point's own link and nothing takes the reaction.
+
+    Attributes:
+        name: the force of the linkage.
+        constant: whether it is a constant force as a whole, so that a single control can change it.
     """
 
+    name: str
     point: Point
     frame: Point | None
     direction: Array
     bias: tuple[float, float, float]
+    constant: bool = False
 
 
 Native = Steady | OnJoints | Tendon | AtSite
@@ -78,7 +107,50 @@ def native_forces(mechanism: Mechanism, tree: Tree) -> list[Native]:
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
-    return [x for f in steady for load in f.to_loads() for x in native(f.name, load, mechanism, tree, turns)]
+    motors = [Steady(turns.rows[f.link] - turns.rows[f.reaction], f.value, (f.name,)) for f in steady if isinstance(f, Torque)]
+    motors += slide_motors([f for f in steady if isinstance(f, PointForce)], mechanism, tree, turns)
+    done = {name for motor in motors for name in motor.names}
+    others = [(f.name, load) for f in steady if f.name not in done for load in f.to_loads()]
+    return [*motors, *(x for name, load in others for x in native(name, load, mechanism, tree, turns))]
+
+
+def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Steady]:
+    """Return the forces that act along a slide of the tree alone: on the block, and the opposite one on a guide that moves."""
+    motors: list[Steady] = []
+    done: set[str] = set()
+    slides = [b for b in tree.branches if b.kind == "prismatic"]
+    for f in forces:
+        for b in (b for b in slides if f.name not in done and f.point.link == b.link):
+            value = along_slide(f, b, turns)
+            if value is None:
+                continue
+            reactions = [g.name for g in forces if g.name not in done and is_reaction(g, f, b, mechanism, turns)]
+            if b.parent != GROUND and not reactions:
+                continue
+            names = (f.name, *reactions[:1])
+            sliding = np.zeros(tree.n)
+            sliding[b.at] = 1.0
+            motors.append(Steady(sliding, value, names))
+            done.update(names)
+    return motors
+
+
+def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
+    """Return a force's component along the axis of a slide; None if it is zero or has another direction."""
+    if not turns.together(f.frame, b.parent):
+        return None
+    force = rotate(f.value, turns.constants[f.frame] - turns.constants[b.parent])
+    across = b.axis[0] * force[1] - b.axis[1] * force[0]
+    return float(b.axis @ force) if force.any() and abs(across) <= PARALLEL * np.linalg.norm(force) else None
+
+
+def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, turns: Turning) -> bool:
+    """Tell whether g on the guide of a slide is opposite to f on its block, on the same line: else they also turn the links."""
+    if g.point.link != b.parent or not turns.together(g.frame, b.parent):
+        return False
+    forces = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
+    offset = value(Along(g.point, f.point, float(np.arctan2(b.axis[1], b.axis[0])), across=True), mechanism.q0)
+    return bool(np.abs(sum(forces)).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
 
 
 def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Native]:
@@ -92,7 +164,7 @@ def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turni
             assert_never(load)
     match load.coordinate:
         case Angle(a, b):
-            return on_joints(turns.rows[b] - turns.rows[a], turns.constants[b] - turns.constants[a], load)
+            return on_joints(name, turns.rows[b] - turns.rows[a], turns.constants[b] - turns.constants[a], load)
         case Along():
             return along_axis(name, load.coordinate, load, mechanism, tree, turns)
         case Distance(a, b):
@@ -103,11 +175,11 @@ def native(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turni
             assert_never(load.coordinate)
 
 
-def on_joints(row: Array, constant: float, law: Law) -> list[Native]:
+def on_joints(name: str, row: Array, constant: float, law: Law) -> list[Native]:
     """Return the elements for a law on L = row . y + constant; the constant part of the law is a generalised force."""
     elements: list[Native] = []
     if law.bias:
-        elements.append(Steady(law.bias * row))
+        elements.append(Steady(row, law.bias, (name,)))
     if law.k or law.c:
         elements.append(OnJoints(row, constant, law.k, law.c, law.rest))
     return elements
@@ -123,14 +195,17 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
         RunFailure: the force is fixed in a link whose hinges move the point (status SKIP).
     """
     link, bias = f.point.link, (1.0, 0.0, 0.0)
+    if not f.value.any():
+        return []  # without a direction it cannot become a motor either
     if turns.together(f.frame, GROUND):
         world = Point(GROUND, np.zeros(2), "ground")
-        return [AtSite(f.point, world, rotate(f.value, turns.constants[f.frame]), bias)]
+        return [AtSite(f.name, f.point, world, rotate(f.value, turns.constants[f.frame]), bias, constant=True)]
     if turns.together(f.frame, link):
-        return [AtSite(f.point, None, rotate(f.value, turns.constants[f.frame] - turns.constants[link]), bias)]
+        turned = rotate(f.value, turns.constants[f.frame] - turns.constants[link])
+        return [AtSite(f.name, f.point, None, turned, bias, constant=True)]
     if turns.apart(f.frame, link):
         frame = Point(f.frame, np.zeros(2), "centre of mass")
-        return [AtSite(f.point, frame, f.value, bias), AtSite(frame, None, f.value, bias)]
+        return [AtSite(f.name, f.point, frame, f.value, bias), AtSite(f.name, frame, None, f.value, bias)]
     raise RunFailure(Status.SKIP, f"MuJoCo cannot turn the force {f.name} with a link whose hinges move its point")
 
 
@@ -145,11 +220,11 @@ def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, tree: Tr
     """
     sliding = slide_coordinate(along, mechanism, tree)
     if sliding is not None:
-        return on_joints(*sliding, law)
+        return on_joints(name, *sliding, law)
     origin, point = along.origin.link, along.point.link
     if turns.turns_with(origin, point):
         axis = unit(along.angle, along.across)
-        return [AtSite(along.point, along.origin, axis, (law.bias + law.k * law.rest, -law.k, -law.c))]
+        return [AtSite(name, along.point, along.origin, axis, (law.bias + law.k * law.rest, -law.k, -law.c))]
     names = mechanism.link_name(origin), mechanism.link_name(point)
     text = f"MuJoCo has no exact axis for {name}: in the tree, {names[0]} turns on a hinge that does not turn {names[1]}"
     raise RunFailure(Status.SKIP, text)

@@ -5,6 +5,7 @@ the document, and its accelerations are compared with those of the adapter's mod
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -24,8 +25,18 @@ START = "start"  # name of the keyframe
 INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # spelling in a document, where it differs from the adapter's
 
 
-def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
-    """Return the root of a document that holds the mechanism, its start as the keyframe START, and the choice's options.
+@dataclass(frozen=True)
+class Document:
+    """A document, and the names of the forces that a control of its keyframe can change."""
+
+    root: Element
+    controlled: tuple[str, ...]
+
+
+def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Document:
+    """Return a document that holds the mechanism, its start as the keyframe START, and the choice's options.
+
+    Constant forces are motors, with their values as the controls of the keyframe.
 
     A document cannot hold motion laws or scaled inverse weights. With `edited` the caller promises to add these to the compiled
     model, as an exported script does; without it such a mechanism is refused.
@@ -44,12 +55,14 @@ def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Element:
     SubElement(root, "compiler", angle="radian", autolimits="true")
     _add_option(root, built)
     draft = Draft(built.mujoco, mechanism, built.tree)
-    draft.hold_torque()
+    controlled = draft.add_motors()
     _Writer(built, draft).add_model(root)
     start = {"qpos": write_numbers(built.y0), "qvel": write_numbers(built.dy0)}
+    if draft.spec.actuators:
+        start["ctrl"] = write_numbers([draft.controls.get(x.name, 0.0) for x in draft.spec.actuators])
     SubElement(SubElement(root, "keyframe"), "key", start, name=START)
     _verify(root, built)
-    return root
+    return Document(root, tuple(controlled))
 
 
 def write_numbers(x: Any) -> str:
@@ -145,14 +158,19 @@ class _Writer:
             yield node
 
     def _actuators(self) -> Iterator[Element]:
-        """Yield the actuators: force gain u + bias . [1, L, dL/dt], where the gain is zero unless a length is driven."""
+        """Yield the actuators: motors, and springs along an axis, whose force is bias . [1, L, dL/dt] whatever their control."""
         kinds = self.mujoco.mjtTrn
         targets = {kinds.mjTRN_JOINT: "joint", kinds.mjTRN_TENDON: "tendon", kinds.mjTRN_SITE: "site"}
         for actuator in self.spec.actuators:
-            written = {targets[actuator.trntype]: actuator.target, "gear": write_numbers(actuator.gear)}
+            target = targets[actuator.trntype]
+            gear = actuator.gear if target == "site" else actuator.gear[:1]
+            written = {target: actuator.target, "gear": write_numbers(gear)}
             written |= {key: getattr(actuator, key) for key in ("name", "refsite") if getattr(actuator, key)}
-            gain, bias = write_numbers(actuator.gainprm[0]), write_numbers(actuator.biasprm[:3])
-            yield Element("general", written, gainprm=gain, biastype="affine", biasprm=bias)
+            if actuator.biastype == self.mujoco.mjtBias.mjBIAS_NONE:
+                yield Element("motor", written)
+            else:
+                bias = write_numbers(actuator.biasprm[:3])
+                yield Element("general", written, gainprm="0", biastype="affine", biasprm=bias)
 
 
 def _verify(root: Element, built: MujocoModel) -> None:
