@@ -31,7 +31,7 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.tables import write_text
 
 WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
-BUDGET = LIMIT  # [s] to look for a step or a setting, and again to measure a program
+BUDGET = LIMIT  # [s] to look for a step or a setting
 STEP = 1e-3  # [s] of a file where nothing is measured
 OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad] requirements on a tuned step, which must need only half of them
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
@@ -162,8 +162,8 @@ def export(
             measured.
         step: of the file's integration [s] where it is not tuned (0.001).
         replace: whether a file that is there already may be replaced.
-        budget: seconds to look for a step or a setting (60), and as many to measure a program; time in which other programs had the
-            processor does not count.
+        budget: seconds to look for a step or a setting (60), and again to measure a program, which has 60 in any case. Time in
+            which other programs had the processor does not count.
         told: called with each sentence of progress.
         position, angle, force: largest allowed error, as in `recommend`: the file gets the engine's cheapest setting that holds it
             over the scenario's duration. If there is none, nothing is written.
@@ -204,15 +204,15 @@ def export(
         remarks, answer = (remark,), replace_fields(answer, step=choice.step)
     warning = ""
     if kind.is_program:
-        if remarks:
+        if remarks and engine == "c":  # its step or integrator is another than that of the first text
             model = write_file(linkage, mechanism.scenario, engine, choice.step, choice=choice)
         source = model["text"] if engine == "c" else ""
-        error = measure_program(linkage, mechanism, kind.engine, choice, source, seconds, told)
+        error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told)
         answer, warning = replace_fields(answer, error=error), error.warning
         if missed := name_missed(error, wanted):
             return replace_fields(answer, refused=missed)
         if not error.is_valid and not anyway:
-            return replace_fields(answer, refused=f"{error.status} with {error.setting}: {error.message}")
+            return replace_fields(answer, refused=error.refusal)
         remarks = (*error.sentences, *remarks)
     if remarks:
         model = write_file(linkage, mechanism.scenario, engine, choice.step, remarks, choice, warning)

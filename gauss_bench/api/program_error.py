@@ -30,7 +30,7 @@ from gauss_bench.runs.offers import check_affordable, offer
 from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
-LIMIT = 60.0  # [s] for everything but the compiler and the program in C
+LIMIT = 60.0  # [s] for everything but the C compiler and its program, unless the user gives more
 COMPILING = 20.0  # [s] for the C compiler
 COMPILED_STEP = 2e-6  # [s] of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # of the linkage's size, and rad: error bars of the references that are looked for
@@ -76,6 +76,12 @@ class ProgramError(Result):
     def warning(self) -> str:
         """The sentence for the top of a file that the judge refuses, or an empty text."""
         return "" if self.is_valid else f"WARNING: do not trust this program with {self.setting}. {self.status}: {self.message}"
+
+    @property
+    def refusal(self) -> str:
+        """The sentence on a program that the judge refuses."""
+        more = "a larger --budget gives it more time, " if self.status == str(Status.TIMEOUT) else ""
+        return f"{self.status} with {self.setting}: {self.message}; {more}--anyway writes it with a warning"
 
     @property
     def setting(self) -> str:

@@ -68,7 +68,7 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
         if find_end(other, mechanism, choice) is None:
             return other
     reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
-    at = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ""
+    at = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
     raise RunFailure(Status.SKIP, f"{reason}{at}")
 
 
