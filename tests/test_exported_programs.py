@@ -30,7 +30,15 @@ STATED = re.compile(r"Error: centres of mass are off by (\S+) m at most, angles 
 KNOWN = re.compile(r"Reference: .*known to (\S+) \(m, rad\)")
 ROUNDED = 1.06  # two digits of a stated error
 CANNOT = {("excavator", "pinocchio"), ("parallelogram", "casadi"), ("sleigh", "exudyn"), ("sleigh", "pinocchio")}
-REFUSED = {("squeezer", "exudyn")}
+REFUSED = {  # by the judge at 1 ms -> a step [s] that it accepts, or None
+    ("parallelogram", "pinocchio"): None,  # redundant rows drift apart, and the script has no projection
+    ("shaper", "exudyn"): 2e-4,
+    ("six_bar", "exudyn"): 2e-4,
+    ("squeezer", "pinocchio"): 1e-4,
+    ("squeezer", "exudyn"): 1e-5,
+    ("squeezer", "casadi"): 1e-4,
+    ("squeezer", "c"): 1e-4,
+}
 
 
 def needs(kind: str) -> None:
@@ -73,16 +81,19 @@ def test_a_program_of_a_built_in_linkage_holds_the_error_that_it_states(linkage:
     found = export(linkage, kind, file)
     assert bool(found.refused) == ((linkage, kind) in REFUSED), found.refused
     assert file.exists() == (not found.refused)
-    if not found.refused:
+    if step := REFUSED.get((linkage, kind)):
+        found = export(linkage, kind, file, step=step, budget=400.0)
+        assert not found.refused
+    if file.exists():
         assert_error_held(file, kind, linkage)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["c", "casadi"])
 def test_a_program_with_a_required_accuracy_holds_it(kind: str, tmp_path: Path) -> None:
     needs(kind)
     file = tmp_path / f"program{KINDS[kind].suffix}"
-    found = export("four_bar", kind, file, scenario="torque", position=1e-5, budget=20.0)
+    found = export("four_bar", kind, file, scenario="torque", position=1e-5)
     assert not found.refused
     assert found.error is not None
     assert found.error.position is not None
@@ -94,14 +105,14 @@ def test_a_program_with_a_required_accuracy_holds_it(kind: str, tmp_path: Path) 
 @pytest.mark.slow
 def test_a_program_that_the_judge_refuses_is_written_only_anyway(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     needs("c")
-    file = tmp_path / "four_bar.c"
-    call = ["export", "four_bar", "--engine", "c", "--step", "0.2", "--out", str(file)]
+    file = tmp_path / "squeezer.c"
+    call = ["export", "squeezer", "--engine", "c", "--out", str(file)]
     assert main(call) == 1
-    assert "not written: invalid with rk4, projection, step 0.2 s: " in capsys.readouterr().out
+    assert "not written: invalid with rk4, projection, step 0.001 s: " in capsys.readouterr().out
     assert not file.exists()
     assert main([*call, "--anyway"]) == 0
     assert "must not be trusted" in capsys.readouterr().out
-    assert "WARNING: do not trust this program with rk4, projection, step 0.2 s. invalid: " in file.read_text().splitlines()[1]
+    assert "WARNING: do not trust this program with rk4, projection, step 0.001 s. invalid: " in file.read_text().splitlines()[1]
 
 
 @pytest.mark.slow
@@ -193,6 +204,9 @@ def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypat
         assert "smaller" not in str(stopped.value)
     with pytest.raises(AssertionError, match="the step is too long here; a smaller one may help"):
         c_alone(four_bar, "2", "0.5")
+    monkeypatch.undo()
+    with pytest.raises(ExchangeError, match="another on its way, or a shorter step"):
+        export_linkage(load("four_bar"), "c", 0.2)
 
 
 @pytest.mark.slow

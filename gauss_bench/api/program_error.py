@@ -135,13 +135,15 @@ def measure_program(
         ChoiceError: the steps take longer than a quarter of the seconds.
     """
     end = mechanism.duration
-    choice = choice if choice.tolerance is not None else replace(choice, step=end / plan_steps(end, choice.step)[0])
+    steps, every = plan_steps(end, choice.step)
+    choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
+    rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # samples of a short motion that are close enough to be judged
     if source:
         engine = engine if offer(engine).usable else NUMPY
         check_affordable(choice.step, end, COMPILED_STEP, seconds / 4)
     told(f"measuring: {engine}, {end:g} s")
     setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
-    run = simulate(linkage, engine, mechanism.scenario, *setting, limit=seconds / 4, tolerance=choice.tolerance)
+    run = simulate(linkage, engine, mechanism.scenario, *setting, rows, limit=seconds / 4, tolerance=choice.tolerance)
     status, message, trajectory = str(run.status), run.message, run.trajectory
     measured_on = f"the suite's run of {engine} with the same setting"
     if source:

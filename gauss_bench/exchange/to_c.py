@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gauss_bench.compiler.kernel import Kernel
 
 TRIED = 5.0  # [s] of motion, at most, during which the choice of independent coordinates must remain valid
-LOOKED_AT = 2000  # states, about, at which the pivots of that motion are looked at
+LOOKED_AT = 2000  # states, at least, at which the pivots of that motion are looked at
 CLOSING = {
     "none": "Joints are held by accelerations alone, without stabilisation.",
     "baumgarte": "Joints are kept closed by Baumgarte's terms.",
@@ -40,7 +40,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         "places": list(places),
         "kernel": kernel.c_source(choice.integrator),
         "closing": CLOSING[choice.stabilization],
-        "independent": ", ".join(names[k] for k in kernel.partitions[0]),
+        "independent": ", ".join(names[k] for k in kernel.partitions[0]) or "none, as all motion is driven",
     }
     return write_program("program.c.jinja", mechanism, choice, head, **given)
 
@@ -75,14 +75,17 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
     """Return the time [s] up to which the first program of a kernel goes, or None if it goes as far as it is tried.
 
-    A step may pass over a zero of a pivot by chance, and a user's smaller step would not. So a pivot that changes its sign is the
-    end too. NaN if the program stops without one.
+    A step may pass over a zero of a pivot by chance, and a user's smaller step would not. So the pivots are looked at along the
+    motion with steps that are short enough to follow it, and one that changes its sign is the end too. NaN if the program stops
+    without one, as with a step that is too long.
     """
-    steps = int(np.ceil(min(mechanism.duration, TRIED) / choice.step))
-    every = max(1, steps // LOOKED_AT)
-    q, v = kernel.rollout(mechanism.q0, mechanism.v0, choice.step, steps, every=every, integrator=choice.integrator)
-    t = choice.step * np.minimum(every * np.arange(len(q) + 1), steps)
-    with np.errstate(all="ignore"):  # a motion that diverges is for the judge
+    tried = min(mechanism.duration, TRIED)
+    steps = int(np.ceil(tried / choice.step))
+    count = max(steps, LOOKED_AT)
+    every, h = count // LOOKED_AT, tried / count
+    q, v = kernel.rollout(mechanism.q0, mechanism.v0, h, count, every=every, integrator=choice.integrator)
+    t = h * np.minimum(every * np.arange(len(q) + 1), count)
+    with np.errstate(all="ignore"):  # a motion that is lost is NaN from there on, and changes no sign
         pivots = kernel.pivots(t, np.vstack([mechanism.q0, q]), np.vstack([mechanism.v0, v]))
     changed = (np.sign(pivots) * np.sign(pivots[0]) < 0).any(axis=1)
     if changed.any():
