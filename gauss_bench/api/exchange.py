@@ -1,7 +1,8 @@
 """Linkages out to other programs and in from them: what `gauss-bench export --json` and `import --json` print."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass
+from dataclasses import replace as replace_fields
 from pathlib import Path
 from typing import Any
 
@@ -9,24 +10,28 @@ import numpy as np
 
 from gauss_bench.advice.answer import LOOPS
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import SEARCHED, Recommender
+from gauss_bench.advice.recommending import BEATS, SEARCHED, Recommender
 from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import writable
+from gauss_bench.api.in_worker import answer_in_worker, tell_plainly
+from gauss_bench.api.program_error import LIMIT, ProgramError, measure_program
+from gauss_bench.api.recommend import list_requirements, setting_of, variants
 from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
-from gauss_bench.engines import MissingExtra, not_installed
-from gauss_bench.engines.base import Variant
+from gauss_bench.compiler.stepping.driver import INTEGRATORS
+from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, Kind, export_linkage
 from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.offers import ChoiceError, check_budget, check_size
-from gauss_bench.runs.worker import Worker, WorkerFailure
+from gauss_bench.reach import UNITS
+from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, offer
+from gauss_bench.runs.worker import Worker
 from gauss_bench.tables import write_text
 
 WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
-BUDGET = 60.0  # [s] to look for a step
+BUDGET = LIMIT  # [s] to look for a step or a setting
 STEP = 1e-3  # [s] of a file where nothing is measured
 OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad] requirements on a tuned step, which must need only half of them
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
@@ -83,10 +88,12 @@ class Export(Result):
     Attributes:
         engine: kind of the file; what: the kind in words.
         mechanism, scenario: names of the exported linkage and scenario.
-        file: path that was written; bytes: its size.
+        file: path that was written, or that was not because of `refused`; bytes: its size.
         step: integration step in the file [s].
         left_out: parts of the linkage file that the exported file lacks.
         tuning: how the step was found, or None.
+        error: of a program, as measured with its own setting; None for a model in MJCF, or where no setting was found.
+        refused: why nothing was written, or an empty text.
     """
 
     engine: str
@@ -98,10 +105,12 @@ class Export(Result):
     step: float
     left_out: tuple[str, ...]
     tuning: Tuning | None
+    error: ProgramError | None = None
+    refused: str = ""
 
     @property
     def succeeded(self) -> bool:
-        return self.tuning is None or self.tuning.met
+        return not self.refused and (self.tuning is None or self.tuning.met)
 
 
 @dataclass(frozen=True)
@@ -140,8 +149,15 @@ def export(
     replace: bool = False,
     budget: float | None = None,
     told: Told = nobody,
+    position: float | None = None,
+    angle: float | None = None,
+    force: float | None = None,
+    anyway: bool = False,
 ) -> Export:
     """Write a linkage as a file that runs without this package: MJCF, a script for Pinocchio, Exudyn or CasADi, or plain C.
+
+    A script or program is run before it is written, and its head states its error. One whose motion the suite's judge refuses is
+    not written: the result's `refused` gives the reason.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -152,13 +168,17 @@ def export(
             measured.
         step: of the file's integration [s] where it is not tuned (0.001).
         replace: whether a file that is there already may be replaced.
-        budget: seconds to look for a step (60); time in which other programs had the processor does not count.
+        budget: seconds to look for a step or a setting (60), and again to measure a program, which has 60 in any case. Time in
+            which other programs had the processor does not count.
         told: called with each sentence of progress.
+        position, angle, force: largest allowed error, as in `recommend`: the file gets the engine's cheapest setting that holds it
+            over the scenario's duration. If there is none, nothing is written.
+        anyway: write a program that the judge refuses, with a warning at its top.
 
     Raises:
         LinkageError: the linkage file has faults.
         ExchangeError: the format cannot express a named part of the linkage; or the file exists already.
-        ChoiceError: an unknown kind, or a step that is not positive.
+        ChoiceError: an unknown kind, a step that is not positive, or a requirement that cannot be used.
         MissingExtra: the library that builds the model is not installed.
         OSError: the file cannot be written.
     """
@@ -168,67 +188,124 @@ def export(
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
         raise ChoiceError("either a step, or tuned, which finds one")
-    path = writable(out, replace, suffix=KINDS[engine].suffix, source=linkage)
+    kind = KINDS[engine]
+    wanted = required(engine, step is not None or tuned, position=position, angle=angle, force=force)
+    path = writable(out, replace, suffix=kind.suffix, source=linkage)
     seconds = check_budget(budget, BUDGET)
     mechanism = load(linkage, scenario)
     check_size(step or STEP, mechanism.duration)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
-    model = write_file(linkage, mechanism.scenario, engine, step or STEP)
-    tuning = None
+    choice, remarks = kind.choose(step or STEP), tuple[str, ...]()
+    answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, choice.step, (), None)
+    model = write_file(linkage, mechanism.scenario, engine, choice.step)
     if tuned:
-        tuning = tune(linkage, mechanism, KINDS[engine], seconds, told)
-        model = write_file(linkage, mechanism.scenario, engine, tuning.step, tuning.sentences)
+        tuning = tune(linkage, mechanism, kind, seconds, told)
+        choice, remarks = kind.choose(tuning.step), tuning.sentences
+        answer = replace_fields(answer, tuning=tuning, step=choice.step)
+    if wanted:
+        try:
+            choice, remark = find_setting(linkage, mechanism, engine, wanted, seconds, told)
+        except NotReached as reason:
+            return replace_fields(answer, refused=str(reason))
+        remarks, answer = (remark,), replace_fields(answer, step=choice.step)
+    warning = ""
+    if kind.is_program:
+        if remarks and engine == "c":  # its step or integrator is another than that of the first text
+            model = write_file(linkage, mechanism.scenario, engine, choice.step, choice=choice)
+        source = model["text"] if engine == "c" else ""
+        error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told)
+        answer, warning = replace_fields(answer, error=error), error.warning
+        if missed := name_missed(error, wanted):
+            return replace_fields(answer, refused=missed)
+        if not error.is_valid and not anyway:
+            return replace_fields(answer, refused=error.refusal)
+        remarks = (*error.sentences, *remarks)
+    if remarks:
+        model = write_file(linkage, mechanism.scenario, engine, choice.step, remarks, choice, warning)
     write_text(path, model["text"])
-    size, left_out = len(model["text"].encode()), tuple(model["left_out"])
-    taken = tuning.step if tuning else step or STEP
-    return Export(engine, mechanism.name, mechanism.scenario, str(path), KINDS[engine].what, size, taken, left_out, tuning)
+    return replace_fields(answer, bytes=len(model["text"].encode()), left_out=tuple(model["left_out"]))
 
 
-def write_file(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...] = ()) -> dict[str, Any]:
+def required(engine: str, has_step: bool, **limits: float | None) -> dict[str, float]:
+    """Return the given requirements by kind, or {} if there are none.
+
+    Raises:
+        ChoiceError: a file of this kind holds no setting of the search, or another argument gives the step already.
+    """
+    if all(x is None for x in limits.values()):
+        return {}
+    if not KINDS[engine].is_program:
+        raise ChoiceError(
+            f"{engine}: {KINDS[engine].what} cannot hold the settings that --position, --angle and --force look for: take --tuned, "
+            f"or `gauss-bench recommend --engine {engine} --out FOLDER`, which writes a program"
+        )
+    if has_step:
+        raise ChoiceError("either --step or --tuned, or --position, --angle and --force, which find a setting")
+    return list_requirements(**limits)
+
+
+class NotReached(ArithmeticError):
+    """No setting of an engine is known to hold the requirement."""
+
+
+def find_setting(
+    linkage: str, mechanism: Mechanism, engine: str, wanted: Mapping[str, float], budget: float, told: Told
+) -> tuple[Choice, str]:
+    """Return the engine's cheapest setting that holds the requirement over the scenario's duration, and a sentence on it.
+
+    Raises:
+        NotReached: no setting holds it within the budget, or no reference is known well enough.
+    """
+    kind, end = KINDS[engine], mechanism.duration
+    tried = [x for x in variants(offer(kind.engine)) if engine != "c" or x.integrator in INTEGRATORS]
+    limit = " and ".join(f"{x:g} {UNITS[name]}" for name, x in wanted.items())
+    try:
+        with Recommender(Run(linkage, mechanism, end), wanted, {kind.engine: tried}, Budget(budget), told) as recommender:
+            recommender.search()
+            (answer,) = recommender.answers(recommender.race())
+    except NoTruth as reason:
+        raise NotReached(f"no setting can be judged: {reason}") from reason
+    if answer.status != "ok":
+        raise NotReached(f"no setting of {kind.engine} is known to hold {limit} over {end:g} s: {answer.message}")
+    errors = " and ".join(f"{answer.errors[name]:.1e} {UNITS[name]}" for name in wanted)
+    choice = Choice(answer.settings, answer.integrator, answer.stabilization, answer.step or end / BEATS, answer.tolerance)
+    return choice, f"Found for at most {limit}: {setting_of(answer)} came to {errors} in the search."
+
+
+def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
+    """Return how a program misses a requirement that its setting held in the search, or an empty text."""
+    for name, limit in wanted.items():
+        found = {"position": error.position, "angle": error.angle}.get(name)
+        if found is not None and not found <= limit:
+            return f"the program is off by {found:.1e} {UNITS[name]} on {error.measured_on}, more than {limit:g} {UNITS[name]}"
+    return ""
+
+
+def write_file(
+    linkage: str,
+    scenario: str,
+    engine: str,
+    step: float,
+    remarks: tuple[str, ...] = (),
+    choice: Choice | None = None,
+    warning: str = "",
+) -> dict[str, Any]:
     """Return the text of the file and what it leaves out; both are made in a worker, since libraries may crash or hang.
 
     Raises:
         ExchangeError, MissingExtra: as `export`.
     """
+    chosen = None if choice is None else astuple(choice)
     with Worker() as worker:
-        return answer_in_worker(worker, write_there, (linkage, scenario, engine, step, remarks), WRITING, linkage)
+        return answer_in_worker(worker, write_there, (linkage, scenario, engine, step, remarks, chosen, warning), WRITING, linkage)
 
 
-def answer_in_worker(
-    worker: Worker, function: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], limit: float, file: str
+def write_there(
+    linkage: str, scenario: str, engine: str, step: float, remarks: Sequence[str], choice: Sequence[Any] | None, warning: str
 ) -> dict[str, Any]:
-    """Call a function of this room in a worker, within `limit` seconds; an error names `file`.
-
-    Raises:
-        ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
-    """
-    try:
-        answer = worker.call(function, arguments, limit)
-    except WorkerFailure as failure:
-        raise ExchangeError(f"{file}: {failure}") from failure
-    match answer:
-        case {"refused": str(sentence)}:
-            raise ExchangeError(sentence)
-        case {"missing": str(sentence), "library": str(library)}:
-            raise MissingExtra(sentence, name=library)
-        case dict():
-            return answer
-    raise ExchangeError(f"{file}: the process that should answer did not")
-
-
-def write_there(linkage: str, scenario: str, engine: str, step: float, remarks: tuple[str, ...]) -> dict[str, Any]:
     """Run `export_linkage` in the worker and return plain data."""
-    return tell_plainly(lambda: asdict(export_linkage(load(linkage, scenario), engine, step, tuple(remarks))))
-
-
-def tell_plainly(made: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return a result, or the reason for its failure, as plain data that a worker can send."""
-    try:
-        return made()
-    except ExchangeError as error:
-        return {"refused": str(error)}
-    except ImportError as error:
-        return {"missing": not_installed(error), "library": error.name or ""}
+    chosen = None if choice is None else Choice(*choice)
+    return tell_plainly(lambda: asdict(export_linkage(load(linkage, scenario), engine, step, tuple(remarks), chosen, warning)))
 
 
 def import_model(

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.api.exchange import READING, answer_in_worker, tell_plainly
+from gauss_bench.api.exchange import READING
+from gauss_bench.api.in_worker import answer_in_worker, tell_plainly
 from gauss_bench.engines.mujoco.own_model import acts_beside_loops, settings_as_they_stand
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.imports import FORMS, import_file

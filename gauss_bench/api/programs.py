@@ -48,7 +48,8 @@ def _write(linkage: str, scenario: str, engine: str, settings: str, integrator: 
     choice = Choice(settings, integrator, stabilization, step if math.isfinite(step) else until / BEATS, exact)
     try:
         mechanism = replace(load(linkage, scenario), duration=until)
-        text = snippet(mechanism, linkage, engine, choice, until)
+        remark = f"The error of this setting over {until:g} s is in the report that shows this program."
+        text = snippet(mechanism, linkage, engine, choice, until, (remark,))
     except (ExchangeError, LinkageError, RunFailure, ImportError, ValueError, KeyError):
         return ""
     return text if len(text) <= LARGEST else ""

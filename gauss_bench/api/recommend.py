@@ -9,7 +9,8 @@ from typing import Any
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.recommending import BEATS, Better, Recommender
-from gauss_bench.api.exchange import tell_plainly
+from gauss_bench.api.in_worker import tell_plainly
+from gauss_bench.api.program_error import describe_error, describe_reference
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
@@ -136,9 +137,12 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
         return answer
     run, limits = recommender.run, " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in recommender.wanted.items())
     errors = " and ".join(f"{answer.errors[kind]:.1e} {UNITS[kind]}" for kind in recommender.wanted)
-    remark = f"Holds {limits} over {run.until:g} s: {errors} with {answer.engine}, {setting_of(answer)}."
+    remarks = [f"Holds {limits} over {run.until:g} s: {errors} with {answer.engine}, {setting_of(answer)}."]
+    if (found := recommender.truth) is not None:
+        remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
+        remarks.append(describe_reference(found.told, max(found.bars["position"], found.bars["angle"])))
     choice = (answer.settings, answer.integrator, answer.stabilization, answer.step or run.until / BEATS, answer.tolerance)
-    arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remark)
+    arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remarks)
     try:
         needs_library = answer.engine in WRITERS
         program = recommender.call_worker(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
@@ -152,13 +156,15 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     return answer
 
 
-def snippet_there(linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remark: str) -> dict[str, Any]:
+def snippet_there(
+    linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remarks: Sequence[str]
+) -> dict[str, Any]:
     """Run `snippet` in a worker and return plain data."""
     mechanism = replace(load(linkage, scenario), duration=until)
     source = find(linkage)
     # the program may be started from any folder, so it names a user's file by its whole path
     name = str(source.resolve()) if source.is_file() and linkage not in built_in() else linkage
-    return tell_plainly(lambda: {"text": snippet(mechanism, name, engine, Choice(*choice), until, (remark,))})
+    return tell_plainly(lambda: {"text": snippet(mechanism, name, engine, Choice(*choice), until, tuple(remarks))})
 
 
 def list_requirements(**limits: float | None) -> dict[str, float]:

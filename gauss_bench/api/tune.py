@@ -16,8 +16,9 @@ import numpy as np
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import HALF, KNOWN
 from gauss_bench.advice.truth import NoTruth, Truth, truth
-from gauss_bench.api.exchange import READING, answer_in_worker
+from gauss_bench.api.exchange import READING
 from gauss_bench.api.files import writable
+from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.api.own_model import OwnFile, read_own_file, refuse_what_acts
 from gauss_bench.api.recommend import list_requirements
 from gauss_bench.api.telling import Result, Told, nobody

@@ -264,6 +264,11 @@ class Kernel:
             q, v = done[: self._n], done[self._n :]
         return True
 
+    def pivots(self, t: Array, q: Array, v: Array) -> Array:
+        """Return (k, pivots) the pivots of the first program at k states: between two in which one changes its sign it is zero."""
+        numbers = self._numbers(None, len(q), t)
+        return self._programs.codes[0].program.acceleration(t[:, None], q, v, numbers)[1]
+
     def _one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """The last state (2 n_q,) of a single trajectory, by the shortest way."""
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)

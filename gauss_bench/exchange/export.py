@@ -33,6 +33,15 @@ class Kind:
     what: str
     suffix: str
 
+    def choose(self, step: float) -> Choice:
+        """Return the choice of the engine in a file with this step [s]."""
+        return Choice(self.settings, self.integrator, self.stabilization, step)
+
+    @property
+    def is_program(self) -> bool:
+        """Whether the file steps the linkage itself; MJCF is a model, which MuJoCo steps."""
+        return self.writer != "to_mjcf"
+
 
 KINDS: Mapping[str, Kind] = {
     "mujoco": Kind("to_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
@@ -52,23 +61,28 @@ class Exported:
     left_out: tuple[str, ...]
 
 
-def export_linkage(mechanism: Mechanism, name: str, step: float, remarks: tuple[str, ...] = ()) -> Exported:
+def export_linkage(
+    mechanism: Mechanism, name: str, step: float, remarks: tuple[str, ...] = (), choice: Choice | None = None, warning: str = ""
+) -> Exported:
     """Return a linkage as the text of a file of the kind `name`, one of KINDS.
 
     Args:
         step: step size of the integration in the file [s].
         remarks: sentences for the head of the file, such as measured errors.
+        choice: the setting of the engine; that of the kind with `step` where not given.
+        warning: the first sentence of the head.
 
     Raises:
         ExchangeError: files of this kind cannot express the linkage; the message names the part.
         ImportError: the library that builds the model is not installed.
     """
     kind = KINDS[name]
-    choice = Choice(kind.settings, kind.integrator, kind.stabilization, step)
+    choice = choice or kind.choose(step)
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     missing = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
     missing += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
     head = [
+        *([warning] if warning else []),
         f"Model of a closed-loop planar linkage, written by gauss-bench {__version__}.",
         OWNED,
         f"Linkage {mechanism.name}, scenario {mechanism.scenario}: {mechanism.title}",

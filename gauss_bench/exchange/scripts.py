@@ -1,5 +1,6 @@
 """Exported programs: jinja templates of plain programs, filled with the numbers of a linkage."""
 
+import math
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -23,6 +24,13 @@ PROGRAMS.filters |= {"python": python, "comment": python_comment, "c_comment": c
 def coordinates(mechanism: Mechanism, kinds: tuple[str, str, str] = ("x", "y", "theta")) -> list[str]:
     """Return the names of q in order, LINK.x, LINK.y, LINK.theta, as headings of columns."""
     return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
+
+
+def plan_steps(end: float, step: float) -> tuple[int, int]:
+    """Return the numbers of steps that a program takes until `end` and between two rows, as its own `plan` does."""
+    count = max(1, math.ceil(end / step - 1e-9))
+    every = math.ceil(count / SAMPLES)
+    return every * math.ceil(count / every), every
 
 
 def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **given: Any) -> str:

@@ -21,6 +21,7 @@ from gauss_bench.studio.motion import move
 from gauss_bench.studio.reading import Reading, of_links
 from gauss_bench.trajectory import History, Told, Trajectory
 
+NOT_MEASURED = "Error: not measured here; `gauss-bench export` of the saved linkage measures it."
 FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
 
@@ -68,7 +69,7 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
         raise Refused("there is no scenario that could be exported: let it go or drive it first")
     with workplace(text, name) as path:
         try:
-            model = write_file(str(path), chosen, kind, STEP)
+            model = write_file(str(path), chosen, kind, STEP, (NOT_MEASURED,) if KINDS[kind].is_program else ())
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{path}: ", "")) from error
         return {"name": f"{name}{KINDS[kind].suffix}", "text": str(model["text"]).replace(str(path), path.name)}

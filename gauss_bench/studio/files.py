@@ -7,7 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.api.exchange import READING, answer_in_worker, read_there
+from gauss_bench.api.exchange import READING, read_there
+from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.errors import LinkageError

@@ -1,0 +1,252 @@
+"""The error of an exported program: the engine and setting that it holds are run, judged and compared with a reference.
+
+The program in C is compiled and run itself, if there is a compiler, because its arithmetic is its own.
+"""
+
+import csv
+import io
+import subprocess
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from gauss_bench.advice.answer import format_setting
+from gauss_bench.advice.budget import Budget
+from gauss_bench.advice.recommending import KNOWN
+from gauss_bench.advice.truth import NoTruth, truth
+from gauss_bench.api.simulate import simulate
+from gauss_bench.api.telling import Result, Told, nobody
+from gauss_bench.bench.ways import Run
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.c_code import NO_COMPILER, compiler
+from gauss_bench.exchange.scripts import plan_steps
+from gauss_bench.exchange.to_c import TRIED
+from gauss_bench.judge import OFF_MOTION
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.metrics import state_errors
+from gauss_bench.runs.offers import check_affordable, offer
+from gauss_bench.runs.worker import Worker
+from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
+
+LIMIT = 60.0  # [s] for everything but the C compiler and its program, unless the user gives more
+COMPILING = 20.0  # [s] for the C compiler
+COMPILED_STEP = 2e-6  # [s] of a compiled step of a linkage of usual size
+QUICK, PRECISE = 1e-6, 1e-9  # of the linkage's size, and rad: error bars of the references that are looked for
+ROUGH = 1e-3  # of the linkage's size, and rad: a reference that is known to less says nothing about the error
+COMPARED = 400  # samples that are compared, at most
+NUMPY = "gauss"  # own formulation that steps where there is no compiled one
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramError(Result):
+    """The error of a program at its own step, over the scenario's duration.
+
+    Attributes:
+        status, message: of the judge: "ok", or why the program must not be trusted.
+        settings, integrator, stabilization, step, tolerance: of the program; a step is then the time between rows [s] where there
+            is a tolerance.
+        until: end of the run [s].
+        position, angle: largest error of any link's centre of mass [m] or angle [rad]; None where there is no reference.
+        known: error bar of the reference [m, rad], or None.
+        reference: how the reference was made, or why there is none.
+        measured_on: what was run.
+    """
+
+    status: str
+    message: str
+    settings: str
+    integrator: str
+    stabilization: str
+    step: float
+    tolerance: float | None
+    until: float
+    position: float | None
+    angle: float | None
+    known: float | None
+    reference: str
+    measured_on: str
+
+    @property
+    def is_valid(self) -> bool:
+        return self.status == str(Status.OK)
+
+    @property
+    def warning(self) -> str:
+        """The sentence for the top of a file that the judge refuses, or an empty text."""
+        return "" if self.is_valid else f"WARNING: do not trust this program with {self.setting}. {self.status}: {self.message}"
+
+    @property
+    def refusal(self) -> str:
+        """The sentence on a program that the judge refuses."""
+        more = "a larger --budget gives it more time, " if self.status == str(Status.TIMEOUT) else ""
+        return f"{self.status} with {self.setting}: {self.message}; {more}--anyway writes it with a warning"
+
+    @property
+    def setting(self) -> str:
+        size = f"step {self.step:.4g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
+        return ", ".join(filter(None, (format_setting(self.settings, self.integrator, self.stabilization), size)))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Sentences for the head of the program."""
+        run = f"Measured over {self.until:g} s with {self.setting}, on {self.measured_on}:"
+        if self.position is None or self.angle is None:
+            return run, f"Error: not known: {self.reference}."
+        return run, describe_error(self.position, self.angle), describe_reference(self.reference, self.known)
+
+
+def describe_error(position: float, angle: float) -> str:
+    """Return the sentence on the error in the head of every program."""
+    return f"Error: centres of mass are off by {position:.1e} m at most, angles by {angle:.1e} rad at most."
+
+
+def describe_reference(reference: str, known: float | None) -> str:
+    """Return the sentence on the reference in the head of every program."""
+    return f"Reference: {reference}; known to {known:.1e} (m, rad)."
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Largest errors against a reference [m], [rad], the reference's error bar [m, rad], and how it was made."""
+
+    position: float
+    angle: float
+    known: float
+    reference: str
+
+
+class ProgramFailed(Exception):
+    """A program in C that stopped or failed; the message is its own."""
+
+
+def measure_program(
+    linkage: str, mechanism: Mechanism, engine: str, choice: Choice, source: str, seconds: float, told: Told
+) -> ProgramError:
+    """Run the engine and setting of a program as the program steps it, judge the run and compare it with a reference.
+
+    Args:
+        engine: whose run is judged.
+        source: of the program, if it is in C; else an empty text.
+        seconds: for the run, its repetition at half the step, and the reference.
+
+    Raises:
+        ChoiceError: the steps take longer than a quarter of the seconds.
+    """
+    end = mechanism.duration
+    steps, every = plan_steps(end, choice.step)
+    choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
+    rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # samples of a short motion that are close enough to be judged
+    if source:
+        engine = engine if offer(engine).usable else NUMPY
+        check_affordable(choice.step, end, COMPILED_STEP, seconds / 4)
+    told(f"measuring: {engine}, {end:g} s")
+    setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
+    run = simulate(linkage, engine, mechanism.scenario, *setting, rows, limit=seconds / 4, tolerance=choice.tolerance)
+    status, message, trajectory = str(run.status), run.message, run.trajectory
+    measured_on = f"the suite's run of {engine} with the same setting"
+    if source:
+        try:
+            trajectory, missing = run_c(source, mechanism.n)
+            measured_on = f"{measured_on}, because {missing}" if trajectory is None else "this program itself"
+            trajectory = run.trajectory if trajectory is None else trajectory
+        except ProgramFailed as failure:
+            status, message, trajectory = str(Status.ERROR), str(failure), None
+    position = angle = known = None
+    reference = "the run did not end"
+    if trajectory is not None and status == str(Status.OK):
+        told("measuring: the reference")
+        match find_error(Run(linkage, mechanism, end), trajectory, seconds / 2):
+            case Compared() as found:
+                position, angle, known, reference = astuple(found)
+                message = refuse_far(mechanism, found.position, found.angle)
+            case str() as reference:
+                message = refuse_other(mechanism, trajectory, run.trajectory)
+        status = str(Status.INVALID if message else Status.OK)
+    return ProgramError(
+        status=status,
+        message=message,
+        settings=choice.settings,
+        integrator=choice.integrator,
+        stabilization=choice.stabilization,
+        step=choice.step,
+        tolerance=choice.tolerance,
+        until=end,
+        position=position,
+        angle=angle,
+        known=known,
+        reference=reference,
+        measured_on=measured_on,
+    )
+
+
+def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared | str:
+    """Return the largest errors of a trajectory, its last sample's included, or a sentence why there is no reference.
+
+    A reference that is quick to compute comes first. A better one follows if the first is not known to a tenth of the error.
+    """
+    kept = np.unique(np.linspace(0, len(trajectory.t) - 1, COMPARED).round().astype(int))
+    part = replace(trajectory, **{x: getattr(trajectory, x)[kept] for x in ("t", "q", "v", "a")})
+    size, budget = run.mechanism.size, Budget(seconds)
+    best: Compared | None = None
+    with Worker() as worker:
+        for precise in (QUICK, PRECISE):
+            try:
+                found = truth(run, {"position": precise * size, "angle": precise}, budget.remaining, worker, nobody)
+            except NoTruth as reason:
+                return best or f"no reference could be had: {reason}"
+            bars = found.bars["position"], found.bars["angle"]
+            if max(bars[0] / size, bars[1]) > ROUGH:
+                return f"no reference could be had: the motion is known to {bars[0]:.1e} m and {bars[1]:.1e} rad only: {found.told}"
+            errors = state_errors(run.mechanism, part, found.at(run, part.t))
+            best = Compared(float(errors.length.max()), float(errors.angle.max()), max(bars), found.told)
+            if bars[0] <= KNOWN * best.position and bars[1] <= KNOWN * best.angle:
+                break
+    assert best is not None
+    return best
+
+
+def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
+    """Return the judge's objection to an error against the reference, or an empty text."""
+    if not position <= OFF_MOTION * mechanism.size:
+        return f"a link ends up {position:.2g} m from where it should be"
+    return "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"
+
+
+def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory | None) -> str:
+    """Return the objection to a program that ends elsewhere than the run of the suite that was judged, or an empty text."""
+    if own is None or trajectory is own:
+        return ""
+    off = np.abs(trajectory.q[-1] - own.q[-1]).max()
+    return "" if off <= OFF_MOTION * min(mechanism.size, 1.0) else f"the program ends {off:.2g} (m, rad) from the suite's own run"
+
+
+def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
+    """Compile a program in C and run it; return its rows, or None and the reason why it was not run.
+
+    Raises:
+        ProgramFailed: it stopped before its end.
+    """
+    program = compiler()
+    if program is None:
+        return None, f"there is {NO_COMPILER}"
+    with TemporaryDirectory() as folder:
+        file, built = Path(folder, "linkage.c"), Path(folder, "linkage")
+        file.write_text(source, encoding="utf-8")
+        try:
+            command = [program, "-O2", "-o", str(built), str(file), "-lm"]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILING, check=False)
+            if done.returncode:
+                return None, f"{Path(program).name} does not compile this program here: {in_a_sentence(done.stderr)[:200]}"
+            done = subprocess.run([str(built)], capture_output=True, text=True, timeout=TRIED, check=False)
+        except subprocess.TimeoutExpired as slow:
+            what = Path(slow.cmd[0]).name
+            return None, f"{'the program' if what == built.name else what} took longer than {slow.timeout:g} s"
+    if done.returncode:
+        raise ProgramFailed(in_a_sentence(done.stderr) or f"the program ended with code {done.returncode}")
+    rows = np.array([*csv.reader(io.StringIO(done.stdout))][1:], dtype=float)
+    if not np.isfinite(rows).all():
+        raise ProgramFailed("the program's numbers are not finite")
+    t, q, v = rows[:, 0], rows[:, 1 : n + 1], rows[:, n + 1 :]
+    return Trajectory(t, q, v, np.zeros_like(q), 0), ""
