@@ -65,9 +65,8 @@ def test_loads_of_a_crank_slider_are_those_of_newton_on_paper() -> None:
     assert (found.acting, found.until, found.determined) == (("gravity", "spring"), 1.0, True)
 
 
-@pytest.mark.parametrize("engine", ["gauss"])
-def test_a_simulated_drive_has_the_loads_of_the_prescribed_motion(engine: str) -> None:
-    simulated = gauss_bench.simulate("crank_slider", engine, "driven", at=[0.25], forces=True)
+def test_a_simulated_drive_has_the_loads_of_the_prescribed_motion() -> None:
+    simulated = gauss_bench.simulate("crank_slider", scenario="driven", at=[0.25], forces=True)
     prescribed = gauss_bench.kinematics("crank_slider", intervals=1000, forces=True)
     assert simulated.loads is not None
     assert prescribed.loads is not None
@@ -128,10 +127,13 @@ def test_loads_are_taken_from_the_part_of_a_run_that_holds_all_checks() -> None:
     assert not failing.valid
     assert failing.loads.until == failing.trusted_until
     assert failing.loads.peaks["B.force"].largest < 20.0
-    control = gauss_bench.simulate("four_bar", "yuan_ge_eq16", at=[0.1], forces=True)
-    assert not control.valid
-    if control.trusted_until is None:
-        assert control.loads is None or not control.loads.peaks
+    assert failing.trajectory is not None
+    assert failing.loads.until < failing.trajectory.t[-1]
+
+
+def test_wrong_accelerations_give_no_loads(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "four_bar", "--engine", "yuan_ge_eq16", "--step", "1e-2", "--forces"]) == 1
+    assert "loads: none, because no part of the run can be trusted" in capsys.readouterr().out
 
 
 def test_redundant_rows_are_told_and_friction_with_them_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, nobody, tell
 from gauss_bench.api.telling import Told as Hearing
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Objection, advice, judge, remark, trusted_until
+from gauss_bench.judge import Evidence, Objection, Subject, advice, judge, remark, trusted_until
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -88,7 +88,8 @@ class Simulation(OneRun):
         welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
             out of dictionaries where there are none.
         warnings: of the loader on the file; left out of dictionaries if there are none.
-        loads: the largest and mean loads of joints, welds and drivers over the samples until `trusted_until`, if asked for.
+        loads: the largest and mean loads of joints, welds and drivers over the samples until `trusted_until`, if asked for; none of
+            a run with wrong accelerations.
         asked_until: the end that was asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They
             are not in dictionaries; `gauss_bench.history` makes curves of them.
     """
@@ -233,6 +234,9 @@ def _judge(
         last, status = float(trajectory.t[-1]), run.status
         second = None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
         until = last if verdict.valid else trusted_until(Evaluator(mechanism), trajectory, truth, second)
+        # forces follow from accelerations: there are none to trust if these are another linkage's, or if only the start is valid
+        foreign = any(x.subject is Subject.MODEL for x in verdict.objections)
+        loaded = until if verdict.valid or (until > 0.0 and not foreign) else None
         if run.trajectory:
             status = Status.OK if verdict.valid else Status.INVALID
         sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
@@ -246,7 +250,7 @@ def _judge(
             "trusted_until": until,
             "advice": advice(verdict.objections, choice.step, choice.stabilization != "none", adaptive),
             "trajectory": trajectory,
-            "loads": loads_until(mechanism, trajectory, until) if forces else None,
+            "loads": loads_until(mechanism, trajectory, loaded) if forces else None,
         }
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         message = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
