@@ -34,7 +34,7 @@ ALLOWED = {  # room -> those that it may import
     "advice": f"bench engines integrate linkage mechanism metrics reach reference runs {LIGHT}",
     "diagnosis": f"bench engines formulations integrate judge linkage mechanism metrics reference runs tables {LIGHT}",
     "report": f"linkage mechanism reach reference tables {LIGHT}",
-    "docs": f"api engines formulations integrate linkage mechanism {LIGHT}",
+    "docs": f"api engines formulations integrate linkage mechanism verbs {LIGHT}",
     "exchange": f"compiler engines gauss_bench linkage mechanism {LIGHT}",
     "atlas": f"engines exchange judge linkage mechanism report runs {LIGHT}",
     "sweep": f"bench compiler engines judge linkage mechanism metrics report runs tables {LIGHT}",

@@ -1,15 +1,15 @@
 """The motion of a linkage whose coordinates are all driven: the object that `gauss-bench kinematics --json` prints."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
 
 from gauss_bench.api.driven import free_at_start, load_with_drivers
-from gauss_bench.api.simulate import States, link_states, observe_names, point_states
+from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, observe_names, point_states
 from gauss_bench.api.telling import HIDDEN, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
@@ -19,7 +19,7 @@ from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
 from gauss_bench.mechanism.coordinates import spread
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.mechanism.model import GROUND, Driver, Mechanism, Point
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
@@ -28,12 +28,62 @@ MOST_INTERVALS = 100_000
 LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: it is followed in fractions of a radian, some thousand a second
 
 
+class DriverState(TypedDict):
+    """The motion of a driver.
+
+    Attributes:
+        angle: (k,) driven angle [rad] or distance [m].
+        speed: (k,) [rad/s] or [m/s].
+        acceleration: (k,) [rad/s^2] or [m/s^2].
+    """
+
+    angle: Array
+    speed: Array
+    acceleration: Array
+
+
+class BranchChange(TypedDict):
+    """A change of the assembly branch.
+
+    Attributes:
+        t: first time after it [s].
+        group: of links that changes sides.
+        before, after: its side, +1 or -1.
+    """
+
+    t: float
+    group: str
+    before: int
+    after: int
+
+
+class DescribedSingular(TypedDict):
+    """A limit or dead centre.
+
+    Attributes:
+        coordinate: name of the link (for its angle) or slide that reverses.
+        kind: "limit" if this coordinate is the driving one, else "dead centre".
+        value: of the coordinate at the position [rad, m].
+        crank, crank_deg: angle of the crank there [rad] and [degrees]; null if the driving coordinate is no angle.
+        input: name of the driving coordinate; input_value: its value there [rad, m].
+    """
+
+    coordinate: str
+    kind: str
+    value: float
+    crank: float
+    crank_deg: float
+    input: str
+    input_value: float
+
+
 @dataclass(frozen=True, eq=False)
 class Kinematics(Result):
     """The motion of a driven linkage at k times.
 
     Attributes:
         status: "ok", or "stopped" if the motion ends before its law; message: why.
+        mechanism, scenario: what was moved.
         method: "loop", "basic" or "native".
         t: (k,) [s].
         driver: angle [rad] or distance [m], speed and acceleration of the first driver, each (k,); drivers: the same by name.
@@ -53,17 +103,17 @@ class Kinematics(Result):
     scenario: str
     method: str
     t: Array
-    driver: dict[str, Array]
-    drivers: dict[str, dict[str, Array]]
-    links: States
-    points: States
-    loops: list[Any]
-    branch: Any
-    iterations: Any
-    singular: list[dict[str, Any]] | str
+    driver: DriverState
+    drivers: dict[str, DriverState]
+    links: dict[str, LinkState]
+    points: dict[str, PointState]
+    loops: list[tuple[str, ...]]
+    branch: Mapping[str, int]
+    iterations: Array | None
+    singular: list[DescribedSingular] | str
     link_types: dict[str, str]
-    branch_changes: list[Any]
-    observed: dict[str, list[str]]
+    branch_changes: list[BranchChange]
+    observed: Observed
     model: Mechanism = field(metadata=HIDDEN)
     trajectory: Trajectory = field(metadata=HIDDEN)
     shown: tuple[Point, ...] = field(metadata=HIDDEN)
@@ -149,8 +199,7 @@ def kinematics(
         raise ChoiceError(str(error)) from error
     n = len(motion.q)
     states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
-    levels = ("angle", "speed", "acceleration")
-    driven_by = {x.name: dict(zip(levels, x.law(times[:n]), strict=True)) for x in mechanism.drivers}
+    driven_by = {x.name: driver_state(x, times[:n]) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
         status=status,
@@ -174,6 +223,12 @@ def kinematics(
         trajectory=links,
         shown=chosen,
     )
+
+
+def driver_state(driver: Driver, times: Array) -> DriverState:
+    """Return the motion of a driver at times (k,) [s]."""
+    angle, speed, acceleration = driver.law(times)
+    return DriverState(angle=angle, speed=speed, acceleration=acceleration)
 
 
 def _check_travel(mechanism: Mechanism, times: Array) -> None:
@@ -213,10 +268,10 @@ def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
     return types | {"ground": link_type(graph.elements(GROUND), frame=True)}
 
 
-def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[dict[str, Any]]:
+def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[BranchChange]:
     """Return the changes of assembly branch: the first time [s] after each, the group of links, and its side before and after."""
     branches = [branch_of(mechanism, inputs, q) for q in states.q]
-    changes = []
+    changes: list[BranchChange] = []
     for t, before, after in zip(states.t[1:].tolist(), branches, branches[1:], strict=False):
         changes += [
             {"t": t, "group": group, "before": x, "after": after[group]} for group, x in before.items() if x != after[group]
@@ -261,7 +316,7 @@ def table(result: Kinematics) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def describe_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
+def describe_singular(mechanism: Mechanism) -> list[DescribedSingular] | str:
     """Return the limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
     try:
         positions = singular_positions(mechanism)

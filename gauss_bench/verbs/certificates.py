@@ -1,16 +1,39 @@
 """Verbs that make certificates and verify them."""
 
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, Any
 
 from gauss_bench.api.files import writable
 from gauss_bench.api.telling import Answer, Told, render
 from gauss_bench.bench.measurements import certificates
 from gauss_bench.reference.certificate import CERTIFICATES
 from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.tables import TABLES, Column
+
+OF_TABLE = TABLES["certificates"].columns
+ADDED = (
+    Column("file", "text", "path of the certificate that was written; null if none was"),
+    Column("seconds", "number", "time of the computation", "s"),
+)
+CERTIFIED = replace(TABLES["certificates"], columns=(*OF_TABLE, *ADDED))  # the columns that certify prints
+VERIFIED = replace(
+    TABLES["certificates"],
+    meaning="the check of one certificate",
+    columns=(
+        *(c for c in OF_TABLE if c.name in ("status", "message", "mechanism", "scenario", "until", "digits")),
+        Column("file", "text", "path of the certificate"),
+        Column("windows", "number", "number of windows that were integrated again"),
+        Column("state_error", "number", "largest error at the end of a window, relative to the largest value of each level"),
+        Column("balance_error", "number", "largest residual of constraints and equations of motion, relative to their terms"),
+        Column("passed", "flag", "whether the certificate holds"),
+    ),
+)
+Row = dict[str, Any]
 
 
-def certify(options: Namespace, told: Told) -> Answer:
+def certify(options: Namespace, told: Told) -> Answer[Annotated[Row, CERTIFIED]] | Answer[Annotated[list[Row], CERTIFIED]]:
     """Certify one scenario, or every one of the built-in linkages."""
     if options.out is not None:
         beside = Path(options.linkage).parent / CERTIFICATES if options.linkage else None
@@ -24,7 +47,7 @@ def certify(options: Namespace, told: Told) -> Answer:
     return Answer(row, row["status"] == "ok")
 
 
-def verify(options: Namespace) -> Answer:
+def verify(options: Namespace) -> Answer[Annotated[list[Row], VERIFIED]]:
     """Check certificates in double precision."""
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     return Answer(rows, bool(rows) and all(row.get("passed", False) for row in rows))
