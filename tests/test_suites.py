@@ -28,6 +28,7 @@ FAULTY = [  # content of a suite, and what the refusal names
     (GOOD + "untill = 2.0\n", "accuracy.0.untill"),
     (GOOD.replace("1e-3", "-1e-3"), "accuracy.0.steps.0"),
     (GOOD.replace("until = 1.0", ""), "accuracy.0.until"),
+    (GOOD.replace("until = 1.0", 'until = "1.0"'), "accuracy.0.until"),
     (GOOD.replace(FORMAT, "gauss-bench-suite/9"), "format"),
     (GOOD + 'with = "quick"', "accuracy.0.with"),
     (GOOD.replace("title", "title title"), "TOML syntax"),

@@ -9,8 +9,9 @@ FORMAT = "gauss-bench-suite/1"
 PLAIN = ("gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16", "lagrange-native")
 
 Linkages = Mapping[str, str]  # name -> scenario
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(gt=0)]
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, gt=0)]
+Flag = Annotated[bool, Field(strict=True)]
 
 
 class Section(BaseModel):
@@ -28,7 +29,7 @@ class OnLinkages(Section):
     """
 
     linkages: Linkages
-    any_linkage: bool = False
+    any_linkage: Flag = False
 
 
 class Accuracy(OnLinkages):
@@ -92,7 +93,7 @@ class Cost(OnLinkages):
     rounds: Count
     batch: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
-    processor: bool = False
+    processor: Flag = False
 
 
 class ColdBuilds(OnLinkages):

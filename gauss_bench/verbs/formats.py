@@ -21,9 +21,9 @@ from pydantic.json_schema import GenerateJsonSchema
 from gauss_bench.api.options import VERBS
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Answer, Result
 from gauss_bench.linkage.schema import LinkageTable
+from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import Table
-from gauss_bench.untrusted import BadInput
 
 Schema = dict[str, Any]
 DRAFT = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
@@ -42,10 +42,6 @@ SIMPLE: dict[Any, Schema] = {
 COLUMNS = {"text": {"type": ["string", "null"]}, "number": NUMBER, "flag": {"type": ["boolean", "null"]}}  # a missing value is null
 
 
-class UnknownFormat(BadInput, KeyError):
-    """There is no schema of that name."""
-
-
 def list_formats() -> dict[str, str]:
     """Return the name of every schema, with what it describes."""
     files = {name: f"a {name} file, which is TOML" for name in FILES}
@@ -56,12 +52,12 @@ def find_schema(name: str) -> Schema:
     """Return the schema of that name.
 
     Raises:
-        UnknownFormat: there is none.
+        ChoiceError: there is none.
     """
     if name in FILES:
         return describe_file(FILES[name], f"A {name} file of gauss-bench")
     if name not in PRINTED:
-        raise UnknownFormat(f"--schema: no schema {name!r}; there are {', '.join(list_formats())}")
+        raise ChoiceError(f"--schema: no schema {name!r}; there are {', '.join(list_formats())}")
     answer = get_type_hints(resolve_name(VERBS[name]["call"]), include_extras=True)["return"]
     writer = Writer()
     printed = join([writer.describe(x) for x in find_data(answer) if x is not NoneType])  # None prints nothing
@@ -87,7 +83,7 @@ class FileSchema(GenerateJsonSchema):
 def describe_file(kind: type[BaseModel], title: str) -> Schema:
     """Return the schema of a file, with meanings from the docstrings of the classes that check it."""
     schema = kind.model_json_schema(schema_generator=FileSchema)
-    classes = {x.__name__: x for x in list_subclasses(BaseModel)}
+    classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}  # all tables derive from the same class as the file's
     parts = {kind.__name__: schema} | schema["$defs"]
     for name, part in parts.items():
         part.pop("title", None)
@@ -101,10 +97,9 @@ def describe_file(kind: type[BaseModel], title: str) -> Schema:
 
 
 def list_subclasses(kind: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    """Yield the classes of this package that derive from a class, at every depth."""
+    """Yield the classes that derive from a class, at every depth."""
     for x in kind.__subclasses__():
-        if x.__module__.startswith("gauss_bench."):
-            yield x
+        yield x
         yield from list_subclasses(x)
 
 
@@ -140,7 +135,7 @@ class Writer:
             keys = {"propertyNames": self.describe(arguments[0])} if arguments[0] is not str else {}
             return {"type": "object", "additionalProperties": self.describe(arguments[1])} | keys
         if origin in (list, tuple):
-            return {"type": "array", "items": self.describe(arguments[0])}
+            return {"type": "array", "items": join([self.describe(x) for x in arguments if x is not ...])}
         if inspect.isclass(kind) and issubclass(kind, StrEnum):
             return {"enum": [str(x) for x in kind]}
         if is_typeddict(kind) or is_dataclass(kind):
