@@ -9,24 +9,20 @@ from gauss_bench.api.files import writable
 from gauss_bench.api.telling import Answer, Told, render
 from gauss_bench.bench.measurements import certificates
 from gauss_bench.reference.certificate import CERTIFICATES
+from gauss_bench.reference.verification import Verification
 from gauss_bench.runs.offers import ChoiceError
-from gauss_bench.tables import TABLES, Column
+from gauss_bench.tables import TABLES, Column, Table
+from gauss_bench.verbs.formats import list_meanings
 
-OF_TABLE = TABLES["certificates"].columns
-ADDED = (
-    Column("file", "text", "path of the certificate that was written; null if none was"),
-    Column("seconds", "number", "time of the computation", "s"),
-)
-CERTIFIED = replace(TABLES["certificates"], columns=(*OF_TABLE, *ADDED))  # the columns that certify prints
-VERIFIED = replace(
-    TABLES["certificates"],
-    meaning="the check of one certificate",
-    columns=(
-        *(c for c in OF_TABLE if c.name in ("status", "message", "mechanism", "scenario", "until", "digits")),
-        Column("file", "text", "path of the certificate"),
-        Column("windows", "number", "number of windows that were integrated again"),
-        Column("state_error", "number", "largest error at the end of a window, relative to the largest value of each level"),
-        Column("balance_error", "number", "largest residual of constraints and equations of motion, relative to their terms"),
+MADE = TABLES["certificates"]
+FILE = Column("file", "text", "path of the certificate; null if none was written")
+CERTIFIED = replace(MADE, columns=(*MADE.columns, FILE, Column("seconds", "number", "time of the computation", "s")))
+VERIFIED = Table(
+    "the check of one certificate",
+    (
+        *(c for c in MADE.columns if c.name in ("status", "message", "mechanism", "scenario")),
+        *(Column(x, "number", meaning) for x, meaning in list_meanings(Verification).items() if x not in ("mechanism", "scenario")),
+        FILE,
         Column("passed", "flag", "whether the certificate holds"),
     ),
 )
