@@ -54,7 +54,13 @@ Check = tuple[Subject, float, float, str]  # what is looked at, its value, its l
 
 @dataclass(frozen=True)
 class Objection:
-    """One reason not to use a run: the value found, the limit it broke, and a sentence that names both."""
+    """One reason not to use a run.
+
+    Attributes:
+        subject: of the objection.
+        value: found in the run; limit: that it broke, in the same unit, which the sentence names.
+        sentence: names both.
+    """
 
     subject: Subject
     value: float

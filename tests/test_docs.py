@@ -1,5 +1,6 @@
 """The documentation: every example in it runs, every key and verb is in it, and it builds without a request to other machines."""
 
+import json
 import os
 import re
 import shlex
@@ -16,6 +17,7 @@ from gauss_bench.api.options import VERBS
 from gauss_bench.cli import main
 from gauss_bench.docs import pages_from_code
 from gauss_bench.linkage import schema
+from gauss_bench.verbs.formats import find_schema, list_formats
 from tests.conftest import DOCUMENTATION, needs
 
 ROOT = Path(__file__).parents[1]
@@ -84,6 +86,7 @@ def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyP
 
 def test_the_pages_have_every_key_and_every_verb() -> None:
     grammar, commands = pages_from_code.write_grammar(), pages_from_code.write_commands()
+    assert all(f"[{name}](formats/{name}.json)" in pages_from_code.write_formats() for name in list_formats())
     for table in pages_from_code.list_tables().values():
         assert all(f"`{info.alias or name}`" in grammar for name, info in table.model_fields.items())
     assert "| linkage table | `gravity` | `[0.0, -9.81]` | 1 |" in grammar
@@ -106,6 +109,8 @@ def test_the_documentation_builds_and_loads_nothing_from_other_machines(tmp_path
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
     assert done.returncode == 0, done.stderr
     assert sum(x.stat().st_size for x in (tmp_path / "docs").rglob("*") if x.is_file()) < DOCUMENTATION
+    for name in list_formats():
+        assert json.loads((tmp_path / "docs" / "formats" / f"{name}.json").read_text(encoding="utf-8")) == find_schema(name)
     built = list((tmp_path / "docs").rglob("*.html"))
     assert {x.stem for x in PAGES} <= {x.stem for x in built}
     for page in built:

@@ -24,6 +24,15 @@ linkages = {{ four_bar = "torque" }}
 steps = [1e-3]
 until = 1.0
 """
+FAULTY = [  # content of a suite, and what the refusal names
+    (GOOD + "untill = 2.0\n", "accuracy.0.untill"),
+    (GOOD.replace("1e-3", "-1e-3"), "accuracy.0.steps.0"),
+    (GOOD.replace("until = 1.0", ""), "accuracy.0.until"),
+    (GOOD.replace("until = 1.0", 'until = "1.0"'), "accuracy.0.until"),
+    (GOOD.replace(FORMAT, "gauss-bench-suite/9"), "format"),
+    (GOOD + 'with = "quick"', "accuracy.0.with"),
+    (GOOD.replace("title", "title title"), "TOML syntax"),
+]
 
 
 @pytest.mark.parametrize("name", names())
@@ -95,17 +104,7 @@ def test_a_users_linkages_and_engines_cut_a_suite() -> None:
     assert not suite.papers
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (GOOD + "untill = 2.0\n", "accuracy.0.untill"),
-        (GOOD.replace("1e-3", "-1e-3"), "accuracy.0.steps.0"),
-        (GOOD.replace("until = 1.0", ""), "accuracy.0.until"),
-        (GOOD.replace(FORMAT, "gauss-bench-suite/9"), "format"),
-        (GOOD + 'with = "quick"', "accuracy.0.with"),
-        (GOOD.replace("title", "title title"), "TOML syntax"),
-    ],
-)
+@pytest.mark.parametrize(("content", "said"), FAULTY)
 def test_a_faulty_suite_is_told_by_file_and_field(
     content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,6 +15,7 @@ class Answer:
     """The recommendation for an engine, or the reason why there is none.
 
     Attributes:
+        engine: name of the engine.
         status: "ok", "not reached", "not tried" or "skip"; message: the reason in one sentence, from `gauss_bench.reach`.
         settings, integrator, stabilization: names of the engine's choices; empty if there is no setting.
         step, tolerance: integration step [s], or relative tolerance of an integrator that chooses its own steps.

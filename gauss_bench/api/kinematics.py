@@ -1,16 +1,16 @@
 """The motion of a linkage whose coordinates are all driven: the object that `gauss-bench kinematics --json` prints."""
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NotRequired, TypedDict, cast
 
 import numpy as np
 import pandas as pd
 
 from gauss_bench import metrics
 from gauss_bench.api.driven import free_at_start, load_with_drivers
-from gauss_bench.api.simulate import States, link_states, observe_names, point_states
+from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, observe_names, point_states
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
@@ -35,12 +35,65 @@ UNITS = {  # of the states of links and points
 LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: it is followed in fractions of a radian, some thousand a second
 
 
+class DriverState(TypedDict):
+    """The motion of a driver.
+
+    Attributes:
+        angle: (k,) driven angle [rad]; of other drivers a former name of their value [m].
+        position: (k,) of a slide [m]; length: (k,) of a length or cylinder [m].
+        speed: (k,) [rad/s] or [m/s].
+        acceleration: (k,) [rad/s^2] or [m/s^2].
+    """
+
+    angle: Array
+    position: NotRequired[Array]
+    length: NotRequired[Array]
+    speed: Array
+    acceleration: Array
+
+
+class BranchChange(TypedDict):
+    """A change of the assembly branch.
+
+    Attributes:
+        t: first time after it [s].
+        group: of links that changes sides.
+        before, after: its side, +1 or -1.
+    """
+
+    t: float
+    group: str
+    before: int
+    after: int
+
+
+class DescribedSingular(TypedDict):
+    """A limit or dead centre.
+
+    Attributes:
+        coordinate: name of the link (for its angle) or slide that reverses.
+        kind: "limit" if this coordinate is the driving one, else "dead centre".
+        value: of the coordinate at the position [rad, m].
+        crank, crank_deg: angle of the crank there [rad] and [degrees]; null if the driving coordinate is no angle.
+        input: name of the driving coordinate; input_value: its value there [rad, m].
+    """
+
+    coordinate: str
+    kind: str
+    value: float
+    crank: float
+    crank_deg: float
+    input: str
+    input_value: float
+
+
 @dataclass(frozen=True, eq=False)
 class Kinematics(Result):
     """The motion of a driven linkage at k times.
 
     Attributes:
         status: "ok", or "stopped" if the motion ends before its law; message: why.
+        mechanism, scenario: what was moved.
         method: "loop", "basic" or "native".
         t: (k,) [s].
         driver: value, speed and acceleration of the first driver, each (k,), the value as "angle" [rad]; drivers: the same by name.
@@ -63,17 +116,17 @@ class Kinematics(Result):
     scenario: str
     method: str
     t: Array
-    driver: dict[str, Array]
-    drivers: dict[str, dict[str, Array]]
-    links: States
-    points: States
-    loops: list[Any]
-    branch: Any
-    iterations: Any
-    singular: list[dict[str, Any]] | str
+    driver: DriverState
+    drivers: dict[str, DriverState]
+    links: dict[str, LinkState]
+    points: dict[str, PointState]
+    loops: list[tuple[str, ...]]
+    branch: Mapping[str, int]
+    iterations: Array | None
+    singular: list[DescribedSingular] | str
     link_types: dict[str, str]
-    branch_changes: list[Any]
-    observed: dict[str, list[str]]
+    branch_changes: list[BranchChange]
+    observed: Observed
     model: Mechanism = field(metadata=HIDDEN)
     trajectory: Trajectory = field(metadata=HIDDEN)
     shown: tuple[Point, ...] = field(metadata=HIDDEN)
@@ -166,7 +219,7 @@ def kinematics(
     n = len(motion.q)
     states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
     curves = _find_loads(mechanism, states) if forces else ()
-    driven_by = {x.name: _driver_levels(x, times[:n]) for x in mechanism.drivers}
+    driven_by = {x.name: driver_state(x, times[:n]) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
         status=status,
@@ -217,10 +270,11 @@ def name_value(driver: Driver) -> str:
             return "length"
 
 
-def _driver_levels(driver: Driver, t: Array) -> dict[str, Array]:
-    """Return value, speed and acceleration of a driver at times (k,) [s]; "angle" is a former name of values that are no angles."""
-    levels = dict(zip(("angle", "speed", "acceleration"), driver.law(t), strict=True))
-    return levels | {name_value(driver): levels["angle"]}
+def driver_state(driver: Driver, times: Array) -> DriverState:
+    """Return the motion of a driver at times (k,) [s]; "angle" is a former name of values that are no angles."""
+    value, speed, acceleration = driver.law(times)
+    state = DriverState(angle=value, speed=speed, acceleration=acceleration)
+    return cast(DriverState, state | {name_value(driver): value})
 
 
 def _check_travel(mechanism: Mechanism, times: Array) -> None:
@@ -260,10 +314,10 @@ def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
     return types | {"ground": link_type(graph.elements(GROUND), frame=True)}
 
 
-def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[dict[str, Any]]:
+def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[BranchChange]:
     """Return the changes of assembly branch: the first time [s] after each, the group of links, and its side before and after."""
     branches = [branch_of(mechanism, inputs, q) for q in states.q]
-    changes = []
+    changes: list[BranchChange] = []
     for t, before, after in zip(states.t[1:].tolist(), branches, branches[1:], strict=False):
         changes += [
             {"t": t, "group": group, "before": x, "after": after[group]} for group, x in before.items() if x != after[group]
@@ -303,12 +357,12 @@ def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
     """Yield name and values (k,) of every column: t, drivers, states of links and points, and loads if they were asked for."""
     yield "t [s]", result.t
     for driver in result.model.drivers:
-        unit = "rad" if isinstance(driver, AngleDriver) else "m"
+        unit, state = "rad" if isinstance(driver, AngleDriver) else "m", cast(Mapping[str, Array], result.drivers[driver.name])
         for key, per in ((name_value(driver), ""), ("speed", "/s"), ("acceleration", "/s^2")):
-            yield f"{driver.name}.{key} [{unit}{per}]", result.drivers[driver.name][key]
+            yield f"{driver.name}.{key} [{unit}{per}]", state[key]
     for group in (result.links, result.points):
         for name, values in group.items():
-            for key, samples in values.items():
+            for key, samples in cast(Mapping[str, Array], values).items():
                 yield f"{name}.{key} [{UNITS[key]}]", samples
     for curve in result.load_curves:
         yield f"{curve.name} [{curve.unit}]", curve.values
@@ -320,7 +374,7 @@ def table(result: Kinematics) -> pd.DataFrame:
     return pd.DataFrame(np.column_stack([np.broadcast_to(x, result.t.shape) for x in values]), columns=list(names))
 
 
-def describe_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:
+def describe_singular(mechanism: Mechanism) -> list[DescribedSingular] | str:
     """Return the limits and dead centres of a linkage with one degree of freedom, or why they cannot be listed."""
     try:
         positions = singular_positions(mechanism)

@@ -52,7 +52,9 @@ def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> Non
         group = alternatives if names == verb.get("instead_of_json") else parser
         group.add_argument(*names.split(", "), **given)
     if has_json:
-        alternatives.add_argument("--json", action="store_true")
+        alternatives.add_argument(
+            "--json", action="store_true", help="print one JSON object; `gauss-bench list --schema VERB` prints its schema"
+        )
 
 
 def jobs(text: str) -> int:

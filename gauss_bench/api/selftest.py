@@ -1,9 +1,9 @@
 """The self-test, which shows whether the suite notices faults: what `gauss-bench selftest` prints."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
 
-from gauss_bench.api.telling import Answer, Told, nobody
+from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.diagnosis.selftest import KINDS, SelfTest
 from gauss_bench.diagnosis.selftest import selftest as planted
 from gauss_bench.runs.offers import ChoiceError
@@ -25,7 +25,17 @@ def selftest(only: Sequence[str] = (), told: Told = nobody) -> SelfTest:
     return planted(only, told)
 
 
-def plant(only: Sequence[str], told: Told) -> Answer:
+@dataclass(frozen=True)
+class Planted(SelfTest, Result):
+    """The result of a self-test, as the command line prints it; the fields are those of SelfTest."""
+
+    computed = ("planted", "detected", "passed")
+
+    @property
+    def succeeded(self) -> bool:
+        return self.passed
+
+
+def plant(only: Sequence[str], told: Told) -> Planted:
     """Run the self-test for the command line."""
-    found = selftest(only, told)
-    return Answer(asdict(found) | {"planted": found.planted, "detected": found.detected, "passed": found.passed}, found.passed)
+    return Planted(**vars(selftest(only, told)))

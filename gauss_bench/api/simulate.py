@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -38,8 +38,106 @@ from gauss_bench.trajectory import Reference, Status, Told, Trajectory
 RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
 QUICKEST = 2e-8, 1e-4  # [s] least time of a step, compiled and interpreted: smallest linkage, fast machine
 LIMIT = 600.0  # [s] that a worker may take by default
-STATES = (("x", "y", "theta"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-States = dict[str, dict[str, Array]]
+
+
+class PointState(TypedDict):
+    """The motion of a point.
+
+    Attributes:
+        x, y: (k,) position [m].
+        vx, vy: (k,) velocity [m/s].
+        ax, ay: (k,) acceleration [m/s^2].
+    """
+
+    x: Array
+    y: Array
+    vx: Array
+    vy: Array
+    ax: Array
+    ay: Array
+
+
+class LinkState(TypedDict):
+    """The motion of a link.
+
+    Attributes:
+        x, y: (k,) position of its centre of mass [m]; theta: (k,) its angle, unwrapped [rad].
+        vx, vy: (k,) velocity [m/s]; omega: (k,) [rad/s].
+        ax, ay: (k,) acceleration [m/s^2]; alpha: (k,) [rad/s^2].
+    """
+
+    x: Array
+    y: Array
+    theta: Array
+    vx: Array
+    vy: Array
+    omega: Array
+    ax: Array
+    ay: Array
+    alpha: Array
+
+
+class JointForce(TypedDict):
+    """The force that a joint or weld exerts.
+
+    Attributes:
+        fx, fy: (k,) force [N].
+        moment: (k,) moment [N m].
+    """
+
+    fx: Array
+    fy: Array
+    moment: Array
+
+
+class Observed(TypedDict):
+    """The parts of a linkage that its file observes.
+
+    Attributes:
+        points: names of points, as link.point.
+        links: names of links.
+    """
+
+    points: list[str]
+    links: list[str]
+
+
+class Metrics(TypedDict, total=False):
+    """The figures of a run that need no reference, and its costs; none of a run that reached nothing.
+
+    Attributes:
+        until: time that the run reached [s].
+        position_drift: largest residual of the constraints [m, rad]; velocity_drift: largest rate of it [m/s, rad/s].
+        acceleration_residual: largest second rate of the residual [m/s^2, rad/s^2].
+        acceleration_error: median relative error of the accelerations at the run's own states.
+        energy_error: largest error of the balance of energy, work and losses [J]; energy_error_bar: error of its quadrature [J].
+        energy_scale: energy that moves in the run [J].
+        steps: number of steps; shortened_steps: number of them that were shortened to reach a time that was asked for.
+        evaluations: number of evaluations of the equations of motion; null if the engine does not count them.
+        build_time: time to build the model [s]; step_time: time of one step [s].
+        halving_length: largest change of a link's place by half the step [m]; null without a repetition.
+        halving_angle: largest change of a link's angle by half the step [rad]; null without a repetition.
+        steps_a_period: steps in a period of the fastest oscillation; null where it is not needed.
+        acceleration_disagreement: median relative difference of two own formulations; null where it is not needed.
+    """
+
+    until: float
+    position_drift: float
+    velocity_drift: float
+    acceleration_residual: float
+    acceleration_error: float | None
+    energy_error: float
+    energy_error_bar: float
+    energy_scale: float
+    steps: int
+    shortened_steps: int
+    evaluations: int | None
+    build_time: float
+    step_time: float
+    halving_length: float | None
+    halving_angle: float | None
+    steps_a_period: float | None
+    acceleration_disagreement: float | None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,20 +195,20 @@ class Simulation(OneRun):
     status: Status
     message: str
     t: Array
-    links: States
-    points: States
-    joints: States
-    metrics: dict[str, Any]
+    links: dict[str, LinkState]
+    points: dict[str, PointState]
+    joints: dict[str, JointForce]
+    metrics: Metrics
     valid: bool
     objections: tuple[Objection, ...]
-    observed: dict[str, list[str]]
+    observed: Observed
     trusted_until: float | None
     advice: str
     asked_until: float = field(metadata=HIDDEN)
     model: Mechanism = field(metadata=HIDDEN)
     trajectory: Trajectory | None = field(default=None, metadata=HIDDEN)
     drivers: dict[str, Array] = field(default_factory=dict, metadata=UNLESS_EMPTY)
-    welds: States = field(default_factory=dict, metadata=UNLESS_EMPTY)
+    welds: dict[str, JointForce] = field(default_factory=dict, metadata=UNLESS_EMPTY)
     warnings: tuple[str, ...] = field(default=(), metadata=UNLESS_EMPTY)
     loads: Loads | None = field(default=None, metadata=UNLESS_EMPTY)
 
@@ -286,14 +384,14 @@ def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
     }
 
 
-def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> dict[str, list[str]]:
+def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None) -> Observed:
     """Return the names of the observed points and links; `points` replaces the points that the file observes."""
     whole = mechanism.whole
     chosen = whole.observed_points if points is None else points
     return {"points": [p.name for p in chosen], "links": [whole.link_name(k) for k in whole.observed_links]}
 
 
-def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> dict[str, Any]:
+def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> Metrics:
     """Return the figures of a run that need no reference, and its costs."""
     return {
         "until": float(trajectory.t[-1]),
@@ -327,21 +425,19 @@ def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
     return position(x.q, point), velocity(x.q, x.v, point), acceleration(x.q, x.v, x.a, point)
 
 
-def link_states(mechanism: Mechanism, x: Trajectory) -> States:
-    """Return for each link its centre of mass, angle (unwrapped) and their rates, each (k,)."""
-    states: States = {}
+def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, LinkState]:
+    """Return the motion of each link."""
+    states: dict[str, LinkState] = {}
     for i, link in enumerate(mechanism.links):
-        states[link.name] = {}
-        for keys, level in zip(STATES, (x.q, x.v, x.a), strict=True):
-            states[link.name] |= dict(zip(keys, bodies(level)[:, i].T, strict=True))
+        (px, py, theta), (vx, vy, omega), (ax, ay, alpha) = (bodies(level)[:, i].T for level in (x.q, x.v, x.a))
+        states[link.name] = LinkState(x=px, y=py, theta=theta, vx=vx, vy=vy, omega=omega, ax=ax, ay=ay, alpha=alpha)
     return states
 
 
-def point_states(points: tuple[Point, ...], x: Trajectory) -> States:
-    """Return for each point its position, velocity and acceleration, each component (k,)."""
-    states: States = {}
+def point_states(points: tuple[Point, ...], x: Trajectory) -> dict[str, PointState]:
+    """Return the motion of each point."""
+    states: dict[str, PointState] = {}
     for point in points:
-        states[point.name] = {}
-        for (along_x, along_y, _), level in zip(STATES, point_levels(point, x), strict=True):
-            states[point.name] |= {along_x: level[:, 0], along_y: level[:, 1]}
+        (px, py), (vx, vy), (ax, ay) = (level.T for level in point_levels(point, x))
+        states[point.name] = PointState(x=px, y=py, vx=vx, vy=vy, ax=ax, ay=ay)
     return states

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from gauss_bench.untrusted import harmless
 
@@ -19,6 +19,7 @@ LONG = 2.0  # [s] after which `tell_if_long` prints its sentence
 HIDDEN = {"told": "never"}  # metadata of a field that dictionaries leave out
 UNLESS_EMPTY = {"told": "unless empty"}
 Told = Callable[[str], None]
+Data = TypeVar("Data")
 _later: list[threading.Timer] = []
 
 
@@ -64,15 +65,15 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(Generic[Data]):
     """The answer of a verb that is not a public function.
 
     Attributes:
-        data: printed by --json; None prints nothing.
+        data: printed by --json; None prints nothing. Its type is the verb's published schema.
         text: printed without --json instead of the verb's template.
     """
 
-    data: Any
+    data: Data
     succeeded: bool = True
     text: str | None = None
     notices: tuple[str, ...] = ()

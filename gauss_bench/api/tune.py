@@ -63,7 +63,7 @@ class Tuned(Result):
         changed: attribute -> value in the written file.
         required: kind -> largest allowed error [m], [rad], [N]; the file holds half of it.
         until: end of the runs [s]; step: the file's timestep [s].
-        before, errors: kind -> largest error of the file as it was, and of the written one, or of the nearest setting.
+        before: kind -> largest error of the file as it was; errors: the same of the written one, or of the nearest setting.
         reference: how the reference was made; known: kind -> its error bar.
         cost: processor time of the written model's run over that of the model as it was, both over the same time; None without one.
         left_out: parts of the file that its linkage lacks.
@@ -73,7 +73,7 @@ class Tuned(Result):
     computed = ("succeeded",)
     model: str
     file: str
-    changed: Mapping[str, Any]
+    changed: Mapping[str, str | float | list[float]]
     required: Mapping[str, float]
     until: float
     step: float
@@ -87,6 +87,7 @@ class Tuned(Result):
 
     @property
     def succeeded(self) -> bool:
+        """Whether a file was written."""
         return bool(self.file)
 
 

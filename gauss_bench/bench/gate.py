@@ -58,7 +58,14 @@ BROKEN = ("crashed", "timeout", "error", "incomplete", "warning")  # statuses of
 
 @dataclass(frozen=True)
 class Verdict:
-    """One figure against its limit: "fail", "better" or "ok"; `cause` is the engine's message."""
+    """One figure against its limit.
+
+    Attributes:
+        outcome: "fail", "better" or "ok".
+        case: linkage, scenario, engine and setting; metric: column of the results, or of the references.
+        value, limit, baseline: in words, in the metric's unit.
+        cause: the engine's message.
+    """
 
     outcome: str
     case: str

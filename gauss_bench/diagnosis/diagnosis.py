@@ -56,7 +56,8 @@ class Numbers(split.Closure):
     Attributes:
         error: largest position error of the run with the requested step; at: its time [s]; errors: the same of every run.
         bar: error bar of the reference.
-        steps: steps of the runs [s]; if the integrator chooses its own, the runs after the first differ by `tolerances`.
+        steps: steps of the runs [s]; tolerances: relative tolerances of the runs, by which those after the first differ if the
+            integrator chooses its steps.
         order: order of convergence of the motion with the step.
         horizon: time until which errors are small enough to be split [s].
         limit_error, step_error: root mean squares of the error extrapolated to step zero, and of the error that the step causes.
@@ -86,7 +87,11 @@ class Numbers(split.Closure):
 
 @dataclass(frozen=True)
 class Ended:
-    """The end of a run."""
+    """The end of a run.
+
+    Attributes:
+        status: how it ended; message: why, or a remark on the run.
+    """
 
     status: Status
     message: str

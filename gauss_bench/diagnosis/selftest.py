@@ -46,7 +46,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Smallest:
-    """The smallest fault of a kind that is detected: `size`, in `unit`."""
+    """The smallest fault of a kind that is detected.
+
+    Attributes:
+        fault: its kind in words.
+        size: the smallest that is detected; unit: of the size.
+    """
 
     fault: str
     size: float
@@ -73,10 +78,12 @@ class SelfTest:
 
     @property
     def planted(self) -> int:
+        """Number of planted faults."""
         return len(self.findings)
 
     @property
     def detected(self) -> int:
+        """Number of planted faults that a check found."""
         return sum(x.seen for x in self.findings)
 
     @property

@@ -1,6 +1,7 @@
-"""Pages that follow from code: the grammar of linkage files, and the commands. MkDocs calls the functions `on_...`."""
+"""Pages that follow from code: the grammar of linkage files, the commands, and the formats. MkDocs calls the functions `on_...`."""
 
 import argparse
+import json
 import os
 import shutil
 from pathlib import Path
@@ -10,14 +11,24 @@ from pydantic_core import PydanticUndefined
 
 from gauss_bench.api.options import VERBS, add_options
 from gauss_bench.linkage import schema
+from gauss_bench.verbs.formats import find_schema, list_formats
 
 GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
 BEGINS = "## A complete example"
 
 
+def on_files(files: Any, config: Any, **_: Any) -> Any:
+    """Add the schemas, as files of the site."""
+    from mkdocs.structure.files import File  # imported late: only a build of the site has mkdocs
+
+    for name in list_formats():
+        files.append(File.generated(config, f"formats/{name}.json", content=json.dumps(find_schema(name), indent=1)))
+    return files
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return the text of a page, followed by the part that is computed from code."""
-    computed = {"grammar.md": write_grammar, "commands.md": write_commands}.get(page.file.src_uri)
+    computed = {"grammar.md": write_grammar, "commands.md": write_commands, "formats.md": write_formats}.get(page.file.src_uri)
     return f"{markdown}\n{computed()}" if computed else markdown
 
 
@@ -64,3 +75,9 @@ def write_commands() -> str:
         add_options(verb, table)
         lines += [f"## {name}", "", f"{summary[0].upper()}{summary[1:]}.", "", "```text", verb.format_help().rstrip(), "```", ""]
     return "\n".join(lines)
+
+
+def write_formats() -> str:
+    """Return a table of all schemas, with links to their files."""
+    rows = [f"| [{name}](formats/{name}.json) | {meaning} |" for name, meaning in list_formats().items()]
+    return "\n".join(["| schema | of |", "| --- | --- |", *rows, ""])

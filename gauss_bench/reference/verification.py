@@ -26,7 +26,7 @@ class Verification:
 
     Attributes:
         mechanism, scenario: for which it holds.
-        until, digits: those of the certificate.
+        until: end of the certified motion [s]; digits: number of certified digits.
         windows: number of windows that were integrated again.
         state_error: largest error at the end of a window, relative to the largest value of each level.
         balance_error: largest residual of constraints and of the equations of motion, relative to their terms.

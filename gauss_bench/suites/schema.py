@@ -9,8 +9,9 @@ FORMAT = "gauss-bench-suite/1"
 PLAIN = ("gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16", "lagrange-native")
 
 Linkages = Mapping[str, str]  # name -> scenario
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(gt=0)]
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, gt=0)]
+Flag = Annotated[bool, Field(strict=True)]
 
 
 class Section(BaseModel):
@@ -28,7 +29,7 @@ class OnLinkages(Section):
     """
 
     linkages: Linkages
-    any_linkage: bool = False
+    any_linkage: Flag = False
 
 
 class Accuracy(OnLinkages):
@@ -53,6 +54,11 @@ class LeftOut(Section):
     """Cases of the suite's accuracy parts that are not run, with the reason that the report gives.
 
     A field that is empty matches everything.
+
+    Attributes:
+        linkages, engines, settings, integrators, stabilizations: names that match.
+        steps: [s] that match.
+        why: the reason, in a sentence.
     """
 
     linkages: tuple[str, ...] = ()
@@ -87,11 +93,16 @@ class Cost(OnLinkages):
     rounds: Count
     batch: tuple[str, ...] = ()
     bare: tuple[str, ...] = ()
-    processor: bool = False
+    processor: Flag = False
 
 
 class ColdBuilds(OnLinkages):
-    """Cold builds: the first model of an engine in a new process, with one step [s]."""
+    """Cold builds: the first model of an engine in a new process, with one step.
+
+    Attributes:
+        engines: names.
+        step: [s].
+    """
 
     engines: tuple[str, ...]
     step: Positive
@@ -135,7 +146,7 @@ class RightHandSide(Section):
 
     Attributes:
         own, rival, settings: engines, and the settings of the rival that are shown.
-        target: least ratio in loops, on the linkages `target_of`.
+        target: least ratio in loops, on the linkages `target_of`; target_of: names of these linkages.
     """
 
     own: str
@@ -146,20 +157,33 @@ class RightHandSide(Section):
 
 
 class Bounds(Section):
-    """The time of an engine's steps compared with the processor's limits, computed from the races."""
+    """The time of an engine's steps compared with the processor's limits, computed from the races.
+
+    Attributes:
+        own: the engine.
+    """
 
     own: str
 
 
 class Agreement(OnLinkages):
-    """Accelerations of compiled formulations against numpy: at how many random states, and the largest relative difference."""
+    """Accelerations of compiled formulations against numpy.
+
+    Attributes:
+        states: number of random states.
+        target: largest relative difference.
+    """
 
     states: Count
     target: Positive
 
 
 class Method(Section):
-    """Everything that is chosen but the step."""
+    """Everything that is chosen but the step.
+
+    Attributes:
+        engine, settings, integrator, stabilization: names, as the command line has them.
+    """
 
     engine: str
     settings: str = "default"
@@ -261,7 +285,15 @@ class LongRuns(OnLinkages):
 
 
 class Turns(OnLinkages):
-    """Compiled kinematics over a turn: samples, rounds, processes, least positions per second, and largest relative error."""
+    """Compiled kinematics over a turn.
+
+    Attributes:
+        samples: positions of a turn.
+        rounds: of a race.
+        processes: that race, one after the other.
+        targets: linkage -> least positions per second.
+        error: largest relative error.
+    """
 
     samples: Count
     rounds: Count
@@ -271,26 +303,43 @@ class Turns(OnLinkages):
 
 
 class Geometry(OnLinkages):
-    """Kinematics three independent ways, and for `searched` linkages the searches for their assembly."""
+    """Kinematics three independent ways, and for `searched` linkages the searches for their assembly.
+
+    Attributes:
+        searched: names of these linkages.
+    """
 
     searched: tuple[str, ...] = ()
 
 
 class Driving(OnLinkages):
-    """Torques that drive a turn, by every way listed."""
+    """Torques that drive a turn, by every way listed.
+
+    Attributes:
+        step: [s].
+        ways: engines with their settings.
+    """
 
     step: Positive
     ways: tuple[Method, ...]
 
 
 class Papers(Section):
-    """Tables about the papers and published values, by name."""
+    """Tables about the papers and published values.
+
+    Attributes:
+        tables: their names.
+    """
 
     tables: tuple[Literal["audit", "reproduction", "published", "paper_motion"], ...]
 
 
 class Certificates(Section):
-    """The table of certificates."""
+    """The table of certificates.
+
+    Attributes:
+        table: its name.
+    """
 
     table: Literal["certificates"] = "certificates"
 
@@ -299,6 +348,9 @@ class Suite(Section):
     """A whole suite; sections may be told several times, and those of the suites named in `with` come first.
 
     Attributes:
+        format: edition of the grammar of suites.
+        title: for the report.
+        parts: names of suites to build on, or paths of their files; the key in a file is `with`.
         hours: within which it ends on two cores that nobody else uses; what is interrupted goes on where it was.
     """
 

@@ -10,7 +10,7 @@ from gauss_bench.runs.offers import offer
 from gauss_bench.runs.scrutiny import finer_tolerance
 from gauss_bench.sweep.batch import SweepCase, family, rows_of
 from gauss_bench.sweep.figures import units
-from gauss_bench.sweep.summary import USED
+from gauss_bench.sweep.summary import USED, Halved
 from gauss_bench.terms import Array
 
 MOST, SHARE = 16, 10  # one sample in SHARE of an engine is repeated, and at most MOST
@@ -18,20 +18,12 @@ UNITS = ("m", "rad")
 HALF = "half the step"
 
 
-def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> dict[str, Any] | None:
+def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | None:
     """Repeat some samples that are ok, evenly over the table, and return how their figures change; None if no sample is ok.
 
     Args:
         rows: rows of the engine, as a pandas table.
         values: (N, d) varied numbers of all samples.
-
-    Returns:
-        how: "half the step", or "a tighter tolerance" if the integrator chooses its steps.
-        samples: number of repeated samples.
-        m, rad: largest change of a figure of that unit.
-        worst: the sample with the largest change, relative to the limits.
-        lost: number of samples that are not ok when repeated.
-        ok: whether all changes keep to the judge's limits of a repetition, and no sample is lost.
     """
     choice, mechanism = case.choice(engine), family(case).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")
@@ -43,24 +35,29 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> dict[str, A
         case, parts, how = replace(case, choices=((engine, tighter),)), 1, "a tighter tolerance"
     chosen = np.unique(np.linspace(0, len(good) - 1, min(MOST, -(-len(good) // SHARE))).round().astype(int))
     limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
-    check: dict[str, Any] = {"how": how, "samples": len(chosen), "m": 0.0, "rad": 0.0, "worst": None, "lost": 0}
     numbers = good["sample"].to_numpy()[chosen]
     finer = rows_of(case, engine, numbers, values[numbers], parts)
     usable = np.isin(finer["status"], USED)
-    check["lost"] = int((~usable).sum())
+    lost, changes = int((~usable).sum()), {}  # unit -> largest change
     off = np.zeros(len(chosen))  # largest change of a figure of each sample, relative to its limit
     for unit in UNITS:
         names = [name for name, x in units(mechanism).items() if x == unit]
         gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [off]).max(axis=0)
-        check[unit] = float(gaps[usable].max(initial=0.0))
+        changes[unit] = float(gaps[usable].max(initial=0.0))
         off = np.maximum(off, gaps / limits[unit])
     largest = float(off[usable].max(initial=0.0))
-    if largest:
-        check["worst"] = int(numbers[usable][off[usable].argmax()])
-    return check | {"ok": not check["lost"] and largest <= 1.0}
+    return {
+        "how": how,
+        "samples": len(chosen),
+        "m": changes["m"],
+        "rad": changes["rad"],
+        "worst": int(numbers[usable][off[usable].argmax()]) if largest else None,
+        "lost": lost,
+        "ok": not lost and largest <= 1.0,
+    }
 
 
-def text(check: dict[str, Any] | None) -> str:
+def text(check: Halved | None) -> str:
     """Return the result as text for users."""
     if check is None:
         return "nothing was repeated: no sample is ok"

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from gauss_bench.sweep.halving import halve
 from gauss_bench.sweep.paths import number_at
 from gauss_bench.sweep.plan import PLANS, Plan, plan
 from gauss_bench.sweep.plots import plots
-from gauss_bench.sweep.summary import summary
+from gauss_bench.sweep.summary import EngineSummary, summary
 from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
@@ -73,6 +73,27 @@ class Options:
     limit: float | None = None
 
 
+class SweepSummary(TypedDict):
+    """The summary of a sweep.
+
+    Attributes:
+        linkage, scenario: what was run.
+        samples: number of samples of each engine.
+        until: end of the runs [s].
+        paths: of the varied numbers.
+        sampling: "sobol" or "random", which includes grids.
+        engines: name -> summary of its samples.
+    """
+
+    linkage: str
+    scenario: str
+    samples: int
+    until: float
+    paths: list[str]
+    sampling: str
+    engines: dict[str, EngineSummary]
+
+
 def sweep(
     linkage: str,
     vary: Sequence[str],
@@ -84,7 +105,7 @@ def sweep(
     how: Options = Options(),
     where: Backend = Backend(),
     tell: Tell = lambda sentence: None,
-) -> dict[str, Any]:
+) -> SweepSummary:
     """Run a linkage with many different numbers, store the rows in a folder, and return the summary, which is stored there too.
 
     Args:
@@ -123,7 +144,7 @@ def sweep(
     by_engine = summary(rows, samples_plan, list(figures))
     for engine in engines:
         by_engine[engine]["half_the_step"] = halve(case, engine, rows[rows["engine"] == engine], samples_plan.values)
-    result = {
+    result: SweepSummary = {
         "linkage": nominal.name,
         "scenario": case.scenario,
         "samples": len(samples_plan.values),

@@ -5,7 +5,7 @@ The sensitivities of a Sobol plan are Sobol's indices by scipy: the share of a f
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 
@@ -15,6 +15,76 @@ from gauss_bench.terms import Array
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 FEWEST = 8  # smallest number of samples of a correlation
 USED = ("ok",)
+
+
+class SobolIndices(TypedDict):
+    """Sobol's indices of a number: its share of a figure's variance.
+
+    Attributes:
+        first: share that the number explains alone.
+        total: share that it explains together with all others.
+    """
+
+    first: float
+    total: float
+
+
+class FigureSummary(TypedDict):
+    """A figure over the samples that are ok, in its own unit.
+
+    Attributes:
+        count: number of samples that have it.
+        mean, deviation: mean and standard deviation.
+        quantiles: share of the samples, such as "0.05" -> value that it does not exceed.
+        sobol: path of a varied number -> its indices; of a Sobol plan.
+        rank_correlation: path of a varied number -> Spearman's rank correlation; of every other plan with enough samples.
+    """
+
+    count: int
+    mean: float
+    deviation: float
+    quantiles: dict[str, float]
+    sobol: NotRequired[dict[str, SobolIndices]]
+    rank_correlation: NotRequired[dict[str, float]]
+
+
+class Halved(TypedDict):
+    """Samples that were repeated at half the step or a tighter tolerance.
+
+    Attributes:
+        how: "half the step", or "a tighter tolerance" if the integrator chooses its steps.
+        samples: number of repeated samples.
+        m, rad: largest change of a figure of that unit [m], [rad].
+        worst: the sample with the largest change, relative to the limits; null if nothing changes.
+        lost: number of samples that are not ok when repeated.
+        ok: whether all changes keep to the judge's limits of a repetition, and no sample is lost.
+    """
+
+    how: str
+    samples: int
+    m: float
+    rad: float
+    worst: int | None
+    lost: int
+    ok: bool
+
+
+class EngineSummary(TypedDict):
+    """The samples of one engine.
+
+    Attributes:
+        samples: number of samples.
+        status: how a sample ended -> number of samples.
+        reasons: message of samples that are not ok -> number of samples, the five most frequent.
+        figures: name of a column of figures -> its summary.
+        half_the_step: the change by half the step; null if no sample is ok.
+    """
+
+    samples: int
+    status: dict[str, int]
+    reasons: dict[str, int]
+    figures: dict[str, FigureSummary]
+    half_the_step: Halved | None
 
 
 def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:

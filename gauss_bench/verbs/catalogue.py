@@ -1,46 +1,183 @@
-"""Verbs that list linkages and engines, describe a linkage file, and check an engine against the engine contract."""
+"""Verbs that list linkages, engines and schemas, describe a linkage file, and check an engine against the engine contract."""
 
-from typing import Any
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from gauss_bench.api.telling import Answer, Told
 from gauss_bench.bench.conformance import conformance
+from gauss_bench.bench.subject import Check
 from gauss_bench.linkage.load import built_in, document_of, load
 from gauss_bench.runs.offers import offers
-
-OFFERED = ("version", "settings", "integrators", "stabilizations", "status", "reason")
-
-
-def list_all() -> Answer:
-    """List linkages with their scenarios, without assembling them, and engines with their settings and integrators."""
-    linkages = {name: document_of(name)[0] for name in built_in()}
-    described = {k: {"title": x.get("title", ""), "scenarios": list(x["scenarios"])} for k, x in linkages.items()}
-    engines = {x.name: {key: getattr(x, key) for key in OFFERED} | {"settings": list(x.settings)} for x in offers()}
-    return Answer({"linkages": described, "engines": engines})
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status
+from gauss_bench.verbs.formats import find_schema
 
 
-def check_engine(engine: str, told: Told) -> Answer:
+@dataclass(frozen=True)
+class ListedLinkage:
+    """A built-in linkage.
+
+    Attributes:
+        title: in words.
+        scenarios: names of its scenarios.
+    """
+
+    title: str
+    scenarios: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ListedEngine:
+    """An engine.
+
+    Attributes:
+        version: of its library, or "not installed".
+        settings: names of its settings; the first is the default.
+        integrators: names; the first is the default.
+        stabilizations: "none" and others.
+        status, reason: "ok", or the reason why it cannot be used.
+    """
+
+    version: str
+    settings: tuple[str, ...]
+    integrators: tuple[str, ...]
+    stabilizations: tuple[str, ...]
+    status: Status
+    reason: str
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """The built-in linkages, and the engines.
+
+    Attributes:
+        linkages: name -> linkage.
+        engines: name -> engine.
+    """
+
+    linkages: dict[str, ListedLinkage]
+    engines: dict[str, ListedEngine]
+
+
+@dataclass(frozen=True)
+class Conformance:
+    """The checks of an engine's adapter.
+
+    Attributes:
+        engine: name, or MODULE:CLASS.
+        passed: whether no check failed.
+        checks: one for each rule and linkage.
+    """
+
+    engine: str
+    passed: bool
+    checks: tuple[Check, ...]
+
+
+@dataclass(frozen=True)
+class DescribedLink:
+    """A rigid link.
+
+    Attributes:
+        mass: [kg]; inertia: about the centre of mass [kg m^2].
+        com: (2,) centre of mass in the link's own frame [m].
+        points: name -> (2,) position in the link's own frame [m].
+    """
+
+    mass: float
+    inertia: float
+    com: Array
+    points: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class DescribedScenario:
+    """A scenario, assembled.
+
+    Attributes:
+        duration: [s].
+        forces: names of the forces and frictions that act.
+        driven: whether motions are prescribed.
+        q0, v0: (n,) coordinates at the start [m, rad], and their rates [m/s, rad/s].
+    """
+
+    duration: float
+    forces: tuple[str, ...]
+    driven: bool
+    q0: Array
+    v0: Array
+
+
+@dataclass(frozen=True)
+class Description:
+    """A linkage file.
+
+    Attributes:
+        name, title: of the linkage; source: path of the file.
+        dof: degrees of freedom; redundant: number of redundant rows; loops: number of loops.
+        links: name -> rigid link; links that are welded together are one.
+        joints: name -> kind of joint.
+        knife_edges: names of the knife edges.
+        welds: name of a weld -> names of the links beyond it.
+        warnings: of the loader on the file.
+        scenarios: name -> scenario.
+    """
+
+    name: str
+    title: str
+    source: str
+    dof: int
+    redundant: int
+    loops: int
+    links: dict[str, DescribedLink]
+    joints: dict[str, str]
+    knife_edges: tuple[str, ...]
+    welds: dict[str, tuple[str, ...]]
+    warnings: tuple[str, ...]
+    scenarios: dict[str, DescribedScenario]
+
+
+def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
+    """List linkages with their scenarios, without assembling them, and engines with their settings; or print one schema."""
+    if schema is not None:
+        return Answer(None, text=json.dumps(find_schema(schema), indent=1))
+    documents = {name: document_of(name)[0] for name in built_in()}
+    linkages = {k: ListedLinkage(x.get("title", ""), tuple(x["scenarios"])) for k, x in documents.items()}
+    engines = {
+        x.name: ListedEngine(x.version, tuple(x.settings), x.integrators, x.stabilizations, x.status, x.reason) for x in offers()
+    }
+    return Answer(Catalogue(linkages, engines))
+
+
+def check_engine(engine: str, told: Told) -> Answer[Conformance]:
     """Check whether an engine keeps the contract of `engines/base.py`."""
     checks = conformance(engine, told)
     passed = all(x.passed is not False for x in checks)
-    return Answer({"engine": engine, "passed": passed, "checks": [vars(x) for x in checks]}, passed)
+    return Answer(Conformance(engine, passed, tuple(checks)), passed)
 
 
-def show(linkage: str, scenario: str | None) -> Answer:
+def show(linkage: str, scenario: str | None) -> Answer[Description]:
     """Describe a linkage file: all its scenarios, or one, each assembled."""
     first = load(linkage, scenario)
     others = [load(linkage, name) for name in first.scenarios if scenario is None and name != first.scenario]
-    description: dict[str, Any] = {key: getattr(first, key) for key in ("name", "title", "source", "dof", "redundant")}
-    description |= {
-        "loops": len(first.joints) - len(first.links),
-        "links": {x.name: {"mass": x.mass, "inertia": x.inertia, "com": x.com, "points": x.points} for x in first.links},
-        "joints": {x.name: type(x).__name__.lower() for x in first.joints},
-        "knife_edges": [x.name for x in first.knife_edges],
-        "welds": {x.name: [first.whole.links[i].name for i in x.beyond] for x in first.welds},
-        "warnings": sorted({x for m in (first, *others) for x in m.warnings}),
-        "scenarios": {},
-    }
+    scenarios = {}
     for m in (first, *others):
-        forces = [f.name for f in (*m.forces, *m.frictions)]
-        assembled = {"duration": m.duration, "forces": forces, "driven": bool(m.drivers), "q0": m.q0, "v0": m.v0}
-        description["scenarios"][m.scenario] = assembled
-    return Answer(description)
+        forces = tuple(f.name for f in (*m.forces, *m.frictions))
+        scenarios[m.scenario] = DescribedScenario(m.duration, forces, bool(m.drivers), m.q0, m.v0)
+    return Answer(
+        Description(
+            name=first.name,
+            title=first.title,
+            source=first.source,
+            dof=first.dof,
+            redundant=first.redundant,
+            loops=len(first.joints) - len(first.links),
+            links={x.name: DescribedLink(x.mass, x.inertia, x.com, x.points) for x in first.links},
+            joints={x.name: type(x).__name__.lower() for x in first.joints},
+            knife_edges=tuple(x.name for x in first.knife_edges),
+            welds={x.name: tuple(first.whole.links[i].name for i in x.beyond) for x in first.welds},
+            warnings=tuple(sorted({x for m in (first, *others) for x in m.warnings})),
+            scenarios=scenarios,
+        )
+    )

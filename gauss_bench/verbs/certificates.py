@@ -1,16 +1,35 @@
 """Verbs that make certificates and verify them."""
 
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, Any
 
 from gauss_bench.api.files import writable
 from gauss_bench.api.telling import Answer, Told, render
 from gauss_bench.bench.measurements import certificates
 from gauss_bench.reference.certificate import CERTIFICATES
+from gauss_bench.reference.verification import Verification
 from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.tables import TABLES, Column, Table
+from gauss_bench.verbs.formats import list_meanings
+
+MADE = TABLES["certificates"]
+FILE = Column("file", "text", "path of the certificate; null if none was written")
+CERTIFIED = replace(MADE, columns=(*MADE.columns, FILE, Column("seconds", "number", "time of the computation", "s")))
+VERIFIED = Table(
+    "the check of one certificate",
+    (
+        *(c for c in MADE.columns if c.name in ("status", "message", "mechanism", "scenario")),
+        *(Column(x, "number", meaning) for x, meaning in list_meanings(Verification).items() if x not in ("mechanism", "scenario")),
+        FILE,
+        Column("passed", "flag", "whether the certificate holds"),
+    ),
+)
+Row = dict[str, Any]
 
 
-def certify(options: Namespace, told: Told) -> Answer:
+def certify(options: Namespace, told: Told) -> Answer[Annotated[Row, CERTIFIED]] | Answer[Annotated[list[Row], CERTIFIED]]:
     """Certify one scenario, or every one of the built-in linkages."""
     if options.out is not None:
         beside = Path(options.linkage).parent / CERTIFICATES if options.linkage else None
@@ -24,7 +43,7 @@ def certify(options: Namespace, told: Told) -> Answer:
     return Answer(row, row["status"] == "ok")
 
 
-def verify(options: Namespace) -> Answer:
+def verify(options: Namespace) -> Answer[Annotated[list[Row], VERIFIED]]:
     """Check certificates in double precision."""
     rows = certificates.verify_all(options.certificates, options.linkage, options.jobs)
     return Answer(rows, bool(rows) and all(row.get("passed", False) for row in rows))

@@ -16,6 +16,7 @@ from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.drawings.shown import film, picture
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.tables import write_bytes
+from gauss_bench.verbs.catalogue import Description
 
 Files = Mapping[str, Path]
 
@@ -27,9 +28,9 @@ def write(contents: Mapping[Path, str | bytes]) -> None:
         tell(f"{path}")
 
 
-def draw_linkage(answer: Answer, files: Files) -> None:
+def draw_linkage(answer: Answer[Description], files: Files) -> None:
     """Draw the linkage of a description, with the paths of its observed points."""
-    write({path: draw(*pose_links(answer.data["source"])) for path in files.values()})
+    write({path: draw(*pose_links(answer.data.source)) for path in files.values()})
 
 
 def draw_run(result: Simulation, files: Files) -> None:

@@ -1,6 +1,7 @@
 """Verbs that run many cases: recommend searches settings, sweep varies numbers of a linkage, atlas finds limits of engines."""
 
 from argparse import Namespace
+from typing import Annotated, Any
 
 from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import usable_folder, writable
@@ -11,13 +12,13 @@ from gauss_bench.atlas import chart, survey, table
 from gauss_bench.bench.provenance import environment
 from gauss_bench.runs.offers import check_budget
 from gauss_bench.sweep.halving import text as half
-from gauss_bench.sweep.run import Backend, Options
+from gauss_bench.sweep.run import Backend, Options, SweepSummary
 from gauss_bench.sweep.run import sweep as run_sweep
 from gauss_bench.sweep.summary import text
-from gauss_bench.tables import refuse_foreign, write_table, write_text
+from gauss_bench.tables import TABLES, refuse_foreign, write_table, write_text
 
 
-def recommend(options: Namespace, told: Told) -> Recommendation | Answer:
+def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
     """Find the cheapest setting of each engine, and write a program for each that holds the requirement."""
     engines, files = options.engines or [], {}
     if options.out is not None:
@@ -46,7 +47,7 @@ def program_name(engine: str) -> str:
     return f"run-{engine}.py"
 
 
-def sweep(options: Namespace, told: Told) -> Answer:
+def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
     """Run one linkage with many values of some numbers, and report how much half the step changes the results."""
     names = ("scenario", "settings", "integrator", "stabilization", "step", "until", "budget")
     how, where = Options(*(getattr(options, x) for x in names)), Backend(options.backend, options.scheduler, options.jobs)
@@ -60,7 +61,7 @@ def sweep(options: Namespace, told: Told) -> Answer:
     return Answer(summary, sound, text(summary["engines"]), remarks)
 
 
-def atlas(options: Namespace, told: Told) -> Answer:
+def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
     """Find how far each engine runs along the axes of the atlas, and write the table, the chart and the page."""
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)

@@ -7,7 +7,7 @@ from gauss_bench.api.telling import Answer, Told
 from gauss_bench.engines import require
 
 
-def studio(options: Namespace, told: Told) -> Answer:
+def studio(options: Namespace, told: Told) -> Answer[None]:
     """Serve the studio's page until it is interrupted."""
     for library in ("starlette", "uvicorn", "websockets", "tomlkit"):
         require(library)

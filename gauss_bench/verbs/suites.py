@@ -5,15 +5,16 @@ import sys
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from gauss_bench.api.files import usable_folder
 from gauss_bench.api.programs import programs
 from gauss_bench.api.telling import Answer, Told, render
 from gauss_bench.bench import cases, gate
-from gauss_bench.bench.differences import accuracy_rows, compare_times, differences
+from gauss_bench.bench.differences import Clocked, Differences, accuracy_rows, compare_times, differences
 from gauss_bench.bench.measurements.search import engines_of
 from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.bench.runner import measure_all
@@ -32,6 +33,49 @@ ENTRIES = ("README.md", "index.html")
 Tables = Mapping[str, Sequence[Mapping[str, Any]]]
 
 
+@dataclass(frozen=True)
+class Changes:
+    """The differences between two runs.
+
+    Attributes:
+        accuracy: the differences of accuracy.
+        compared: number of ratios, targets and claims that both runs have.
+        times: those that differ.
+        where: the contents of `environment.json` of this run and of the other.
+    """
+
+    accuracy: Differences
+    compared: int
+    times: tuple[Clocked, ...]
+    where: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The comparison with the baseline.
+
+    Attributes:
+        passed: whether no figure fails.
+        verdicts: one for each figure.
+    """
+
+    passed: bool
+    verdicts: tuple[gate.Verdict, ...]
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The new baseline, after --accept.
+
+    Attributes:
+        changed: number of figures that are new or changed.
+        refused: a sentence for each case that was not accepted.
+    """
+
+    changed: int
+    refused: tuple[str, ...]
+
+
 def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
     """Return the named suites as one, restricted to the linkages and engines asked for.
 
@@ -46,7 +90,7 @@ def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
     return of_engines(suite, options.engines) if options.engines else suite
 
 
-def run(options: Namespace, told: Told) -> Answer:
+def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
     """Run suites, and write their tables and pages."""
     usable_folder(options.out, LOCAL)
     if options.report:
@@ -86,21 +130,20 @@ def format_run(tables: Tables, folder: Path) -> str:
     return render("run", counts, valid=valid, targets=targets, missed=missed, folder=str(folder))
 
 
-def report(options: Namespace, told: Told) -> Answer:
+def report(options: Namespace, told: Told) -> Answer[list[Path]] | Answer[Changes]:
     """Write the report of a run, or list its differences from another run."""
     if options.publish:
         check_publishable(options.out)
     if options.against:
         folders = options.out, options.against
         accuracy, (compared, moved) = differences(*folders), compare_times(*folders)
-        where = [read_environment(x) for x in folders]
-        changes = {"accuracy": accuracy, "compared": compared, "times": moved, "where": where}
+        changes = Changes(accuracy, compared, moved, tuple(read_environment(x) for x in folders))
         rows = {True: [x.row for x in moved if x.matters], False: [x.row for x in moved if not x.matters]}
         return Answer(changes, text=render("changes", changes, matters=rows[True], rest=rows[False]))
     return Answer(build_report(options.out, programs, told))
 
 
-def check(options: Namespace, told: Told) -> Answer:
+def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
     """Compare the accuracy cases with the baseline, or accept them as a new baseline."""
     asked = cases.cases(choose_suite(options, ["gate"]))
     chosen = asked
@@ -121,11 +164,11 @@ def check(options: Namespace, told: Told) -> Answer:
         changed, refused = gate.accept(figures, options.baseline, options.accept)
         remarks = tuple(f"not accepted, because it failed: {reason}" for reason in refused)
         text = f"{options.baseline}: {changed} figures new or changed"
-        return Answer({"changed": changed, "refused": refused}, not refused, text, remarks)
+        return Answer(Accepted(changed, tuple(refused)), not refused, text, remarks)
     verdicts = gate.compare(figures, gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked}))
     failed = [*gate.failures(verdicts)]
     again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
-    outcome = {"passed": not failed, "verdicts": [vars(v) for v in verdicts]}
+    outcome = Checked(not failed, tuple(verdicts))
     lines = [str(v) for v in verdicts if v.outcome != "ok"]
     text = render("check", outcome, lines=lines, again=shlex.join([*again, "--baseline", str(options.baseline)]))
     return Answer(outcome, not failed, text)

@@ -1,0 +1,217 @@
+"""JSON Schemas (draft 2020-12) of linkage files, of suite files, and of what each verb prints with --json.
+
+Nothing here names a key. Schemas of files follow from the classes that check them, and those of verbs from the types that their
+functions return. The meaning of a key is that of its class's docstring, or of `tables.toml` for columns of tables.
+"""
+
+import inspect
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from enum import StrEnum
+from pathlib import Path
+from pkgutil import resolve_name
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
+
+import numpy as np
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema
+
+from gauss_bench.api.options import VERBS
+from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Answer, Result
+from gauss_bench.linkage.schema import LinkageTable
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.suites.schema import Suite
+from gauss_bench.tables import Table
+
+Schema = dict[str, Any]
+DRAFT = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+FILES: dict[str, type[BaseModel]] = {"linkage": LinkageTable, "suite": Suite}
+PRINTED = tuple(name for name, verb in VERBS.items() if verb.get("json", True))
+NUMBER = {"type": ["number", "null"]}  # JSON has no number that is not finite: null stands for it
+SIMPLE: dict[Any, Schema] = {
+    str: {"type": "string"},
+    Path: {"type": "string"},
+    bool: {"type": "boolean"},
+    int: {"type": "integer"},
+    float: NUMBER,
+    NoneType: {"type": "null"},
+    Any: {},
+}
+COLUMNS = {"text": {"type": ["string", "null"]}, "number": NUMBER, "flag": {"type": ["boolean", "null"]}}  # a missing value is null
+
+
+def list_formats() -> dict[str, str]:
+    """Return the name of every schema, with what it describes."""
+    files = {name: f"a {name} file, which is TOML" for name in FILES}
+    return files | {name: f"what `gauss-bench {name} --json` prints" for name in PRINTED}
+
+
+def find_schema(name: str) -> Schema:
+    """Return the schema of that name.
+
+    Raises:
+        ChoiceError: there is none.
+    """
+    if name in FILES:
+        return describe_file(FILES[name], f"A {name} file of gauss-bench")
+    if name not in PRINTED:
+        raise ChoiceError(f"--schema: no schema {name!r}; there are {', '.join(list_formats())}")
+    answer = get_type_hints(resolve_name(VERBS[name]["call"]), include_extras=True)["return"]
+    writer = Writer()
+    printed = join([writer.describe(x) for x in find_data(answer) if x is not NoneType])  # None prints nothing
+    return DRAFT | {"title": f"What gauss-bench {name} --json prints"} | printed | {"$defs": writer.named}
+
+
+def find_data(answer: Any) -> Iterator[Any]:
+    """Yield the types of the data that a verb's function returns, each by itself or in an `Answer`."""
+    if get_origin(answer) in (Union, UnionType):
+        for option in get_args(answer):
+            yield from find_data(option)
+    else:
+        yield get_args(answer)[0] if get_origin(answer) is Answer else answer
+
+
+class FileSchema(GenerateJsonSchema):
+    """Pydantic's schema without a title for every key."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def describe_file(kind: type[BaseModel], title: str) -> Schema:
+    """Return the schema of a file, with meanings from the docstrings of the classes that check it."""
+    schema = kind.model_json_schema(schema_generator=FileSchema)
+    classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}  # all tables derive from the same class as the file's
+    parts = {kind.__name__: schema} | schema["$defs"]
+    for name, part in parts.items():
+        part.pop("title", None)
+        meanings = list_meanings(classes[name])
+        for field, info in classes[name].model_fields.items():
+            if field in meanings:
+                part["properties"][info.alias or field]["description"] = meanings[field]
+        if "description" in part:
+            part["description"] = first_sentence(classes[name])
+    return DRAFT | {"title": title} | schema
+
+
+def list_subclasses(kind: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    """Yield the classes that derive from a class, at every depth."""
+    for x in kind.__subclasses__():
+        yield x
+        yield from list_subclasses(x)
+
+
+class Writer:
+    """Describes types; objects with a fixed set of keys become definitions.
+
+    Attributes:
+        named: name of a class -> its schema.
+    """
+
+    def __init__(self) -> None:
+        self.named: dict[str, Schema] = {}
+        self.classes: dict[str, type] = {}
+
+    def describe(self, kind: Any) -> Schema:
+        """Return the schema of a type.
+
+        Raises:
+            TypeError: it has none.
+        """
+        origin, arguments = get_origin(kind), get_args(kind)
+        if origin is Annotated:
+            return describe_rows(*arguments)
+        if kind in SIMPLE:
+            return dict(SIMPLE[kind])
+        if origin in (Union, UnionType):
+            return join([self.describe(x) for x in arguments])
+        if origin is Literal:
+            return {"enum": list(arguments)}
+        if origin is np.ndarray:
+            return {"type": "array", "items": NUMBER}
+        if origin is dict or origin is Mapping:
+            keys = {"propertyNames": self.describe(arguments[0])} if arguments[0] is not str else {}
+            return {"type": "object", "additionalProperties": self.describe(arguments[1])} | keys
+        if origin in (list, tuple):
+            return {"type": "array", "items": join([self.describe(x) for x in arguments if x is not ...])}
+        if inspect.isclass(kind) and issubclass(kind, StrEnum):
+            return {"enum": [str(x) for x in kind]}
+        if is_typeddict(kind) or is_dataclass(kind):
+            return self.refer(kind)
+        raise TypeError(f"no schema of {kind!r}")
+
+    def refer(self, kind: Any) -> Schema:
+        """Return a reference to the definition of a class with a fixed set of keys."""
+        name = kind.__name__
+        if self.classes.setdefault(name, kind) is not kind:
+            raise TypeError(f"two classes are called {name}")
+        if name not in self.named:
+            self.named[name] = {}  # a class may refer to itself
+            self.named[name] = self.describe_keys(kind)
+        return {"$ref": f"#/$defs/{name}"}
+
+    def describe_keys(self, kind: Any) -> Schema:
+        """Return the schema of a dataclass or of a dictionary with a fixed set of keys."""
+        types = get_type_hints(kind)
+        if is_typeddict(kind):
+            shown, required = list(kind.__annotations__), list(kind.__required_keys__)
+        else:
+            shown = [x.name for x in fields(kind) if x.metadata != HIDDEN]
+            required = [x.name for x in fields(kind) if x.name in shown and x.metadata != UNLESS_EMPTY]
+        meanings = list_meanings(kind)
+        for name in kind.computed if issubclass(kind, Result) else ():
+            types[name] = get_type_hints(getattr(kind, name).fget)["return"]
+            meanings[name] = first_sentence(getattr(kind, name))
+            shown, required = [*shown, name], [*required, name]
+        keys = {name: self.describe(types[name]) | {"description": meanings[name]} for name in shown}
+        return close(first_sentence(kind), keys, sorted(required, key=shown.index))
+
+
+def close(meaning: str, keys: Mapping[str, Schema], required: Iterable[str] = ()) -> Schema:
+    """Return the schema of an object that has no other keys than these."""
+    allowed = {"properties": dict(keys), "required": list(required), "additionalProperties": False}
+    return {"type": "object", "description": meaning} | allowed
+
+
+def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
+    """Return the schema of a row, of a list of rows, or of all tables by name; a column that was not measured may be absent."""
+    if not isinstance(columns, Table):
+        return close("rows by table", {name: describe_rows(list, table) for name, table in columns.items()})
+    units = {c.name: f"; unit: {c.unit}" if c.unit else "" for c in columns.columns}
+    row = close(columns.meaning, {c.name: COLUMNS[c.kind] | {"description": c.meaning + units[c.name]} for c in columns.columns})
+    several = {"type": "array", "description": f"rows, each {columns.meaning}", "items": row}
+    return several if list in (kind, get_origin(kind)) else row
+
+
+def join(options: list[Schema]) -> Schema:
+    """Return the schema of a value that fits any of these."""
+    if len(options) == 1:
+        return options[0]
+    if not all(x.keys() == {"type"} for x in options):
+        return {"anyOf": options}
+    types = [x["type"] if isinstance(x["type"], list) else [x["type"]] for x in options]
+    return {"type": list(dict.fromkeys(name for some in types for name in some))}
+
+
+def list_meanings(kind: type) -> dict[str, str]:
+    """Return the meaning of each field, from the paragraph "Attributes:" in the docstrings of a class and its bases.
+
+    An entry may explain several fields: "a, b: both of them; c: the third".
+    """
+    meanings: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        known = "|".join(map(re.escape, inspect.get_annotations(base)))
+        listed = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2].partition("\n\n")[0]
+        for entry in filter(None, re.split(r"^    (?=\S)", listed, flags=re.MULTILINE)):
+            names = rf"(?:^|; )((?:{known})(?:, (?:{known}))*): "
+            _, *parts = re.split(names, " ".join(entry.split()))
+            for some, meaning in zip(parts[::2], parts[1::2], strict=True):
+                meanings |= dict.fromkeys(some.split(", "), meaning.rstrip("."))
+    return meanings
+
+
+def first_sentence(kind: object) -> str:
+    """Return the first line of a docstring."""
+    return (inspect.getdoc(kind) or "").partition("\n")[0].rstrip(".")
