@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
+from decimal import Decimal
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -46,7 +47,28 @@ def written(block: Block, folder: Path) -> None:
         text = whole.replace('["motor", "brake"]', f'["motor", "brake", "{name}"]') + text
     path = folder / block.title
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    before = path.read_text(encoding="utf-8") if block.remark == "appended" else ""
+    path.write_text(before + text, encoding="utf-8")
+
+
+NUMBER = re.compile(r"[+-]?\b\d+(?:\.\d+)?(?:e[+-]?\d+)?\b")
+
+
+def is_same(shown: str, printed: str) -> bool:
+    """Whether two lines have the same words and whole numbers, and decimals that differ by at most one in the last digit shown."""
+    if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
+        return False
+    for x, y in zip(map(Decimal, NUMBER.findall(shown)), map(Decimal, NUMBER.findall(printed)), strict=True):
+        last = Decimal(1).scaleb(int(x.as_tuple().exponent)) if x.as_tuple().exponent else 0
+        if abs(x - y) > last:
+            return False
+    return True
+
+
+def check_printed(shown: str, printed: str) -> None:
+    """Each line that a page shows, but "...", is among the printed ones."""
+    for line in filter(lambda x: x.strip() not in ("", "..."), shown.splitlines()):
+        assert any(is_same(line, x) for x in printed.splitlines()), f"the page shows {line!r}; this was printed:\n{printed}"
 
 
 @pytest.fixture(scope="module")
@@ -66,20 +88,49 @@ def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(place)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place / "my_engine"), str(ROOT)]))
     monkeypatch.syspath_prepend(str(place / "my_engine"))
+    carry_out(page, place, capsys)
+
+
+def carry_out(page: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Save the files of a page, run its commands and its Python in order, and compare what it shows with what they print."""
+    printed = ""
     for block in blocks(page):
         if block.remark.startswith("needs"):
             needs(block.remark.split()[1])
         if block.title:
-            written(block, place)
+            written(block, folder)
+        elif block.remark == "printed":
+            check_printed(block.text, printed)
         elif block.language == "python":
             exec(compile(block.text, page.name, "exec"), {})
+            printed = capsys.readouterr().out
         elif block.language == "sh":
-            for line in block.text.splitlines():
-                program, *arguments = shlex.split(line)
-                assert program == "gauss-bench"
-                assert main(arguments) == 0, f"{line}: {capsys.readouterr()}"
+            printed = run_commands(block, capsys)
         else:
             assert block.language == "text", f"{page.name}: a block that nobody runs: {block.language}"
+
+
+def run_commands(block: Block, capsys: pytest.CaptureFixture[str]) -> str:
+    """Return what the commands of a block print; they end with the exit code that the block's remark names, else with 0."""
+    code = int(block.remark.removeprefix("exit code")) if block.remark.startswith("exit code") else 0
+    printed = ""
+    for line in block.text.splitlines():
+        program, *arguments = shlex.split(line)
+        assert program == "gauss-bench"
+        ended = main(arguments)
+        got = capsys.readouterr()
+        assert ended == code, f"{line}: {got}"
+        printed += got.out + got.err
+    return printed
+
+
+def test_a_figure_that_a_run_does_not_print_is_noticed() -> None:
+    assert is_same("force 2.97 kN, 2 loops", "force  2.98 kN, 2 loops")
+    assert not is_same("force 2.97 kN, 2 loops", "force 2.99 kN, 2 loops")
+    assert not is_same("force 2.97 kN, 2 loops", "force 2.97 kN, 3 loops")
+    assert not is_same("force 2.97 kN", "force 2.97 N")
+    with pytest.raises(AssertionError, match="shows 'b 1'"):
+        check_printed("a\n...\nb 1\n", "a\nb 2\n")
 
 
 def test_the_pages_have_every_key_and_every_verb() -> None:
