@@ -1,5 +1,6 @@
 """The documentation: every example in it runs, every key and verb is in it, and it builds without a request to other machines."""
 
+import json
 import os
 import re
 import shlex
@@ -9,14 +10,18 @@ from collections.abc import Iterator
 from decimal import Decimal
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 from gauss_bench.api.options import VERBS
 from gauss_bench.cli import main
 from gauss_bench.docs import pages_from_code
+from gauss_bench.docs.grammar_index import heading_of, list_keys, write_index
 from gauss_bench.linkage import schema
+from gauss_bench.report.site.page import document, plain_page
+from gauss_bench.report.site.search import search_page
+from gauss_bench.report.site.write import asset_files
 from tests.conftest import DOCUMENTATION, needs
 
 ROOT = Path(__file__).parents[1]
@@ -133,14 +138,56 @@ def test_a_figure_that_a_run_does_not_print_is_noticed() -> None:
         check_printed("a\n...\nb 1\n", "a\nb 2\n")
 
 
-def test_the_pages_have_every_key_and_every_verb() -> None:
-    grammar, commands = pages_from_code.write_grammar(), pages_from_code.write_commands()
-    for table in pages_from_code.list_tables().values():
-        assert all(f"`{info.alias or name}`" in grammar for name, info in table.model_fields.items())
-    assert "| linkage table | `gravity` | `[0.0, -9.81]` | 1 |" in grammar
-    assert "| scenario table | `hold` | - | 2 |" in grammar
-    assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", grammar))
-    assert all(f"## {name}\n" in commands for name in VERBS)
+def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The tables of a JSON schema by the names of their classes, the whole file's among them."""
+    definitions = document.pop("$defs")
+    return {name: x["properties"] for name, x in {document["title"]: document, **definitions}.items()}
+
+
+def test_the_index_has_every_key_of_the_grammar_once_and_nothing_else() -> None:
+    expected = {(name, key) for name, keys in tables_of(schema.LinkageTable.model_json_schema()).items() for key in keys}
+    indexed = [(entry.table.__name__, key) for entry, key, _ in list_keys()]
+    assert len(indexed) == len(set(indexed))
+    assert set(indexed) == expected
+    addresses = [address for _, _, address in list_keys()]
+    page = write_index()
+    assert re.findall(r'^\| <a id="([^"]+)"></a>`', page, re.MULTILINE) == addresses
+    anchors = addresses + re.findall(r"\{ #(\S+) \}", page)
+    assert len(anchors) == len(set(anchors))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
+        '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
+        '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
+        '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
+        '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
+        '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
+        "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
+    ],
+)
+def test_the_index_says_type_unit_default_and_edition(line: str) -> None:
+    assert line in write_index().splitlines()
+
+
+def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> None:
+    guide = pages_from_code.write_grammar()
+    sections = {x.splitlines()[0]: x for x in re.split(r"^### ", guide, flags=re.MULTILINE)}
+    definitions = tables_of(schema.LinkageTable.model_json_schema())
+    for entry, key, address in list_keys():
+        has_numbers = '"number"' in json.dumps(definitions[entry.table.__name__][key])
+        assert has_numbers == (key in entry.table.units), f"{address}: numbers have a unit, and nothing else has one"
+        section = sections[heading_of(entry.places[0])]
+        assert re.search(rf"\b{key}\b", section), f"{address} is not explained in {heading_of(entry.places[0])!r}"
+        for unit in re.split(", | or ", entry.table.units.get(key, "1")):
+            assert unit == "1" or unit in section, f"{address}: its explanation does not name the unit {unit}"
+
+
+def test_the_pages_have_every_force_and_every_verb() -> None:
+    assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", pages_from_code.write_grammar()))
+    assert all(f"## {name}\n" in pages_from_code.write_commands() for name in VERBS)
 
 
 def test_files_named_by_pages_exist() -> None:
@@ -149,17 +196,55 @@ def test_files_named_by_pages_exist() -> None:
             assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
-@pytest.mark.slow
-def test_the_documentation_builds_and_loads_nothing_from_other_machines(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site of one page with its search page, and the documentation in it."""
     if find_spec("mkdocs") is None:
         needs("mkdocs")
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(tmp_path / "docs")]
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(folder / "docs")]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
     assert done.returncode == 0, done.stderr
-    assert sum(x.stat().st_size for x in (tmp_path / "docs").rglob("*") if x.is_file()) < DOCUMENTATION
-    built = list((tmp_path / "docs").rglob("*.html"))
+    pages = [plain_page("method", "Method", "How runs are compared.")]
+    pages.append(search_page(pages, folder / "docs"))
+    texts = asset_files() | {page.file: document(page, pages, (), "docs/index.html") for page in pages}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.slow
+def test_the_documentation_builds_and_loads_nothing_from_other_machines(site: Path) -> None:
+    assert sum(x.stat().st_size for x in (site / "docs").rglob("*") if x.is_file()) < DOCUMENTATION
+    built = list((site / "docs").rglob("*.html"))
     assert {x.stem for x in PAGES} <= {x.stem for x in built}
     for page in built:
         text = page.read_text(encoding="utf-8")
         asked = re.findall(r"<(?:link|script|img|iframe)\b[^>]*?(?:src|href)=\"?((?:https?:)?//[^\"> ]+)", text)
         assert not [x for x in asked if "canonical" not in x], f"{page.name}: {asked}"
+
+
+@pytest.mark.slow
+def test_the_search_box_of_a_page_finds_keys_verbs_and_pages_without_a_network(browser: Any, site: Path) -> None:
+    context = browser.new_context(offline=True)
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("request", lambda request: wrong.append(request.url) if not request.url.startswith(("file:", "data:")) else None)
+    page.goto((site / "docs" / "drift.html").as_uri())
+    page.get_by_role("search").get_by_role("searchbox").fill("kg_per_m links")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/search.html?ask=*")
+    found = page.locator(".found li:visible")
+    assert found.all_inner_texts() == ["Guide: Index of keys: links.NAME.kg_per_m"]
+    found.get_by_role("link").click()
+    row = page.locator("tr", has=page.locator("[id='links.kg_per_m']"))
+    assert "kg/m" in row.inner_text()
+    page.goto((site / "search.html").as_uri())
+    for words, entry in {"kinematics command": "Guide: Commands: kinematics", "method": "Method"}.items():
+        page.fill("#ask", words)
+        assert entry in found.all_inner_texts()
+    page.fill("#ask", "no such word")
+    assert found.count() == 0
+    assert not wrong
+    context.close()

@@ -1,28 +1,62 @@
-"""Pages that follow from code: the grammar of linkage files, and the commands. MkDocs calls the functions `on_...`."""
+"""Pages that follow from code: the grammar of linkage files with the index of its keys, and the commands.
+
+MkDocs calls the functions `on_...`.
+"""
 
 import argparse
+import json
 import os
 import shutil
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import PydanticUndefined
-
 from gauss_bench.api.options import VERBS, add_options
-from gauss_bench.linkage import schema
+from gauss_bench.docs.grammar_index import GUIDE, describe_key, list_keys, write_index
 
-GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
 BEGINS = "## A complete example"
+INDEX = "search/search_index.json"  # where the site's search page looks for the headings of the documentation
+HEADINGS: list[dict[str, str]] = []
+
+
+def on_pre_build(**_: Any) -> None:
+    """Forget the headings of an earlier build."""
+    HEADINGS.clear()
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return the text of a page, followed by the part that is computed from code."""
-    computed = {"grammar.md": write_grammar, "commands.md": write_commands}.get(page.file.src_uri)
+    computed = {"grammar.md": write_grammar, "keys.md": write_index, "commands.md": write_commands}.get(page.file.src_uri)
     return f"{markdown}\n{computed()}" if computed else markdown
 
 
+def on_page_content(html: str, page: Any, **_: Any) -> None:
+    """Note the headings of a page for the search of the site; for the index of keys, each key."""
+    page_name = page.title
+    HEADINGS.append({"location": page.url, "title": page_name})
+    if page.file.src_uri == "keys.md":
+        found = [(f"#{address}", describe_key(entry, key)) for entry, key, address in list_keys()]
+    else:
+        found = [(heading.url, heading.title) for heading in flatten(page.toc)]
+    HEADINGS.extend({"location": f"{page.url}{anchor}", "title": f"{page_name}: {words}"} for anchor, words in found)
+
+
+def flatten(headings: Iterable[Any]) -> Iterator[Any]:
+    """Yield headings of a page and all below them, except its title."""
+    for heading in headings:
+        if heading.level > 1:
+            yield heading
+        yield from flatten(heading.children)
+
+
 def on_post_build(config: Any, **_: Any) -> None:
-    """Remove files that no page uses: maps of sources, and the theme's search, which only works from a server."""
+    """Write the headings that the site's search page lists, and remove files that no page uses.
+
+    The theme's own search works only from a server, and finds nothing outside the documentation.
+    """
+    index = Path(config["site_dir"]) / INDEX
+    index.parent.mkdir(exist_ok=True)
+    index.write_text(json.dumps({"docs": HEADINGS}, ensure_ascii=False), encoding="utf-8")
     scripts = Path(config["site_dir"]) / "assets"
     for path in scripts.rglob("*.map"):
         path.unlink()
@@ -31,28 +65,9 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def write_grammar() -> str:
-    """Return the guide from its complete example on, and every key of the schema with its default and edition."""
+    """Return the guide from its complete example on."""
     text = GUIDE.read_text(encoding="utf-8")
-    lines = ["## Every key", "", "| table | key | default | edition |", "| --- | --- | --- | --- |"]
-    for name, table in list_tables().items():
-        for field, info in table.model_fields.items():
-            key, edition = info.alias or field, 2 if (info.alias or field) in table.second else 1
-            lines.append(f"| {name} | `{key}` | {print_default(info.default)} | {edition} |")
-    return "\n".join([text[text.index(BEGINS) :], *lines, ""])
-
-
-def print_default(default: Any) -> str:
-    """Return the default of a key as the table prints it; a dash for an empty one."""
-    if default is PydanticUndefined:
-        return "required"
-    return "-" if default in (None, {}, []) or isinstance(default, schema.Table) else f"`{default}`"
-
-
-def list_tables() -> dict[str, type[schema.Table]]:
-    """Return the tables that a linkage file may have, by the name of their class in words."""
-    classes = {n: x for n, x in vars(schema).items() if isinstance(x, type) and issubclass(x, schema.Table)}
-    bases = {schema.Table, schema.AngledTable, schema.LinearTable, schema.VaryingTable, schema.DrivenTable}
-    return {"".join(f" {c.lower()}" if c.isupper() else c for c in n).strip(): x for n, x in classes.items() if x not in bases}
+    return text[text.index(BEGINS) :]
 
 
 def write_commands() -> str:
