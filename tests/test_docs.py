@@ -4,8 +4,10 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import urllib.request
 from collections.abc import Iterator
 from decimal import Decimal
 from importlib.util import find_spec
@@ -22,7 +24,7 @@ from gauss_bench.linkage import schema
 from gauss_bench.report.site.page import document, plain_page
 from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.write import asset_files
-from tests.conftest import DOCUMENTATION, needs
+from tests.conftest import DOCUMENTATION, TIMED, needs
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "gauss_bench" / "docs"
@@ -37,8 +39,8 @@ class Block(NamedTuple):
     text: str
 
 
-def blocks(page: Path) -> Iterator[Block]:
-    for found in FENCE.findall(page.read_text(encoding="utf-8")):
+def blocks(text: str) -> Iterator[Block]:
+    for found in FENCE.findall(text):
         yield Block(*found)
 
 
@@ -80,7 +82,7 @@ def check_printed(shown: str, printed: str) -> None:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a reader of the tutorial stands at its end."""
     folder = tmp_path_factory.mktemp("reader")
-    for block in blocks(DOCS / "pages" / "tutorial.md"):
+    for block in blocks((DOCS / "pages" / "tutorial.md").read_text(encoding="utf-8")):
         if block.title:
             written(block, folder)
     return folder
@@ -88,18 +90,75 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.long("engine", "tutorial")
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", [x for x in PAGES if x.name != "commands.md"], ids=lambda p: p.stem)
 def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(place)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place / "my_engine"), str(ROOT)]))
     monkeypatch.syspath_prepend(str(place / "my_engine"))
-    carry_out(page, place, capsys)
+    carry_out(page.read_text(encoding="utf-8"), place, capsys)
 
 
-def carry_out(page: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def verbs_and_examples() -> dict[str, str]:
+    """The sections of the page of commands by their headings."""
+    parts = re.split(r"^## (.+)\n", (DOCS / "pages" / "commands.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def test_every_verb_has_an_example() -> None:
+    examples = verbs_and_examples()
+    assert list(examples) == list(VERBS)
+    for verb, text in examples.items():
+        commands = [line for block in blocks(text) if block.language == "sh" for line in block.text.splitlines()]
+        assert any(line.split()[:2] == ["gauss-bench", verb] for line in commands), f"no example of {verb}"
+
+
+@pytest.fixture(scope="module")
+def quick_seconds() -> dict[str, float]:
+    """Verb -> processor time [s] of its example, of those that are neither slow nor long."""
+    return {}
+
+
+@pytest.mark.long("conformance", "recommend")
+@pytest.mark.slow("doctor", "sweep", "certify", "verify", "atlas", "run", "report", "check", "tune")
+@pytest.mark.parametrize("verb", [x for x in VERBS if x != "studio"])
+def test_the_example_of_a_verb_runs(
+    verb: str,
+    tmp_path: Path,
+    quick_seconds: dict[str, float],
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    before = sum(os.times()[:4])  # of this process and of its children
+    carry_out(verbs_and_examples()[verb], tmp_path, capsys)
+    if not any(mark.name in TIMED for mark in request.node.own_markers):
+        quick_seconds[verb] = sum(os.times()[:4]) - before
+        assert sum(quick_seconds.values()) < 30.0, f"the quick examples take too long: {quick_seconds}"
+
+
+@pytest.mark.slow
+def test_the_example_of_the_studio_serves_its_page_until_it_is_interrupted(tmp_path: Path) -> None:
+    needs("uvicorn")
+    (block,) = blocks(verbs_and_examples()["studio"])
+    command = [sys.executable, "-m", "gauss_bench", *shlex.split(block.text)[1:]]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as studio:
+        try:
+            assert studio.stderr is not None
+            address = next(found[0] for line in studio.stderr if (found := re.search(r"http://\S+", line)))
+            with urllib.request.urlopen(address, timeout=60) as page:
+                assert b"<html" in page.read()
+        finally:
+            studio.send_signal(signal.SIGINT)
+        assert studio.wait(timeout=60) == 0
+
+
+def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Save the files of a page, run its commands and its Python in order, and compare what it shows with what they print."""
     printed = ""
-    for block in blocks(page):
+    for block in blocks(text):
         if block.remark.startswith("needs"):
             needs(block.remark.split()[1])
         if block.title:
@@ -107,12 +166,12 @@ def carry_out(page: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> N
         elif block.remark == "printed":
             check_printed(block.text, printed)
         elif block.language == "python":
-            exec(compile(block.text, page.name, "exec"), {})
+            exec(compile(block.text, "<page>", "exec"), {})
             printed = capsys.readouterr().out
         elif block.language == "sh":
             printed = run_commands(block, capsys)
         else:
-            assert block.language == "text", f"{page.name}: a block that nobody runs: {block.language}"
+            assert block.language == "text", f"a block that nobody runs: {block.language}"
 
 
 def run_commands(block: Block, capsys: pytest.CaptureFixture[str]) -> str:
@@ -187,7 +246,8 @@ def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> 
 
 def test_the_pages_have_every_force_and_every_verb() -> None:
     assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", pages_from_code.write_grammar()))
-    assert all(f"## {name}\n" in pages_from_code.write_commands() for name in VERBS)
+    page = pages_from_code.write_commands((DOCS / "pages" / "commands.md").read_text(encoding="utf-8"))
+    assert all(f"## {name}\n" in page and f"usage: gauss-bench {name} " in page for name in VERBS)
 
 
 def test_files_named_by_pages_exist() -> None:

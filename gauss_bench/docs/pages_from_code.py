@@ -6,6 +6,7 @@ MkDocs calls the functions `on_...`.
 import argparse
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -25,9 +26,15 @@ def on_pre_build(**_: Any) -> None:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Return the text of a page, followed by the part that is computed from code."""
-    computed = {"grammar.md": write_grammar, "keys.md": write_index, "commands.md": write_commands}.get(page.file.src_uri)
-    return f"{markdown}\n{computed()}" if computed else markdown
+    """Return the text of a page with the parts that are computed from code."""
+    match page.file.src_uri:
+        case "grammar.md":
+            return f"{markdown}\n{write_grammar()}"
+        case "keys.md":
+            return f"{markdown}\n{write_index()}"
+        case "commands.md":
+            return write_commands(markdown)
+    return markdown
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
@@ -70,12 +77,22 @@ def write_grammar() -> str:
     return text[text.index(BEGINS) :]
 
 
-def write_commands() -> str:
-    """Return every verb with its help."""
+def write_commands(page: str) -> str:
+    """Return the page with the summary of each verb below its heading, and its help below its example."""
     os.environ["COLUMNS"] = "100"
-    lines = []
-    for name, table in VERBS.items():
-        verb, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), table["help"]
-        add_options(verb, table)
-        lines += [f"## {name}", "", f"{summary[0].upper()}{summary[1:]}.", "", "```text", verb.format_help().rstrip(), "```", ""]
+    start, *rest = re.split(r"^## (\w+)\n", page, flags=re.MULTILINE)
+    lines = [start]
+    for name, example in zip(rest[::2], rest[1::2], strict=True):
+        verb, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), VERBS[name]["help"]
+        add_options(verb, VERBS[name])
+        lines += [
+            f"## {name}",
+            "",
+            f"{summary[0].upper()}{summary[1:]}.",
+            example,
+            "```text",
+            verb.format_help().rstrip(),
+            "```",
+            "",
+        ]
     return "\n".join(lines)
