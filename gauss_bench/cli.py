@@ -164,7 +164,8 @@ def perform(name: str, options: argparse.Namespace) -> int:
     asked = {x: given[x] for x in kinds if given[x] and x not in printed}
     files = printed | (resolve_name(FILES)(asked, kinds, options.replace, options.linkage) if asked else {})
     function = resolve_name(verb["call"])
-    offered = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell}
+    # a file shows the whole of a run, also where the report is of single times
+    offered = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
     # a function takes the options that it has parameters for
     answer = function(**{x: offered[x] for x in inspect.signature(function).parameters if x in offered})
     if files:

@@ -4,7 +4,7 @@ Drift and energy are evaluated in absolute coordinates, so that the joints of a 
 pin is seen. Errors are the larger of metres and radians over all links unless stated otherwise.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from gauss_bench.mechanism.coordinates import Placed, position, spread, state, value
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places, wedge
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Trajectory
+from gauss_bench.trajectory import Curve, Group, Reference, Trajectory
 
 CHECKPOINTS = (0.5, 1.0, 2.0)  # [s]
 REST = 1e-9  # [m/s^2, rad/s^2] accelerations below it are rounding of a mechanism at rest
@@ -193,6 +193,99 @@ def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     """Return the torque [N m] or force [N] (k, drivers) that each driver exerts along its coordinate."""
     rows = evaluator.constraints
     return -reactions(evaluator, trajectory)[:, rows.joint_rows : rows.holonomic]
+
+
+def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]:
+    """Yield the loads of a motion: components and magnitudes of joint and weld forces, then what each driver exerts.
+
+    The force of a slide is normal to its guide. Its magnitude is called `normal`: `force` of a driven slide is its driver's.
+    """
+    mechanism = evaluator.mechanism
+    slides = {joint.name for joint in mechanism.slides}
+    joints, welds = joint_forces(evaluator, trajectory), weld_forces(evaluator, trajectory)
+    for name, x in [*joints.items(), *welds.items()]:
+        magnitude = "normal" if name in slides else "force"
+        yield Curve(Group.JOINT, name, "fx", "N", x["fx"])
+        yield Curve(Group.JOINT, name, "fy", "N", x["fy"])
+        yield Curve(Group.JOINT, name, magnitude, "N", np.hypot(x["fx"], x["fy"]))
+        if name in slides or name not in joints:  # a pin has no moment
+            yield Curve(Group.JOINT, name, "moment", "N m", x["moment"])
+    if mechanism.drivers:
+        exerted = driving_forces(evaluator, trajectory)
+        for k, driver in enumerate(mechanism.drivers):
+            turns = isinstance(driver, AngleDriver)
+            yield Curve(Group.MOTOR, driver.name, "torque" if turns else "force", "N m" if turns else "N", exerted[:, k])
+
+
+@dataclass(frozen=True)
+class Peak:
+    """One load over a motion, by its magnitude.
+
+    Attributes:
+        unit: "N" or "N m".
+        largest: magnitude at the sample where it is largest; t: time of that sample [s].
+        crank, crank_deg: angle of the crank then [rad], and the same in degrees, within one turn; None without a crank.
+        mean, rms: of the magnitude, over time.
+    """
+
+    unit: str
+    largest: float
+    t: float
+    crank: float | None
+    crank_deg: float | None
+    mean: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class Loads:
+    """The largest and mean loads of a motion.
+
+    Attributes:
+        until: end of the samples that they are taken from [s]; None if there are none.
+        acting: "gravity" and the forces of the file that act.
+        determined: whether the loads of single joints are determined; with redundant rows they are not, and those of least norm
+            are given.
+        peaks: load by name: "PIN.force", "SLIDE.normal", "SLIDE.moment", "WELD.force", "WELD.moment", "DRIVER.torque",
+            "DRIVER.force".
+    """
+
+    until: float | None
+    acting: tuple[str, ...]
+    determined: bool
+    peaks: dict[str, Peak]
+
+
+def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterable[Curve]) -> Loads:
+    """Return the largest and mean loads of the curves, which `load_curves` gave for the samples of a trajectory."""
+    t, peaks = trajectory.t, dict[str, Peak]()
+    crank = None if mechanism.crank is None else angle_at(trajectory.q, mechanism.crank)
+    for curve in curves:
+        if curve.key in ("fx", "fy") or not len(t):
+            continue
+        size = np.abs(curve.values)
+        k = int(size.argmax())
+        turned = None if crank is None else float(crank[k])
+        # a weld may have the name of a joint or of a driven slide: no load may take the place of another
+        name = curve.name if curve.name not in peaks else f"{curve.group}.{curve.name}"
+        peaks[name] = Peak(
+            unit=curve.unit,
+            largest=float(size[k]),
+            t=float(t[k]),
+            crank=turned,
+            crank_deg=None if turned is None else float(np.degrees(turned) % 360.0),
+            mean=_mean_over_time(t, size),
+            rms=float(np.sqrt(_mean_over_time(t, size * size))),
+        )
+    acting = (*(("gravity",) if np.any(mechanism.gravity) else ()), *(x.name for x in (*mechanism.forces, *mechanism.frictions)))
+    return Loads(float(t[-1]) if len(t) else None, acting, mechanism.redundant == 0, peaks)
+
+
+def _mean_over_time(t: Array, x: Array) -> float:
+    """Return the mean of samples x (k,) over the times t (k,), which need not be equally far apart, by trapezia."""
+    if len(t) < 2:
+        return float(x.mean())
+    return float(np.trapezoid(x, t) / (t[-1] - t[0]))
 
 
 def friction_power(evaluator: Evaluator, trajectory: Trajectory) -> Array:

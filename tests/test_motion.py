@@ -98,7 +98,7 @@ def test_tables_and_pictures_are_written_and_a_users_files_are_not_written_over(
     assert main([*command, "--replace"]) == 0
     rows = list(csv.DictReader(table.open(encoding="utf-8")))
     assert len(rows) == 25
-    assert float(rows[6]["crank.theta"]) == pytest.approx(np.pi / 2, abs=1e-12)
+    assert float(rows[6]["crank.theta [rad]"]) == pytest.approx(np.pi / 2, abs=1e-12)
     assert "<svg" in plot.read_text(encoding="utf-8")
     assert "animate" in film.read_text(encoding="utf-8")
     capsys.readouterr()

@@ -1,6 +1,5 @@
 """Build the mechanism for kinematics from a linkage file, a driver and the held links, slides and pins."""
 
-import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -61,10 +60,13 @@ def _read_rows(path: Path) -> list[list[float]]:
         raise ChoiceError(f"{path}: not a table of numbers t, value ({error})") from error
 
 
-def load_with_drivers(linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None) -> Mechanism:
+def load_with_drivers(
+    linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None, with_forces: bool = False
+) -> Mechanism:
     """Return the mechanism of a driven scenario: the named or the first driven one; a given driver replaces the scenario's own.
 
-    A held link or slide (`hold`, else the scenario's own list) becomes a driver at rest; a held pin becomes a weld.
+    A held link or slide (`hold`, else the scenario's own list) becomes a driver at rest; a held pin becomes a weld. Positions do
+    not depend on the scenario's forces: they always act if `with_forces`, else only where nothing is replaced or held.
 
     Raises:
         LinkageError: faults of the file or of the driver, by table and field.
@@ -73,7 +75,7 @@ def load_with_drivers(linkage: str, scenario: str | None, driver: str | None, ho
     document, digest, path = document_of(linkage)
     held = _read_holds(document, scenario, hold)
     if held:
-        return _load_held(document, scenario, driver, held, str(path), digest, path.stem)
+        return _load_held(document, scenario, driver, held, str(path), digest, path.stem, with_forces)
     if driver is None:
         mechanism = load_document(document, scenario or next(_find_driven_scenarios(document), None), str(path), digest, path.stem)
         if not mechanism.drivers:
@@ -82,8 +84,10 @@ def load_with_drivers(linkage: str, scenario: str | None, driver: str | None, ho
     named = scenario or next(_find_driven_scenarios(document), None)
     own = load_document(document, named, str(path), digest, path.stem)  # the file's own faults come first, under its own names
     table = _place_driver(document, own, driver)
-    moved = copy.deepcopy(document)
-    moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table}}
+    chosen = document["scenarios"][own.scenario]
+    moved = merge(document, chosen.get("override", {}))
+    acting = {"forces": chosen.get("forces", [])} if with_forces else {}
+    moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table} | acting}
     return load_document(moved, "kinematics", str(path), digest)
 
 
@@ -139,6 +143,7 @@ def _load_held(
     source: str,
     digest: str,
     stem: str,
+    with_forces: bool,
 ) -> Mechanism:
     """Return the driven mechanism with some coordinates held, by default at their values in the scenario's start."""
     scenario = scenario or next(_find_driven_scenarios(document), None)
@@ -150,7 +155,7 @@ def _load_held(
         except LinkageError:
             raise error from None
     chosen = document["scenarios"][own.scenario]
-    moved = write_out(merge(document, chosen.get("override", {}) if driver is None else {}))
+    moved = write_out(merge(document, chosen.get("override", {})))
     tables = [*drivers_of(chosen)]
     tables = tables if driver is None else [_place_driver(document, own, driver)]
     if not tables:
@@ -161,17 +166,31 @@ def _load_held(
         _hold_body(moved, own, name, value, start)
     duration = chosen["duration"] if driver is None else float(tables[0].get("time", 1.0))
     moved["scenarios"] = {"kinematics": {"duration": duration, "drivers": tables, "start": start}}
-    for key in ("expect", "forces", "measure"):
+    if with_forces:  # a pin that became a weld does not turn: its damping and friction exert nothing
+        defined, joints = moved.get("forces", {}), moved.get("joints", {})
+        acting = [x for x in chosen.get("forces", []) if defined[x].get("joint") in (None, *joints)]
+        moved["forces"] = {x: defined[x] for x in acting}
+        moved["scenarios"]["kinematics"]["forces"] = acting
+    for key in ("expect", "measure") if with_forces else ("expect", "forces", "measure"):
         moved.pop(key, None)
     mechanism = load_document(moved | {"format": SECOND}, "kinematics", source, digest)
+    drivers = (*mechanism.drivers, *_list_still(mechanism, mechanism, start))
+    apart = mechanism.apart  # has the same drivers, on the links of the file: the forces of welds are found there
+    if apart:
+        apart = replace(apart, drivers=(*apart.drivers, *_list_still(mechanism, apart, start)))
+    return replace(mechanism, drivers=drivers, apart=apart, scenario=own.scenario, scenarios=own.scenarios)
+
+
+def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:
+    """Return drivers at rest, for the angles and slides that `start` holds; `bodies` is the mechanism or its `apart`."""
     still: list[AngleDriver | SlideDriver] = []
     for name in start["angles"]:
-        link, _ = mechanism.find_body(name)
-        still.append(AngleDriver(name, constant(float(angle_at(mechanism.q0, link)), 0.0), link))
-    for joint in mechanism.slides:
+        link, turn = bodies.find_body(name)
+        still.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), link))
+    for held, joint in zip(mechanism.slides, bodies.slides, strict=True):
         if joint.name in start["slides"]:
-            still.append(SlideDriver(joint.name, constant(float(value_of(joint.motion, mechanism.q0)), 0.0), joint))
-    return replace(mechanism, drivers=(*mechanism.drivers, *still), scenario=own.scenario, scenarios=own.scenarios)
+            still.append(SlideDriver(joint.name, constant(float(value_of(held.motion, mechanism.q0)), 0.0), joint))
+    return still
 
 
 def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | None, start: dict[str, Any]) -> None:

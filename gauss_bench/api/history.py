@@ -78,19 +78,8 @@ def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]
 
 def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
     """Yield joint and weld forces, then the forces and torques of drivers, then constant torques."""
-    mechanism = evaluator.mechanism
-    slides = {joint.name for joint in mechanism.slides}
-    joints = metrics.joint_forces(evaluator, x)
-    for name, components in [*joints.items(), *metrics.weld_forces(evaluator, x).items()]:
-        for key, values in components.items():
-            if key != "moment" or name in slides or name not in joints:  # a pin has none
-                yield Curve(Group.JOINT, name, key, "N m" if key == "moment" else "N", values)
-    if mechanism.drivers:
-        exerted = metrics.driving_forces(evaluator, x)
-        for k, driver in enumerate(mechanism.drivers):
-            turns = isinstance(driver, AngleDriver)
-            yield Curve(Group.MOTOR, driver.name, "torque" if turns else "force", "N m" if turns else "N", exerted[:, k])
-    for force in mechanism.forces:
+    yield from metrics.load_curves(evaluator, x)
+    for force in evaluator.mechanism.forces:
         if isinstance(force, Torque):
             yield Curve(Group.MOTOR, force.name, "torque", "N m", np.full(len(x.t), float(force.value)))
 

@@ -1,16 +1,17 @@
 """The motion of a linkage whose coordinates are all driven: the object that `gauss-bench kinematics --json` prints."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from gauss_bench import metrics
 from gauss_bench.api.driven import free_at_start, load_with_drivers
 from gauss_bench.api.simulate import States, link_states, observe_names, point_states
-from gauss_bench.api.telling import HIDDEN, Result, Told, nobody
+from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.inputs import Input, inputs_of
@@ -19,12 +20,18 @@ from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
 from gauss_bench.mechanism.coordinates import spread
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism, Point, SlideDriver
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
+from gauss_bench.trajectory import Curve, Trajectory
 
 MOST_INTERVALS = 100_000
+UNITS = {  # of the states of links and points
+    **{"x": "m", "y": "m", "theta": "rad"},
+    **{"vx": "m/s", "vy": "m/s", "omega": "rad/s"},
+    **{"ax": "m/s^2", "ay": "m/s^2", "alpha": "rad/s^2"},
+}
 LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: it is followed in fractions of a radian, some thousand a second
 
 
@@ -36,7 +43,8 @@ class Kinematics(Result):
         status: "ok", or "stopped" if the motion ends before its law; message: why.
         method: "loop", "basic" or "native".
         t: (k,) [s].
-        driver: angle [rad] or distance [m], speed and acceleration of the first driver, each (k,); drivers: the same by name.
+        driver: value, speed and acceleration of the first driver, each (k,), the value as "angle" [rad]; drivers: the same by name.
+            That of a slide [m] is also called "position", that of a length [m] "length"; their "angle" is a former name.
         links, points: as in Simulation.
         link_types: type of each link and of the ground in Wang's notation of link units.
         loops: joints around each loop.
@@ -44,7 +52,9 @@ class Kinematics(Result):
         iterations: (k,) iterations of the solver at each time, or None if the method counts none.
         singular: limits and dead centres, or why they cannot be listed.
         observed: {"points": names, "links": names} that are shown.
-        model: the driven linkage; trajectory: states of its links; shown: the points. They are not in dictionaries.
+        loads: the largest and mean loads of joints, welds and drivers, if asked for.
+        model: the driven linkage; trajectory: states of its links; shown: the points; load_curves: the loads at every time. They
+            are not in dictionaries.
     """
 
     status: str
@@ -67,6 +77,8 @@ class Kinematics(Result):
     model: Mechanism = field(metadata=HIDDEN)
     trajectory: Trajectory = field(metadata=HIDDEN)
     shown: tuple[Point, ...] = field(metadata=HIDDEN)
+    loads: metrics.Loads | None = field(default=None, metadata=UNLESS_EMPTY)
+    load_curves: tuple[Curve, ...] = field(default=(), metadata=HIDDEN)
 
     @property
     def succeeded(self) -> bool:
@@ -107,6 +119,7 @@ def kinematics(
     hold: list[str] | None = None,
     steps: int | None = None,
     told: Told = nobody,
+    forces: bool = False,
 ) -> Kinematics:
     """Compute positions, velocities and accelerations of a driven linkage over the scenario's duration.
 
@@ -123,9 +136,12 @@ def kinematics(
             `hold`, the scenario's own list.
         steps: the former name of `intervals`, for one release.
         told: called with a sentence when the motion begins, after all arguments were checked.
+        forces: find the loads of joints, welds and drivers that the motion takes under gravity and the scenario's forces, by
+            inverse dynamics.
 
     Raises:
-        LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, or the driver goes too far.
+        LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, the driver goes too far, or the loads
+            are not determined.
     """
     if method not in METHODS:
         raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
@@ -134,7 +150,7 @@ def kinematics(
         intervals = steps
     if not 1 <= intervals <= MOST_INTERVALS:
         raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
-    mechanism = load_with_drivers(linkage, scenario, driver, hold)
+    mechanism = load_with_drivers(linkage, scenario, driver, hold, with_forces=forces)
     _check_all_driven(mechanism)
     chosen, inputs = observe(mechanism, points), inputs_of(mechanism)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
@@ -149,8 +165,8 @@ def kinematics(
         raise ChoiceError(str(error)) from error
     n = len(motion.q)
     states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
-    levels = ("angle", "speed", "acceleration")
-    driven_by = {x.name: dict(zip(levels, x.law(times[:n]), strict=True)) for x in mechanism.drivers}
+    curves = _find_loads(mechanism, states) if forces else ()
+    driven_by = {x.name: _driver_levels(x, times[:n]) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
         status=status,
@@ -173,7 +189,38 @@ def kinematics(
         model=mechanism,
         trajectory=links,
         shown=chosen,
+        loads=metrics.summarise_loads(mechanism, states, curves) if forces else None,
+        load_curves=curves,
     )
+
+
+def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
+    """Return the loads along a motion.
+
+    Raises:
+        ChoiceError: dry friction leaves them undetermined, or does not settle.
+    """
+    try:
+        return tuple(metrics.load_curves(Evaluator(mechanism), states))
+    except ArithmeticError as error:
+        raise ChoiceError(f"{mechanism.name}: the forces of this motion are not determined: {error}") from error
+
+
+def name_value(driver: Driver) -> str:
+    """Return the word of the grammar for what a driver prescribes."""
+    match driver:
+        case AngleDriver():
+            return "angle"
+        case SlideDriver() if driver.joint.guide.name != f"{driver.name}_barrel.pin":  # as it is called in a cylinder
+            return "position"
+        case SlideDriver() | LengthDriver():
+            return "length"
+
+
+def _driver_levels(driver: Driver, t: Array) -> dict[str, Array]:
+    """Return value, speed and acceleration of a driver at times (k,) [s]; "angle" is a former name of values that are no angles."""
+    levels = dict(zip(("angle", "speed", "acceleration"), driver.law(t), strict=True))
+    return levels | {name_value(driver): levels["angle"]}
 
 
 def _check_travel(mechanism: Mechanism, times: Array) -> None:
@@ -252,13 +299,25 @@ def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array)
 METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_motion, "native": native_motion}
 
 
-def table(result: Kinematics) -> pd.DataFrame:
-    """Return the result as a table with one row per time: t, the drivers' values, then every coordinate of links and points."""
-    columns: dict[str, Any] = {"t": result.t}
-    for group in (result.drivers, result.links, result.points):
+def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
+    """Yield name and values (k,) of every column: t, drivers, states of links and points, and loads if they were asked for."""
+    yield "t [s]", result.t
+    for driver in result.model.drivers:
+        unit = "rad" if isinstance(driver, AngleDriver) else "m"
+        for key, per in ((name_value(driver), ""), ("speed", "/s"), ("acceleration", "/s^2")):
+            yield f"{driver.name}.{key} [{unit}{per}]", result.drivers[driver.name][key]
+    for group in (result.links, result.points):
         for name, values in group.items():
-            columns |= {f"{name}.{key}": value for key, value in values.items()}
-    return pd.DataFrame(columns)
+            for key, samples in values.items():
+                yield f"{name}.{key} [{UNITS[key]}]", samples
+    for curve in result.load_curves:
+        yield f"{curve.name} [{curve.unit}]", curve.values
+
+
+def table(result: Kinematics) -> pd.DataFrame:
+    """Return the result as a table with one row per time; columns name their units, as in the table of `simulate`."""
+    names, values = zip(*columns(result), strict=True)
+    return pd.DataFrame(np.column_stack([np.broadcast_to(x, result.t.shape) for x in values]), columns=list(names))
 
 
 def describe_singular(mechanism: Mechanism) -> list[dict[str, Any]] | str:

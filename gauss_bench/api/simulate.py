@@ -17,6 +17,7 @@ from gauss_bench.mechanism.coordinates import acceleration, position, spread, ve
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.spaces import bodies
+from gauss_bench.metrics import Loads
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, build_first, run_of
 from gauss_bench.runs.offers import ChoiceError, check_affordable, offer
@@ -87,8 +88,9 @@ class Simulation(OneRun):
         welds: per weld the force fx, fy [N] on the link that is welded and the moment [N m] about the point where it is held; left
             out of dictionaries where there are none.
         warnings: of the loader on the file; left out of dictionaries if there are none.
-        asked_until: the last time asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They are
-            not in dictionaries; `gauss_bench.history` makes curves of them.
+        loads: the largest and mean loads of joints, welds and drivers over the samples until `trusted_until`, if asked for.
+        asked_until: the end that was asked for [s]; model: the linkage; trajectory: all samples that were reached, or None. They
+            are not in dictionaries; `gauss_bench.history` makes curves of them.
     """
 
     status: Status
@@ -109,6 +111,7 @@ class Simulation(OneRun):
     drivers: dict[str, Array] = field(default_factory=dict, metadata=UNLESS_EMPTY)
     welds: States = field(default_factory=dict, metadata=UNLESS_EMPTY)
     warnings: tuple[str, ...] = field(default=(), metadata=UNLESS_EMPTY)
+    loads: Loads | None = field(default=None, metadata=UNLESS_EMPTY)
 
     @property
     def succeeded(self) -> bool:
@@ -139,6 +142,8 @@ def simulate(
     limit: float = LIMIT,
     told: Hearing = nobody,
     tolerance: float | None = None,
+    whole: bool = False,
+    forces: bool = False,
 ) -> Simulation:
     """Simulate a linkage (a built-in name or a file) in one engine, and judge the run.
 
@@ -152,11 +157,15 @@ def simulate(
         settings: of the engine: a name, KEY=VALUE,... of its own options, or both; its defaults where not given.
         integrator, stabilization: of the engine; its defaults where not given.
         step: integration step [s]. A time of `at` that is no multiple of it is reached by a shorter step, and the message says so.
-        at: times [s] to report; 0 and the scenario's duration where not given.
+        at: times [s] to report; 0 and the scenario's duration where not given. The run ends at the last of them, unless `whole` or
+            `forces` says otherwise.
         limit: seconds after which a worker is stopped.
         told: called with a sentence when the run begins, after all arguments were checked.
         tolerance: relative tolerance of an integrator that chooses its own steps; the absolute one is a hundredth of it. Where it
             is not given, the settings give both.
+        whole: run through the whole duration of the scenario, for plots and tables of all samples; `at` still chooses the times
+            that are reported.
+        forces: run through the whole duration, and give the largest and mean loads of joints, welds and drivers.
 
     Raises:
         LinkageError: the file has faults.
@@ -171,17 +180,19 @@ def simulate(
         raise ChoiceError("times must be numbers that are not negative")
     if not (np.isfinite(limit) and limit > 0):
         raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
-    asked: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": at[-1]}
+    # A report at single times needs no run beyond the last of them. What shows the whole motion must not end there.
+    end = max(at[-1], mechanism.duration) if whole or forces else at[-1]
+    asked: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": end}
     asked |= {"model": mechanism, "observed": observe_names(mechanism)}
     if not offered.usable:
         return Simulation(**asked, **_fields_without_run(mechanism, offered.status, offered.reason))
-    check_affordable(choice.step, at[-1], QUICKEST[engine in OWN], limit)
-    wanted = sampling_through(choice.step, at, sample_spacing(mechanism, at[-1]))
+    check_affordable(choice.step, end, QUICKEST[engine in OWN], limit)
+    wanted = sampling_through(choice.step, sorted({*at, end}), sample_spacing(mechanism, end))
     request = Request(linkage, mechanism.scenario, engine, choice, wanted)
     adaptive = choice.integrator in offered.adaptive
     if warning := warn_of_forcing(mechanism, choice, adaptive):
         tell(f"warning: {warning}")
-    told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {at[-1]:g} s")
+    told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {end:g} s")
     build_first(engine, [choice.settings], told)
     worker = keep(engine)  # the worker that already answered what the engine offers
     try:
@@ -189,14 +200,14 @@ def simulate(
         trajectory, truth, finer = run.trajectory or run.reached, None, None
         if trajectory is not None and run.status in RAN:
             with suppress(OSError, ValueError):  # a damaged certificate is none: the run is then judged by its repetition
-                truth = find_certified(mechanism, at[-1])
+                truth = find_certified(mechanism, end)
             if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
                 again = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
                 finer = at_samples(again, trajectory.t)
     finally:
         worker.stop()
     with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
-        return Simulation(**asked, **_judge(mechanism, choice, run, at, truth, finer, adaptive))
+        return Simulation(**asked, **_judge(mechanism, choice, run, at, truth, finer, adaptive, forces))
 
 
 def _judge(
@@ -207,6 +218,7 @@ def _judge(
     truth: Reference | None,
     finer: Run | None,
     adaptive: bool,
+    forces: bool,
 ) -> dict[str, Any]:
     """Return the fields of a run: at the times asked for, or for a failed run at those that it reached and at its last time.
 
@@ -234,10 +246,18 @@ def _judge(
             "trusted_until": until,
             "advice": advice(verdict.objections, choice.step, choice.stabilization != "none", adaptive),
             "trajectory": trajectory,
+            "loads": loads_until(mechanism, trajectory, until) if forces else None,
         }
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         message = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
         return _fields_without_run(mechanism, Status.ERROR if run.trajectory else run.status, message)
+
+
+def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float | None) -> Loads:
+    """Return the largest and mean loads over the samples up to a time [s]; None means that there are none."""
+    count = 0 if until is None else int(np.searchsorted(trajectory.t, until, "right"))
+    x = Trajectory(trajectory.t[:count], trajectory.q[:count], trajectory.v[:count], trajectory.a[:count], 0)
+    return metrics.summarise_loads(mechanism, x, metrics.load_curves(Evaluator(mechanism), x))
 
 
 def _fields_without_run(mechanism: Mechanism, status: Status, message: str) -> dict[str, Any]:

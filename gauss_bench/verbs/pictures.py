@@ -53,6 +53,8 @@ def draw_motion(result: Kinematics, files: Files) -> None:
     """Write the plot, the animation and the table of a motion; a table named "csv" goes to stdout."""
     whole, x, points = result.model.whole, result.trajectory, result.shown
     contents: dict[Path, str | bytes] = {}
+    if "out" in files:  # for one release
+        tell("columns of the table now name their units, as in `crank.theta [rad]`, formerly `crank.theta`")
     if "plot" in files and not points:
         raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
     for name, path in files.items():

@@ -62,7 +62,7 @@ def panels_of(history: History) -> list[Panel]:
         Panel("speed [m/s]", _magnitudes(history.of(Group.POINT), "vx", "vy")),
         Panel("energy [J]", _lines((x for x in energies if x.key != "gained"), by_key=True)),
         Panel("energy gained beyond the work done [J]", _lines((x for x in energies if x.key == "gained"), by_key=True)),
-        Panel("joint force [N]", _magnitudes(joints, "fx", "fy")),
+        Panel("joint force [N]", _lines(x for x in joints if x.key in ("force", "normal"))),
         Panel("torque: motors, moments of slides [N m]", _lines(torques)),
         Panel("driving force [N]", _lines(x for x in motors if x.unit == "N")),
         Panel("transmission angle [deg]", _lines(history.of(Group.TRANSMISSION)), (0.0, 92.0)),
