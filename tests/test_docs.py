@@ -4,21 +4,28 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import urllib.request
 from collections.abc import Iterator
+from decimal import Decimal
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 from gauss_bench.api.options import VERBS
 from gauss_bench.cli import main
 from gauss_bench.docs import pages_from_code
+from gauss_bench.docs.grammar_index import heading_of, list_keys, write_index
 from gauss_bench.linkage import schema
+from gauss_bench.report.site.page import document, plain_page
+from gauss_bench.report.site.search import search_page
+from gauss_bench.report.site.write import asset_files
 from gauss_bench.verbs.formats import find_schema, list_formats
-from tests.conftest import DOCUMENTATION, needs
+from tests.conftest import DOCUMENTATION, TIMED, needs
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "gauss_bench" / "docs"
@@ -33,8 +40,8 @@ class Block(NamedTuple):
     text: str
 
 
-def blocks(page: Path) -> Iterator[Block]:
-    for found in FENCE.findall(page.read_text(encoding="utf-8")):
+def blocks(text: str) -> Iterator[Block]:
+    for found in FENCE.findall(text):
         yield Block(*found)
 
 
@@ -48,14 +55,35 @@ def written(block: Block, folder: Path) -> None:
         text = whole.replace('["motor", "brake"]', f'["motor", "brake", "{name}"]') + text
     path = folder / block.title
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    before = path.read_text(encoding="utf-8") if block.remark == "appended" else ""
+    path.write_text(before + text, encoding="utf-8")
+
+
+NUMBER = re.compile(r"[+-]?\b\d+(?:\.\d+)?(?:e[+-]?\d+)?\b")
+
+
+def is_same(shown: str, printed: str) -> bool:
+    """Whether two lines have the same words and whole numbers, and decimals that differ by at most one in the last digit shown."""
+    if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
+        return False
+    for x, y in zip(map(Decimal, NUMBER.findall(shown)), map(Decimal, NUMBER.findall(printed)), strict=True):
+        last = Decimal(1).scaleb(int(x.as_tuple().exponent)) if x.as_tuple().exponent else 0
+        if abs(x - y) > last:
+            return False
+    return True
+
+
+def check_printed(shown: str, printed: str) -> None:
+    """Each line that a page shows, but "...", is among the printed ones."""
+    for line in filter(lambda x: x.strip() not in ("", "..."), shown.splitlines()):
+        assert any(is_same(line, x) for x in printed.splitlines()), f"the page shows {line!r}; this was printed:\n{printed}"
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a reader of the tutorial stands at its end."""
     folder = tmp_path_factory.mktemp("reader")
-    for block in blocks(DOCS / "pages" / "tutorial.md"):
+    for block in blocks((DOCS / "pages" / "tutorial.md").read_text(encoding="utf-8")):
         if block.title:
             written(block, folder)
     return folder
@@ -63,36 +91,165 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.long("engine", "tutorial")
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", [x for x in PAGES if x.name != "commands.md"], ids=lambda p: p.stem)
 def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(place)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place / "my_engine"), str(ROOT)]))
     monkeypatch.syspath_prepend(str(place / "my_engine"))
-    for block in blocks(page):
+    carry_out(page.read_text(encoding="utf-8"), place, capsys)
+
+
+def verbs_and_examples() -> dict[str, str]:
+    """The sections of the page of commands by their headings."""
+    parts = re.split(r"^## (.+)\n", (DOCS / "pages" / "commands.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def test_every_verb_has_an_example() -> None:
+    examples = verbs_and_examples()
+    assert list(examples) == list(VERBS)
+    for verb, text in examples.items():
+        commands = [line for block in blocks(text) if block.language == "sh" for line in block.text.splitlines()]
+        assert any(line.split()[:2] == ["gauss-bench", verb] for line in commands), f"no example of {verb}"
+
+
+@pytest.fixture(scope="module")
+def quick_seconds() -> dict[str, float]:
+    """Verb -> processor time [s] of its example, of those that are neither slow nor long."""
+    return {}
+
+
+@pytest.mark.long("conformance", "recommend")
+@pytest.mark.slow("doctor", "sweep", "certify", "verify", "atlas", "run", "report", "check", "tune")
+@pytest.mark.parametrize("verb", [x for x in VERBS if x != "studio"])
+def test_the_example_of_a_verb_runs(
+    verb: str,
+    tmp_path: Path,
+    quick_seconds: dict[str, float],
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    before = sum(os.times()[:4])  # of this process and of its children
+    carry_out(verbs_and_examples()[verb], tmp_path, capsys)
+    if not any(mark.name in TIMED for mark in request.node.own_markers):
+        quick_seconds[verb] = sum(os.times()[:4]) - before
+        assert sum(quick_seconds.values()) < 30.0, f"the quick examples take too long: {quick_seconds}"
+
+
+@pytest.mark.slow
+def test_the_example_of_the_studio_serves_its_page_until_it_is_interrupted(tmp_path: Path) -> None:
+    needs("uvicorn")
+    (block,) = blocks(verbs_and_examples()["studio"])
+    command = [sys.executable, "-m", "gauss_bench", *shlex.split(block.text)[1:]]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as studio:
+        try:
+            assert studio.stderr is not None
+            address = next(found[0] for line in studio.stderr if (found := re.search(r"http://\S+", line)))
+            with urllib.request.urlopen(address, timeout=60) as page:
+                assert b"<html" in page.read()
+        finally:
+            studio.send_signal(signal.SIGINT)
+        assert studio.wait(timeout=60) == 0
+
+
+def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Save the files of a page, run its commands and its Python in order, and compare what it shows with what they print."""
+    printed = ""
+    for block in blocks(text):
         if block.remark.startswith("needs"):
             needs(block.remark.split()[1])
         if block.title:
-            written(block, place)
+            written(block, folder)
+        elif block.remark == "printed":
+            check_printed(block.text, printed)
         elif block.language == "python":
-            exec(compile(block.text, page.name, "exec"), {})
+            exec(compile(block.text, "<page>", "exec"), {})
+            printed = capsys.readouterr().out
         elif block.language == "sh":
-            for line in block.text.splitlines():
-                program, *arguments = shlex.split(line)
-                assert program == "gauss-bench"
-                assert main(arguments) == 0, f"{line}: {capsys.readouterr()}"
+            printed = run_commands(block, capsys)
         else:
-            assert block.language == "text", f"{page.name}: a block that nobody runs: {block.language}"
+            assert block.language == "text", f"a block that nobody runs: {block.language}"
 
 
-def test_the_pages_have_every_key_and_every_verb() -> None:
-    grammar, commands = pages_from_code.write_grammar(), pages_from_code.write_commands()
+def run_commands(block: Block, capsys: pytest.CaptureFixture[str]) -> str:
+    """Return what the commands of a block print; they end with the exit code that the block's remark names, else with 0."""
+    code = int(block.remark.removeprefix("exit code")) if block.remark.startswith("exit code") else 0
+    printed = ""
+    for line in block.text.splitlines():
+        program, *arguments = shlex.split(line)
+        assert program == "gauss-bench"
+        ended = main(arguments)
+        got = capsys.readouterr()
+        assert ended == code, f"{line}: {got}"
+        printed += got.out + got.err
+    return printed
+
+
+def test_a_figure_that_a_run_does_not_print_is_noticed() -> None:
+    assert is_same("force 2.97 kN, 2 loops", "force  2.98 kN, 2 loops")
+    assert not is_same("force 2.97 kN, 2 loops", "force 2.99 kN, 2 loops")
+    assert not is_same("force 2.97 kN, 2 loops", "force 2.97 kN, 3 loops")
+    assert not is_same("force 2.97 kN", "force 2.97 N")
+    with pytest.raises(AssertionError, match="shows 'b 1'"):
+        check_printed("a\n...\nb 1\n", "a\nb 2\n")
+
+
+def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The tables of a JSON schema by the names of their classes, the whole file's among them."""
+    definitions = document.pop("$defs")
+    return {name: x["properties"] for name, x in {document["title"]: document, **definitions}.items()}
+
+
+def test_the_index_has_every_key_of_the_grammar_once_and_nothing_else() -> None:
+    expected = {(name, key) for name, keys in tables_of(schema.LinkageTable.model_json_schema()).items() for key in keys}
+    indexed = [(entry.table.__name__, key) for entry, key, _ in list_keys()]
+    assert len(indexed) == len(set(indexed))
+    assert set(indexed) == expected
+    addresses = [address for _, _, address in list_keys()]
+    page = write_index()
+    assert re.findall(r'^\| <a id="([^"]+)"></a>`', page, re.MULTILINE) == addresses
+    anchors = addresses + re.findall(r"\{ #(\S+) \}", page)
+    assert len(anchors) == len(set(anchors))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
+        '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
+        '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
+        '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
+        '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
+        '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
+        "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
+    ],
+)
+def test_the_index_says_type_unit_default_and_edition(line: str) -> None:
+    assert line in write_index().splitlines()
+
+
+def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> None:
+    guide = pages_from_code.write_grammar()
+    sections = {x.splitlines()[0]: x for x in re.split(r"^### ", guide, flags=re.MULTILINE)}
+    definitions = tables_of(schema.LinkageTable.model_json_schema())
+    for entry, key, address in list_keys():
+        has_numbers = '"number"' in json.dumps(definitions[entry.table.__name__][key])
+        assert has_numbers == (key in entry.table.units), f"{address}: numbers have a unit, and nothing else has one"
+        section = sections[heading_of(entry.places[0])]
+        assert re.search(rf"\b{key}\b", section), f"{address} is not explained in {heading_of(entry.places[0])!r}"
+        for unit in re.split(", | or ", entry.table.units.get(key, "1")):
+            assert unit == "1" or unit in section, f"{address}: its explanation does not name the unit {unit}"
+
+
+def test_the_pages_have_every_force_and_every_verb() -> None:
+    assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", pages_from_code.write_grammar()))
+    page = pages_from_code.write_commands((DOCS / "pages" / "commands.md").read_text(encoding="utf-8"))
+    assert all(f"## {name}\n" in page and f"usage: gauss-bench {name} " in page for name in VERBS)
     assert all(f"[{name}](formats/{name}.json)" in pages_from_code.write_formats() for name in list_formats())
-    for table in pages_from_code.list_tables().values():
-        assert all(f"`{info.alias or name}`" in grammar for name, info in table.model_fields.items())
-    assert "| linkage table | `gravity` | `[0.0, -9.81]` | 1 |" in grammar
-    assert "| scenario table | `hold` | - | 2 |" in grammar
-    assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", grammar))
-    assert all(f"## {name}\n" in commands for name in VERBS)
 
 
 def test_files_named_by_pages_exist() -> None:
@@ -101,19 +258,57 @@ def test_files_named_by_pages_exist() -> None:
             assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
-@pytest.mark.slow
-def test_the_documentation_builds_and_loads_nothing_from_other_machines(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site of one page with its search page, and the documentation in it."""
     if find_spec("mkdocs") is None:
         needs("mkdocs")
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(tmp_path / "docs")]
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(folder / "docs")]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
     assert done.returncode == 0, done.stderr
-    assert sum(x.stat().st_size for x in (tmp_path / "docs").rglob("*") if x.is_file()) < DOCUMENTATION
+    pages = [plain_page("method", "Method", "How runs are compared.")]
+    pages.append(search_page(pages, folder / "docs"))
+    texts = asset_files() | {page.file: document(page, pages, (), "docs/index.html") for page in pages}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.slow
+def test_the_documentation_builds_and_loads_nothing_from_other_machines(site: Path) -> None:
+    assert sum(x.stat().st_size for x in (site / "docs").rglob("*") if x.is_file()) < DOCUMENTATION
     for name in list_formats():
-        assert json.loads((tmp_path / "docs" / "formats" / f"{name}.json").read_text(encoding="utf-8")) == find_schema(name)
-    built = list((tmp_path / "docs").rglob("*.html"))
+        assert json.loads((site / "docs" / "formats" / f"{name}.json").read_text(encoding="utf-8")) == find_schema(name)
+    built = list((site / "docs").rglob("*.html"))
     assert {x.stem for x in PAGES} <= {x.stem for x in built}
     for page in built:
         text = page.read_text(encoding="utf-8")
         asked = re.findall(r"<(?:link|script|img|iframe)\b[^>]*?(?:src|href)=\"?((?:https?:)?//[^\"> ]+)", text)
         assert not [x for x in asked if "canonical" not in x], f"{page.name}: {asked}"
+
+
+@pytest.mark.slow
+def test_the_search_box_of_a_page_finds_keys_verbs_and_pages_without_a_network(browser: Any, site: Path) -> None:
+    context = browser.new_context(offline=True)
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("request", lambda request: wrong.append(request.url) if not request.url.startswith(("file:", "data:")) else None)
+    page.goto((site / "docs" / "drift.html").as_uri())
+    page.get_by_role("search").get_by_role("searchbox").fill("kg_per_m links")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/search.html?ask=*")
+    found = page.locator(".found li:visible")
+    assert found.all_inner_texts() == ["Guide: Index of keys: links.NAME.kg_per_m"]
+    found.get_by_role("link").click()
+    row = page.locator("tr", has=page.locator("[id='links.kg_per_m']"))
+    assert "kg/m" in row.inner_text()
+    page.goto((site / "search.html").as_uri())
+    for words, entry in {"kinematics command": "Guide: Commands: kinematics", "method": "Method"}.items():
+        page.fill("#ask", words)
+        assert entry in found.all_inner_texts()
+    page.fill("#ask", "no such word")
+    assert found.count() == 0
+    assert not wrong
+    context.close()

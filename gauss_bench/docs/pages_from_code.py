@@ -1,20 +1,29 @@
-"""Pages that follow from code: the grammar of linkage files, the commands, and the formats. MkDocs calls the functions `on_...`."""
+"""Pages that follow from code: the grammar of linkage files with the index of its keys, the commands, and the formats.
+
+MkDocs calls the functions `on_...`.
+"""
 
 import argparse
 import json
 import os
+import re
 import shutil
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import PydanticUndefined
-
 from gauss_bench.api.options import VERBS, add_options
-from gauss_bench.linkage import schema
+from gauss_bench.docs.grammar_index import GUIDE, describe_key, list_keys, write_index
 from gauss_bench.verbs.formats import find_schema, list_formats
 
-GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
 BEGINS = "## A complete example"
+INDEX = "search/search_index.json"  # where the site's search page looks for the headings of the documentation
+HEADINGS: list[dict[str, str]] = []
+
+
+def on_pre_build(**_: Any) -> None:
+    """Forget the headings of an earlier build."""
+    HEADINGS.clear()
 
 
 def on_files(files: Any, config: Any, **_: Any) -> Any:
@@ -27,13 +36,46 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Return the text of a page, followed by the part that is computed from code."""
-    computed = {"grammar.md": write_grammar, "commands.md": write_commands, "formats.md": write_formats}.get(page.file.src_uri)
-    return f"{markdown}\n{computed()}" if computed else markdown
+    """Return the text of a page with the parts that are computed from code."""
+    match page.file.src_uri:
+        case "grammar.md":
+            return f"{markdown}\n{write_grammar()}"
+        case "keys.md":
+            return f"{markdown}\n{write_index()}"
+        case "commands.md":
+            return write_commands(markdown)
+        case "formats.md":
+            return f"{markdown}\n{write_formats()}"
+    return markdown
+
+
+def on_page_content(html: str, page: Any, **_: Any) -> None:
+    """Note the headings of a page for the search of the site; for the index of keys, each key."""
+    page_name = page.title
+    HEADINGS.append({"location": page.url, "title": page_name})
+    if page.file.src_uri == "keys.md":
+        found = [(f"#{address}", describe_key(entry, key)) for entry, key, address in list_keys()]
+    else:
+        found = [(heading.url, heading.title) for heading in flatten(page.toc)]
+    HEADINGS.extend({"location": f"{page.url}{anchor}", "title": f"{page_name}: {words}"} for anchor, words in found)
+
+
+def flatten(headings: Iterable[Any]) -> Iterator[Any]:
+    """Yield headings of a page and all below them, except its title."""
+    for heading in headings:
+        if heading.level > 1:
+            yield heading
+        yield from flatten(heading.children)
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """Remove files that no page uses: maps of sources, and the theme's search, which only works from a server."""
+    """Write the headings that the site's search page lists, and remove files that no page uses.
+
+    The theme's own search works only from a server, and finds nothing outside the documentation.
+    """
+    index = Path(config["site_dir"]) / INDEX
+    index.parent.mkdir(exist_ok=True)
+    index.write_text(json.dumps({"docs": HEADINGS}, ensure_ascii=False), encoding="utf-8")
     scripts = Path(config["site_dir"]) / "assets"
     for path in scripts.rglob("*.map"):
         path.unlink()
@@ -42,38 +84,29 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def write_grammar() -> str:
-    """Return the guide from its complete example on, and every key of the schema with its default and edition."""
+    """Return the guide from its complete example on."""
     text = GUIDE.read_text(encoding="utf-8")
-    lines = ["## Every key", "", "| table | key | default | edition |", "| --- | --- | --- | --- |"]
-    for name, table in list_tables().items():
-        for field, info in table.model_fields.items():
-            key, edition = info.alias or field, 2 if (info.alias or field) in table.second else 1
-            lines.append(f"| {name} | `{key}` | {print_default(info.default)} | {edition} |")
-    return "\n".join([text[text.index(BEGINS) :], *lines, ""])
+    return text[text.index(BEGINS) :]
 
 
-def print_default(default: Any) -> str:
-    """Return the default of a key as the table prints it; a dash for an empty one."""
-    if default is PydanticUndefined:
-        return "required"
-    return "-" if default in (None, {}, []) or isinstance(default, schema.Table) else f"`{default}`"
-
-
-def list_tables() -> dict[str, type[schema.Table]]:
-    """Return the tables that a linkage file may have, by the name of their class in words."""
-    classes = {n: x for n, x in vars(schema).items() if isinstance(x, type) and issubclass(x, schema.Table)}
-    bases = {schema.Table, schema.AngledTable, schema.LinearTable, schema.VaryingTable, schema.DrivenTable}
-    return {"".join(f" {c.lower()}" if c.isupper() else c for c in n).strip(): x for n, x in classes.items() if x not in bases}
-
-
-def write_commands() -> str:
-    """Return every verb with its help."""
+def write_commands(page: str) -> str:
+    """Return the page with the summary of each verb below its heading, and its help below its example."""
     os.environ["COLUMNS"] = "100"
-    lines = []
-    for name, table in VERBS.items():
-        verb, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), table["help"]
-        add_options(verb, table)
-        lines += [f"## {name}", "", f"{summary[0].upper()}{summary[1:]}.", "", "```text", verb.format_help().rstrip(), "```", ""]
+    start, *rest = re.split(r"^## (\w+)\n", page, flags=re.MULTILINE)
+    lines = [start]
+    for name, example in zip(rest[::2], rest[1::2], strict=True):
+        verb, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), VERBS[name]["help"]
+        add_options(verb, VERBS[name])
+        lines += [
+            f"## {name}",
+            "",
+            f"{summary[0].upper()}{summary[1:]}.",
+            example,
+            "```text",
+            verb.format_help().rstrip(),
+            "```",
+            "",
+        ]
     return "\n".join(lines)
 
 

@@ -50,24 +50,30 @@ class Table(BaseModel):
     Attributes:
         other: keys that do not affect a motion, such as a title; all other keys enter `physics_digest`.
         second: keys that only the second edition of the grammar has.
+        units: key -> unit of its numbers, "1" if they have none; angles are in degrees if their key ends in `_deg`, else in rad.
 
     Raises:
-        TypeError: a class lists a key as `other` or `second` that it does not have.
+        TypeError: a class lists a key as `other` or `second`, or gives it a unit, and does not have it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     other: ClassVar[frozenset[str]] = frozenset()
     second: ClassVar[frozenset[str]] = frozenset()
+    units: ClassVar[dict[str, str]] = {}
 
-    def __init_subclass__(cls, other: str = "", second: str = "", **more: Any) -> None:
+    def __init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
         super().__init_subclass__(**more)
 
     @classmethod
-    def __pydantic_init_subclass__(cls, other: str = "", second: str = "", **more: Any) -> None:
+    def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
         super().__pydantic_init_subclass__(**more)
         cls.other |= {*other.split()}
         cls.second |= {*second.split()}
-        unknown = (cls.other | cls.second) - {key_of(cls, name) for name in cls.model_fields}
+        keys = {key_of(cls, name) for name in cls.model_fields}
+        angles = {key.removesuffix("_deg") for key in keys if key.endswith("_deg")}
+        by_name = dict.fromkeys(angles, "rad") | {f"{key}_deg": "degrees" for key in angles}
+        cls.units = by_name | cls.units | dict(x.split(": ") for x in units.split("; ") if x)
+        unknown = (cls.other | cls.second | cls.units.keys()) - keys
         if unknown:
             raise TypeError(f"{cls.__name__} has no key {', '.join(sorted(unknown))}")
 
@@ -83,7 +89,7 @@ def one_of(key: str, kinds: Mapping[str, Any]) -> Any:
     return Annotated[tagged, Discriminator(lambda x: str(x.get(key)) if isinstance(x, dict) else None)]
 
 
-class PointTable(Table):
+class PointTable(Table, units="r: m; deg: degrees; xy: m"):
     r: NotNegative | None = None
     deg: Number | None = None
     xy: Pair | None = None
@@ -97,16 +103,16 @@ PointValue = Annotated[
 Points = dict[Name, PointValue]
 
 
-class GroundTable(Table):
+class GroundTable(Table, units="points: m"):
     points: Points = {}
 
 
-class PointMassTable(Table):
+class PointMassTable(Table, units="mass: kg"):
     point: Text
     mass: Positive
 
 
-class LinkTable(Table, second="point_masses"):
+class LinkTable(Table, second="point_masses", units="points: m; kg_per_m: kg/m; mass: kg; com: m; inertia: kg m²"):
     points: Annotated[Points, Field(min_length=1)]
     bars: list[Couple] = []
     kg_per_m: Positive | None = None
@@ -121,14 +127,14 @@ class AngledTable(Table):
     angle: Number | None = None
 
 
-class WeldTable(AngledTable):
+class WeldTable(AngledTable, units="origin: m"):
     link: Text
     to: Text
     origin: Pair | None = None
     points: Annotated[list[Couple], Field(min_length=1, max_length=2)] | None = None
 
 
-class CylinderPartTable(Table):
+class CylinderPartTable(Table, units="length: m; mass: kg; kg_per_m: kg/m; com: m; inertia: kg m²"):
     length: Positive
     mass: Positive | None = None
     kg_per_m: Positive | None = None
@@ -147,7 +153,7 @@ class RevoluteTable(Table):
     at: Annotated[list[Text], Field(min_length=2)]
 
 
-class PrismaticTable(AngledTable):
+class PrismaticTable(AngledTable, units="offset: m"):
     type: Literal["prismatic"]
     guide: Text
     block: Text
@@ -162,30 +168,30 @@ class KnifeEdgeTable(AngledTable):
     point: Text
 
 
-class TableOverTime(Table):
+class TableOverTime(Table, units="rows: s, 1"):
     law: Literal["table"]
     rows: Annotated[list[Pair], Field(min_length=2)]
 
 
-class RampOverTime(Table):
+class RampOverTime(Table, units="start: s; time: s"):
     law: Literal["ramp"]
     start: Number = 0.0
     time: Positive
 
 
-class StepOverTime(Table):
+class StepOverTime(Table, units="start: s"):
     law: Literal["step"]
     start: Number
 
 
-class SineOverTime(Table):
+class SineOverTime(Table, units="frequency: Hz"):
     law: Literal["sine"]
     frequency: Positive
     phase_deg: Number | None = None
     phase: Number | None = None
 
 
-class AgainstTable(Table):
+class AgainstTable(Table, units="share: 1; speed: rad/s or m/s"):
     share: Number
     speed: Positive
 
@@ -198,7 +204,7 @@ class VaryingTable(Table, second="over_time against"):
     against: AgainstTable | None = None
 
 
-class TorqueTable(VaryingTable):
+class TorqueTable(VaryingTable, units="value: N m"):
     read: ClassVar = Torque.read
     type: Literal["torque"]
     link: Text
@@ -206,7 +212,7 @@ class TorqueTable(VaryingTable):
     value: Number
 
 
-class ForceTable(VaryingTable):
+class ForceTable(VaryingTable, units="value: N"):
     read: ClassVar = PointForce.read
     type: Literal["force"]
     point: Text
@@ -220,34 +226,34 @@ class LinearTable(Table):
     rest: Number = 0.0
 
 
-class SpringDamperTable(LinearTable):
+class SpringDamperTable(LinearTable, units="k: N/m; c: N s/m; rest: m"):
     read: ClassVar = SpringDamper.read
     type: Literal["spring_damper"]
     between: Couple
 
 
-class AxisSpringDamperTable(AngledTable, LinearTable):
+class AxisSpringDamperTable(AngledTable, LinearTable, units="k: N/m; c: N s/m; rest: m"):
     read: ClassVar = AxisSpringDamper.read
     type: Literal["axis_spring_damper"]
     point: Text
     origin: Text | None = None
 
 
-class RotationalSpringDamperTable(LinearTable):
+class RotationalSpringDamperTable(LinearTable, units="k: N m/rad; c: N m s/rad"):
     read: ClassVar = RotationalSpringDamper.read
     type: Literal["rotational_spring_damper"]
     links: Couple
     rest_deg: Number | None = None
 
 
-class JointDampingTable(Table):
+class JointDampingTable(Table, units="c: N m s/rad or N s/m"):
     read: ClassVar = JointDamping.read
     type: Literal["joint_damping"]
     joint: Text
     c: NotNegative
 
 
-class CoulombFrictionTable(Table):
+class CoulombFrictionTable(Table, units="mu: 1; radius: m; speed: rad/s or m/s"):
     read: ClassVar = CoulombFriction.read
     type: Literal["coulomb_friction"]
     joint: Text
@@ -256,7 +262,7 @@ class CoulombFrictionTable(Table):
     speed: Positive
 
 
-class DrivenTable(Table):
+class DrivenTable(Table, units="start: rad or m"):
     link: Text | None = None
     joint: Text | None = None
     between: Couple | None = None
@@ -264,24 +270,27 @@ class DrivenTable(Table):
     start: Number | None = None
 
 
-class ConstantLaw(DrivenTable):
+class ConstantLaw(DrivenTable, units="speed: rad/s or m/s"):
     law: Literal["constant"]
     speed: Number
 
 
-class RiseLaw(DrivenTable):
+class RiseLaw(DrivenTable, units="travel: rad or m; time: s"):
     law: Literal["sine", "cosine", "poly345"]
     travel_deg: Number | None = None
     travel: Number | None = None
     time: Positive
 
 
-class TableLaw(DrivenTable):
+class TableLaw(DrivenTable, units="rows: s, degrees or m"):
     law: Literal["table"]
     rows: Annotated[list[Pair], Field(min_length=2)]
 
 
-class StartTable(Table):
+class StartTable(
+    Table,
+    units="speed: rad/s; slides: m; points: m; speeds: rad/s; slide_speeds: m/s; point_velocities: m/s",
+):
     crank_deg: Number | None = None
     crank: Number | None = None
     speed: Number = 0.0
@@ -310,7 +319,7 @@ JointTable, ForceEntry, ConstraintTable = (one_of("type", x) for x in (JOINTS, F
 DriverTable = one_of("law", LAWS)
 
 
-class ScenarioTable(Table, other="duration override hold", second="hold"):
+class ScenarioTable(Table, other="duration override hold", second="hold", units="duration: s"):
     duration: NotNegative
     hold: list[Text] = []
     forces: list[Text] = []
@@ -320,7 +329,7 @@ class ScenarioTable(Table, other="duration override hold", second="hold"):
     start: StartTable | None = None
 
 
-class AssemblyTable(Table):
+class AssemblyTable(Table, units="sketch: m"):
     sketch: dict[Text, Pair] = {}
     angles_deg: dict[Text, Number] = {}
     angles: dict[Text, Number] = {}
@@ -350,6 +359,7 @@ class LinkageTable(
     Table,
     other="format name title expect observe measure",
     second="welds cylinders",
+    units="gravity: m/s²",
 ):
     format: Literal["planar-linkage/1", "planar-linkage/2"]
     name: Name

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from gauss_bench.report.site.page import Page, plain_page
 
 HEADING = re.compile(r'<h[2-4] id="([^"]+)">(.*?)</h[2-4]>', re.DOTALL)
-INDEX = "search/search_index.json"  # the headings of the documentation, written by mkdocs
+INDEX = "search/search_index.json"  # the headings of the documentation and the keys of the grammar, written with it
 
 
 def search_page(pages: Sequence[Page], guide: Path) -> Page:

@@ -1,5 +1,5 @@
 "use strict";
-// Keeps the entries that have every word that is asked for.
+// Keeps the entries that have every word that is asked for, here or by the address: the documentation's box leads here.
 (() => {
   const ask = document.getElementById("ask"), entries = [...document.querySelectorAll(".found li")];
   const narrow = () => {
@@ -10,4 +10,6 @@
     }
   };
   ask.addEventListener("input", narrow);
+  ask.value = new URLSearchParams(location.search).get("ask") ?? ask.value;
+  narrow();
 })();

@@ -1,0 +1,184 @@
+"""The index of the grammar: every table and key of a linkage file, from the types in `linkage/schema.py`."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from pydantic_core import PydanticUndefined
+
+from gauss_bench.linkage import schema
+
+GUIDE = Path(__file__).parents[2] / "mechanisms" / "README.md"
+TOP = "Top level"  # heading in the guide, of the tables that no other heading names
+KINDS = ("type", "law")  # keys whose value decides which other keys a table has
+
+
+@dataclass
+class Entry:
+    """A table of the grammar.
+
+    Attributes:
+        places: where it may be in a file, such as `links.*`; * is any name, [*] any entry of a list.
+        edition: the first edition of the grammar that has it.
+    """
+
+    table: type[schema.Table]
+    places: list[str]
+    edition: int
+
+    @property
+    def decides(self) -> str:
+        """The key whose value decides which table this is; empty if no other table has its places."""
+        return next((key for key in KINDS if key in self.table.model_fields), "")
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The values of that key."""
+        return get_args(self.table.model_fields[self.decides].annotation) if self.decides else ()
+
+    @property
+    def address(self) -> str:
+        """Its first place without names, with its first kind: such as `forces.torque`."""
+        return ".".join(filter(None, (re.sub(r"\.\*|\[\*\]", "", self.places[0]), *self.kinds[:1])))
+
+
+def list_entries() -> list[Entry]:
+    """Return the tables of a linkage file, from the file itself inwards; a table that may be in several places comes once."""
+    entries: dict[type[schema.Table], Entry] = {}
+    add_entry(entries, schema.LinkageTable, "", edition=1)
+    return list(entries.values())
+
+
+def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
+    """Add a table, and those inside it, to `entries`."""
+    entry = entries.setdefault(table, Entry(table, [], edition))
+    if place in entry.places:
+        return
+    entry.places.append(place)
+    for name, info in table.model_fields.items():
+        key = schema.key_of(table, name)
+        for inner, inner_table in inner_tables(info.annotation, join(place, key)):
+            add_entry(entries, inner_table, inner, edition_of(entry, key))
+
+
+def join(place: str, key: str) -> str:
+    """Return the place of a key of a table."""
+    return f"{place}.{key}".removeprefix(".")
+
+
+def edition_of(entry: Entry, key: str) -> int:
+    """Return the first edition of the grammar that has a key."""
+    return 2 if key in entry.table.second else entry.edition
+
+
+def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema.Table]]]:
+    """Yield the tables of a value's type, with their places."""
+    origin, of = get_origin(annotation), get_args(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, schema.Table):
+        yield place, annotation
+    elif origin is dict:
+        yield from inner_tables(of[1], f"{place}.*")
+    elif origin is list:
+        yield from inner_tables(of[0], f"{place}[*]")
+    elif origin is not Literal:
+        for part in of[:1] if origin is Annotated else of:
+            yield from inner_tables(part, place)
+
+
+def print_type(value: dict[str, Any], place: str) -> str:
+    """Return a type of JSON Schema in words; a text that must be a name says of what, by the rules of `grammar.toml`."""
+    named = schema.GRAMMAR["named"]
+    alternatives = value.get("anyOf", value.get("oneOf", ()))
+    if alternatives:  # null stands for a key that is left out
+        return " or ".join(dict.fromkeys(print_type(x, place) for x in alternatives if x != {"type": "null"}))
+    if "$ref" in value:
+        return "table"
+    if "const" in value or "enum" in value:
+        return " or ".join(f'`"{x}"`' for x in value.get("enum", [value.get("const")]))
+    if value["type"] == "array":
+        inner = print_type(value["items"], f"{place}[*]")
+        is_pair = value.get("minItems") == value.get("maxItems") == 2
+        return f"[{inner}, {inner}]" if is_pair else f"[{inner}, ...]"
+    if value["type"] == "object":
+        by_name = [*value.get("patternProperties", {}).values(), value.get("additionalProperties")]
+        if by_name[0] is True:
+            return "table"
+        return f"{named.get(f'{place}.~', 'name')} → {print_type(by_name[0], f'{place}.*')}"
+    if value["type"] == "string":
+        return str(named.get(place, "name" if "pattern" in value else "text"))
+    bounds = [f" {sign} {value[x]:g}" for x, sign in (("exclusiveMinimum", ">"), ("minimum", ">=")) if x in value]
+    return {"number": "number", "integer": "whole number"}[str(value["type"])] + "".join(bounds)
+
+
+def print_default(default: Any) -> str:
+    """Return the default of a key; a dash for an empty one."""
+    if default is PydanticUndefined:
+        return "required"
+    return "-" if default in (None, "", {}, []) or isinstance(default, schema.Table) else f"`{default}`"
+
+
+def explaining_headings() -> dict[str, str]:
+    """Return place of a table -> heading of the guide that explains it; "" -> that of all other tables."""
+    found = {"": TOP}
+    for heading in re.findall(r"^### (.+)$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE):
+        for name in re.findall(r"`([^`]+)`", heading):
+            found[re.sub(r"\.[A-Z]$|\.[A-Z](?=\.)", ".*", name)] = heading
+    return found
+
+
+def heading_of(place: str) -> str:
+    """Return the heading of the guide that explains a table: that of the longest beginning of its place."""
+    headings = explaining_headings()
+    return headings[max((x for x in headings if f"{place}.".startswith(f"{x}." if x else "")), key=len)]
+
+
+def heading_anchor(heading: str) -> str:
+    """Return the address that MkDocs gives to a heading."""
+    return re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+
+
+def print_place(place: str) -> str:
+    """Return a place with NAME for any name and [] for any entry of a list."""
+    return place.replace("[*]", "[]").replace("*", "NAME")
+
+
+def describe_place(entry: Entry) -> str:
+    """Return the places of a table as a heading, and its `type` or `law` if that decides on it."""
+    words = " and ".join(f"`{print_place(x)}`" for x in entry.places if x) or "The file"
+    return f"{words}, {entry.decides} {', '.join(f'`{x}`' for x in entry.kinds)}" if entry.decides else words
+
+
+def describe_key(entry: Entry, key: str) -> str:
+    """Return a key with its table, as a file has it, such as "links.NAME.mass"; with the table's `type` or `law`."""
+    kinds = f" ({entry.decides} {', '.join(entry.kinds)})" if entry.decides else ""
+    return join(print_place(entry.places[0]), key) + kinds
+
+
+def list_keys() -> Iterator[tuple[Entry, str, str]]:
+    """Yield every key with its table and its address on the page."""
+    for entry in list_entries():
+        for name in entry.table.model_fields:
+            key = schema.key_of(entry.table, name)
+            yield entry, key, join(entry.address, key)
+
+
+def write_index() -> str:
+    """Return the page: for each table of the grammar a table of its keys, which have anchors such as `links.mass`."""
+    lines: list[str] = []
+    for entry, keys in groupby(list_keys(), key=itemgetter(0)):
+        table, place = entry.table, entry.places[0]
+        heading = heading_of(place)
+        properties = table.model_json_schema()["properties"]
+        defaults = {schema.key_of(table, name): info.default for name, info in table.model_fields.items()}
+        lines += ["", f"## {describe_place(entry)} {{ #table.{entry.address or 'file'} }}", ""]
+        lines += [f"Explained in [{heading.replace('`', '')}](grammar.md#{heading_anchor(heading)}).", ""]
+        lines += ["| key | type | unit | default | edition |", "| --- | --- | --- | --- | --- |"]
+        for _, key, address in keys:
+            kind, unit = print_type(properties[key], join(place, key)), table.units.get(key, "")
+            cells = (f'<a id="{address}"></a>`{key}`', kind, unit, print_default(defaults[key]), str(edition_of(entry, key)))
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
