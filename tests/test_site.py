@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import Markup
 
 from gauss_bench.bench.runner import own_files
 from gauss_bench.report.build import all_findings, build_report, read_run
-from gauss_bench.report.content import Cell, Table
+from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site import tables_page
@@ -28,7 +29,7 @@ from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.first import pack
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
-from gauss_bench.report.site.page import DASH, ENVIRONMENT, HEADLINE, headline, rich, script_text, short_label
+from gauss_bench.report.site.page import ENVIRONMENT, HEADLINE, headline, rich, script_text, short_label
 from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored, describe_setting
 from gauss_bench.suites.read import read_suite, restrict
 from gauss_bench.tables import TABLES, read_table
@@ -187,13 +188,14 @@ def test_a_finding_begins_with_one_sentence_of_bounded_length(run: Run) -> None:
 def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
     long = f"not reached in 400 steps: {'because ' * 20}"
     page_table = ENVIRONMENT.get_template("blocks.html").module.table  # type: ignore[attr-defined]
-    made = str(page_table(Table("t", ("a", "b"), ((Cell(long), Cell("")), (Cell("https://x.org/a"), Cell("1"))))))
+    dashes = (Cell("-", why="no target"), Cell("-", why=long))
+    made = str(page_table(Table("t", ("a", "b"), ((Cell(long), Cell("1")), (Cell("https://x.org/a"), Cell("")), dashes))))
     assert "<summary>not reached in 400 steps</summary>" in made
-    assert "<td>-</td>" in made
-    assert DASH in made
+    assert "<td>- <small>not measured</small></td>" in made
+    assert "<td>- <small>no target</small></td>" in made
+    assert "<td><details><summary>- not reached in 400 steps</summary>" in made
     assert '<a href="https://x.org/a">x.org</a>' in made
     assert 'td:nth-child(2)::before{content:"b"}' in made
-    assert DASH not in str(page_table(Table("t", ("a",), ((Cell("1"),),))))
     assert short_label("word " * 30) == f"{'word ' * 8}..."
 
 
@@ -275,6 +277,23 @@ def test_a_table_of_more_numbers_than_huge_has_no_csv_file(tmp_path: Path, monke
         monkeypatch.setattr(tables_page, "HUGE", most)
         (folder := tmp_path / str(most)).mkdir()
         assert {x.name for x in tables_page.write_data(folder, {"scaling": rows})} == files == {x.name for x in folder.iterdir()}
+
+
+def test_a_dash_has_the_reason_of_its_column_or_of_the_run() -> None:
+    ended, skipped = ({"status": status, "target": math.nan, "error": math.nan} for status in ("ok", "skip"))
+    assert make_cell(ended, ".2g", "target").why == make_cell(skipped, ".2g", "target").why == "no target"
+    assert make_cell(ended, "error", "error").why == "not measured"
+    assert make_cell(skipped, "error", "error").why == "skipped"
+    assert make_cell(skipped | {"missing": "not reached"}, "error", "error").why == "not reached"
+    assert not make_cell({"error": 1.0}, "error", "error").why
+
+
+@pytest.mark.slow
+def test_every_dash_of_the_published_tables_has_a_reason_that_somebody_wrote(out: Path) -> None:
+    for page in (out / "site").glob("*.html"):
+        cells = re.findall(r"<td[^>]*>(.*?)</td>", page.read_text(encoding="utf-8"), re.DOTALL)
+        bare = [x for x in cells if Markup(x).striptags() in ("", "-", f"- {UNMEASURED}")]
+        assert not bare, f"{page.name}: {bare[:3]}"
 
 
 @pytest.mark.slow

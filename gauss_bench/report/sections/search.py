@@ -66,7 +66,8 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
         if row["status"] == OK:
             more["remark"] = f"in Python: {row['in_python']}" if row.get("in_python") else ""
         else:
-            more |= {"remark": answer_of(run, row).words, "remark_tone": "warn"}
+            reach = answer_of(run, row)
+            more |= {"remark": reach.words, "remark_tone": "warn", "missing": str(reach.kind)}
         winners.append({**row, **more})
 
     def order(row: Row) -> tuple[str, float, float]:

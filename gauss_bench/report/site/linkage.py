@@ -46,6 +46,7 @@ from gauss_bench.report.site.settings import (
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
+LISTED = 7  # one of so many drawn points is in the table of a figure's numbers, the last of a line always
 BETTER = 0.98  # a costlier setting is on the front if its error is smaller than the last one's by this factor
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
@@ -238,7 +239,9 @@ def history_chart(run: Run, name: str, column: str, kind: str, title: str, words
     cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in first)
     head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
-    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles, shown)
+    listed = [row for line in lines for row in line[::-LISTED][::-1]]
+    note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
+    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles, shown, listed=listed, note=note)
 
 
 def drift_chart(run: Run, name: str) -> Chart | None:

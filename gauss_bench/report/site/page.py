@@ -12,13 +12,12 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import NOTHING, Cell, Table
+from gauss_bench.report.content import NOTHING, UNMEASURED, Cell, Table
 from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
 HEADLINE = 260  # largest number of characters of a finding that is not unfolded
-DASH = "A dash stands for a number that was not measured, or does not apply."
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
 
 
@@ -93,12 +92,6 @@ def label(head: str) -> Markup:
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
-def note_of(content: Table) -> str:
-    """Return the note below a table, which also explains dashes."""
-    dashes = DASH if any(cell.text in ("", NOTHING) for row in content.rows for cell in row) else ""
-    return " ".join(filter(None, (content.note, dashes)))
-
-
 def sort_by(cell: Cell) -> Markup:
     """Return the sort attribute of a cell, unless its text is already the number."""
     key = f"{cell.sort:.7g}" if isinstance(cell.sort, float) else cell.text
@@ -106,8 +99,13 @@ def sort_by(cell: Cell) -> Markup:
 
 
 def shown(cell: Cell) -> Markup:
-    """Return the HTML of a cell: formulas are typeset, addresses become links, long texts are folded, empty cells show a dash."""
+    """Return the HTML of a cell: formulas are typeset, addresses become links, long texts are folded, a dash has its reason."""
     text = cell.text or NOTHING
+    if text == NOTHING:
+        why = cell.why or UNMEASURED
+        if len(why) <= LABEL:
+            return Markup("- <small>{}</small>").format(why)
+        return Markup("<details><summary>- {}</summary>{}</details>").format(short_label(why), why)
     if cell.tone == "formula" and is_formula(text):
         return mathml(text)
     if re.fullmatch(r"https://[^\s\"<>]+", text):
@@ -140,7 +138,7 @@ def headline(text: str) -> str:
 
 
 ENVIRONMENT = make_environment("gauss_bench.report.site")
-ENVIRONMENT.filters |= {f.__name__: f for f in (column_classes, label_class, label, note_of, sort_by, shown, rich, headline)}
+ENVIRONMENT.filters |= {f.__name__: f for f in (column_classes, label_class, label, sort_by, shown, rich, headline)}
 ENVIRONMENT.filters |= {
     "plain": lambda text: text.replace("**", ""),
     "sentences": lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x],
