@@ -6,6 +6,7 @@ fixed, so that two reports differ in a line only if a number differs.
 
 import math
 import tomllib
+import zlib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -84,11 +85,24 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence computed from rows, with a title; tone: "good", "bad", "warn" or ""."""
+    """Sentences computed from rows, with a title.
+
+    Attributes:
+        tone: "good", "bad", "warn" or "".
+        short: the finding in one sentence, if `text` lists more; the tables have the rest.
+        behind: the rows from which it was computed, with the same numbers.
+    """
 
     title: str
     text: str
     tone: str = ""
+    short: str = ""
+    behind: Sequence[Table] = ()
+
+    @property
+    def anchor(self) -> str:
+        """The id of the finding on its page."""
+        return f"finding-{zlib.crc32(self.text.encode()):08x}"
 
 
 @dataclass(frozen=True)

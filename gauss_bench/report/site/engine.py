@@ -75,7 +75,7 @@ def bests(run: Run, name: str) -> Table:
     known = [x for x, settings in all_settings(run).items() if any(one.engine == name for one in settings)]
     # an engine without any known setting has no table
     for linkage in sorted({*searched, *known}) if known else ():
-        for position in POSITIONS[1::2]:
+        for position in POSITIONS[::2]:
             place = {"mechanism": linkage, "within": position}
             one = cheapest_stored(run, linkage, position).get(name)
             if one is None:

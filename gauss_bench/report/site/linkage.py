@@ -18,15 +18,17 @@ from gauss_bench.report.rows import (
     Item,
     Row,
     Run,
+    end_error,
     group_by,
     has_ended,
     is_known,
     is_unstabilised,
+    may_rank,
     number,
     setting_words,
     with_number,
 )
-from gauss_bench.report.sections.trajectories import all_cases, best_cases
+from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
 from gauss_bench.report.site.motion import draw_turn
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
@@ -58,6 +60,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
     settings = all_settings(run).get(name, [])
     charts = [x for x in (accuracy_chart(settings), drift_chart(run, name), energy_chart(run, name), force_chart(run, name)) if x]
     rows = [r for r in run.of(name) if r["scenario"] == scenario]
+    usable = [r for r in rows if may_rank(r) and is_known(end_error(r))]
     title = name.replace("_", " ")
     body = render(
         "linkage.html",
@@ -70,6 +73,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         charts=charts,
         titles=TITLES,
         cases=best_cases(name, scenario, rows) if rows else None,
+        exact=name_most_accurate(usable) if usable else "",
         count=len(rows),
         rows_file=f"{rows_name(name)}.html",
         pair=pair and pair[0],
