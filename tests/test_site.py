@@ -487,7 +487,7 @@ def test_every_link_of_the_site_and_its_documentation_leads_somewhere(whole: tup
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("width", "scheme"), product((390, 1440), ("light", "dark")))
+@pytest.mark.parametrize(("width", "scheme"), [*product((390, 1440), ("light", "dark"))])
 def test_no_page_of_the_documentation_is_wider_than_its_window(
     browser: Any, whole: tuple[Path, float], width: int, scheme: str
 ) -> None:

@@ -55,10 +55,11 @@ def findings(run: Run) -> Iterator[Finding]:
         f"{'; '.join(parts)}.{list_unmeasured(table, 'ratio')}"
     )
     holds = sum(r["verdict"] == "holds" for r in rows)
-    own = (
-        f"By its own formula a step takes {range_text(list(ratios.values()))} times as long, and compiled" if ratios else "Compiled"
-    )
-    short = f"{own} alike fewer unknowns are faster on {holds} of {count(len(rows), 'linkage')}."
+    short = f"compiled alike, fewer unknowns are faster on {holds} of {count(len(rows), 'linkage')}."
+    if ratios:
+        multiples = range_text(list(ratios.values()))
+        short = f"by the paper's own formula a step takes {multiples} times as long as by Lagrange's multipliers; {short}"
+    short = short[0].upper() + short[1:]
     tone = "" if answer == "Yes" and not slower else "warn"
     yield Finding("The paper's claim", text, tone, short, (*behind, lay_out("behind_claim", rows)))
 

@@ -12,6 +12,7 @@ from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, num
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
+    USUAL,
     all_settings,
     answer_of,
     cheapest_stored,
@@ -22,6 +23,9 @@ from gauss_bench.report.site.settings import (
     race_multiples,
     scenarios,
 )
+
+
+TABLED = sorted({*POSITIONS[1::2], USUAL}, reverse=True)  # [m] accuracies in the table of an engine's best settings
 
 
 def engine_names(run: Run) -> list[str]:
@@ -75,7 +79,7 @@ def bests(run: Run, name: str) -> Table:
     known = [x for x, settings in all_settings(run).items() if any(one.engine == name for one in settings)]
     # an engine without any known setting has no table
     for linkage in sorted({*searched, *known}) if known else ():
-        for position in POSITIONS[::2]:
+        for position in TABLED:
             place = {"mechanism": linkage, "within": position}
             one = cheapest_stored(run, linkage, position).get(name)
             if one is None:

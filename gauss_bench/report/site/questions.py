@@ -41,7 +41,8 @@ def ask_setting(run: Run, linkage: str, engine: str, name: str) -> Iterator[Ques
     """Yield which settings of an engine hold the usual accuracy."""
     one = cheapest_stored(run, linkage, USUAL).get(engine)
     if one is not None:
-        setting = f"{describe_setting(run, one)}, step or tolerance {describe_size(one)}"
+        size = f"step {describe_size(one)}" if is_known(one.step) else describe_size(one)
+        setting = f"{describe_setting(run, one)}, {size}"
         yield Question(
             f"Which settings hold {1e3 * USUAL:g} mm in {name}?",
             f"On {linkage} the cheapest is {setting}; the page has those of every linkage.",
@@ -60,7 +61,7 @@ def ask_redundant(run: Run) -> Iterator[Question]:
         if spare > 0 and rows:
             yield Question(
                 "Which engine is the most exact on redundant loops?",
-                f"On {name}, with {count(spare, 'redundant row')}: {name_most_accurate(rows)}",
+                f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(spare, 'redundant row')}.",
                 f"linkage-{file_name(name)}.html#cases",
             )
             return
