@@ -120,7 +120,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
     """Return in one sentence which engines beat our compiled formulations at a requirement, and how long other engines take."""
-    ahead = [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+    ahead = list_faster(group)
     beaten = group_by(ahead, "engine")
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     wins = [f"`{x}`{' (own)' if x in run.own_engines else ''} is faster on {len(some)}" for x, some in beaten.items()]
@@ -158,9 +158,14 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     return rows
 
 
+def list_faster(group: Sequence[Row]) -> list[Row]:
+    """Return the rows of engines that are faster than our compiled formulations beyond the spread."""
+    return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+
+
 def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield the engines that are faster than our compiled formulations, including other own engines."""
-    ahead = [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+    ahead = list_faster(group)
     faster = [f"`{r['engine']}`{' (own)' if r['engine'] in run.own_engines else ''} on {_multiple(run, r)}" for r in ahead]
     if faster:
         yield f"**Slower than {itemise(faster)}.** "

@@ -24,7 +24,6 @@ from gauss_bench.report.site.settings import (
     scenarios,
 )
 
-
 TABLED = sorted({*POSITIONS[1::2], USUAL}, reverse=True)  # [m] accuracies in the table of an engine's best settings
 
 
