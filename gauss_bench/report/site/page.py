@@ -17,6 +17,7 @@ from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
+LEAST_LABEL = 12  # characters: shorter beginnings, such as a time, do not say what is behind them
 HEADLINE = 260  # largest number of characters of a finding that is not unfolded
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
@@ -111,7 +112,7 @@ def shown(cell: Cell) -> Markup:
     if text == NOTHING:
         why = cell.why or UNMEASURED
         if len(why) <= LABEL:
-            return Markup("- <small>{}</small>").format(why)
+            return Markup("<small>- {}</small>").format(why)
         return Markup("<details><summary>- {}</summary>{}</details>").format(short_label(why), why)
     if cell.tone == "formula" and is_formula(text):
         return mathml(text)
@@ -125,9 +126,9 @@ def shown(cell: Cell) -> Markup:
 
 
 def short_label(text: str) -> str:
-    """Return the first words of a text, up to a colon, semicolon or bracket, as its label."""
-    first = re.split(r"[:;(]", text, maxsplit=1)[0].strip()
-    if 3 < len(first) <= LABEL:
+    """Return the first words of a text, up to a colon or semicolon unless these say too little, as its label."""
+    first = re.split(r"[:;]", text, maxsplit=1)[0].strip()
+    if LEAST_LABEL < len(first) <= LABEL:
         return first
     return text[:LABEL].rpartition(" ")[0].rstrip(",;:") + " ..."
 
