@@ -4,21 +4,29 @@ import functools
 import http.server
 import json
 import math
+import os
 import re
+import resource
 import shutil
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from html import unescape
+from importlib.util import find_spec
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import Markup
 
 from gauss_bench.bench.runner import own_files
 from gauss_bench.report.build import all_findings, build_report, read_run
-from gauss_bench.report.content import Cell, Table
+from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site import tables_page
@@ -28,15 +36,17 @@ from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.first import pack
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
-from gauss_bench.report.site.page import DASH, ENVIRONMENT, HEADLINE, headline, rich, script_text, short_label
+from gauss_bench.report.site.page import ENVIRONMENT, HEADLINE, headline, rich, script_text, sentence_of, short_label
 from gauss_bench.report.site.settings import all_settings, cheapest, cheapest_stored, describe_setting
 from gauss_bench.suites.read import read_suite, restrict
 from gauss_bench.tables import TABLES, read_table
-from tests.conftest import DOCUMENTATION
+from tests.conftest import DOCUMENTATION, needs
 
 REPORTS = Path(__file__).parents[1] / "reports"
 SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines")
 BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
+
+MOST_SECONDS = 30  # of processor time to build the site with its documentation
 
 LEAST = {"kernel_steps": "ratio", "kernel_batch": "ratio", "kernel_rhs": "ratio", "kernel_kinematics": "rate"}
 LARGEST = {"kernel_agreement": "error", "kernel_long": "velocity_drift"}
@@ -184,16 +194,34 @@ def test_a_finding_begins_with_one_sentence_of_bounded_length(run: Run) -> None:
     assert all(len(headline(x)) <= HEADLINE + 1 for x in ("word " * 200, *(x.text for x in all_findings(run))))
 
 
+def test_each_finding_is_one_sentence_and_opens_rows_with_the_same_numbers(run: Run) -> None:
+    for one in all_findings(run):
+        said = sentence_of(one)
+        cells = [cell.text for table in one.behind for row in table.rows for cell in row]
+        assert cells, f"{one.title}: no rows"
+        assert len(re.findall(r"[.!?](?= [A-Z`])", said)) == 0, said
+        figures = re.findall(r"\d+(?:\.\d+)?e-?\d+|\d+\.\d+", said)
+        assert not [x for x in figures if not any(x in cell for cell in cells)], said
+    counted = {x.title: (int(sentence_of(x).split()[0]), x) for x in all_findings(run) if sentence_of(x)[0].isdigit()}
+    for title in ("Failed cases", "Ran, but not valid"):
+        number, one = counted[title]
+        assert number == len(one.behind[0].rows)
+    missed, one = counted["Targets of the kernel"]
+    assert missed == sum(row[-1].text == "no" for row in one.behind[0].rows)
+    assert f"of {len(one.behind[0].rows)} targets" in sentence_of(one)
+
+
 def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
     long = f"not reached in 400 steps: {'because ' * 20}"
     page_table = ENVIRONMENT.get_template("blocks.html").module.table  # type: ignore[attr-defined]
-    made = str(page_table(Table("t", ("a", "b"), ((Cell(long), Cell("")), (Cell("https://x.org/a"), Cell("1"))))))
+    dashes = (Cell("-", why="no target"), Cell("-", why=long))
+    made = str(page_table(Table("t", ("a", "b"), ((Cell(long), Cell("1")), (Cell("https://x.org/a"), Cell("")), dashes))))
     assert "<summary>not reached in 400 steps</summary>" in made
-    assert "<td>-</td>" in made
-    assert DASH in made
+    assert "<td><small>- not measured</small></td>" in made
+    assert "<td><small>- no target</small></td>" in made
+    assert "<td><details><summary>- not reached in 400 steps</summary>" in made
     assert '<a href="https://x.org/a">x.org</a>' in made
     assert 'td:nth-child(2)::before{content:"b"}' in made
-    assert DASH not in str(page_table(Table("t", ("a",), ((Cell("1"),),))))
     assert short_label("word " * 30) == f"{'word ' * 8}..."
 
 
@@ -277,6 +305,23 @@ def test_a_table_of_more_numbers_than_huge_has_no_csv_file(tmp_path: Path, monke
         assert {x.name for x in tables_page.write_data(folder, {"scaling": rows})} == files == {x.name for x in folder.iterdir()}
 
 
+def test_a_dash_has_the_reason_of_its_column_or_of_the_run() -> None:
+    ended, skipped = ({"status": status, "target": math.nan, "error": math.nan} for status in ("ok", "skip"))
+    assert make_cell(ended, ".2g", "target").why == make_cell(skipped, ".2g", "target").why == "no target"
+    assert make_cell(ended, "error", "error").why == "not measured"
+    assert make_cell(skipped, "error", "error").why == "skipped"
+    assert make_cell(skipped | {"missing": "not reached"}, "error", "error").why == "not reached"
+    assert not make_cell({"error": 1.0}, "error", "error").why
+
+
+@pytest.mark.slow
+def test_every_dash_of_the_published_tables_has_a_reason_that_somebody_wrote(out: Path) -> None:
+    for page in (out / "site").glob("*.html"):
+        cells = re.findall(r"<td[^>]*>(.*?)</td>", page.read_text(encoding="utf-8"), re.DOTALL)
+        bare = [x for x in cells if Markup(x).striptags() in ("", "-", f"- {UNMEASURED}")]
+        assert not bare, f"{page.name}: {bare[:3]}"
+
+
 @pytest.mark.slow
 def test_sizes_and_addresses(out: Path) -> None:
     site = out / "site"
@@ -356,6 +401,8 @@ UNLABELLED = """[...document.querySelectorAll("tbody td")].filter(x => x.getClie
   && getComputedStyle(x, "::before").content.length < 3).map(x => x.textContent.slice(0, 40))"""
 SMALL = """[...document.querySelectorAll("main button, main select, main summary, nav a, nav summary, td a, .card > a")]
   .filter(x => x.getClientRects().length && x.getBoundingClientRect().height < 43.5).map(x => x.outerHTML.slice(0, 80))"""
+OPEN = """for (const x of document.querySelectorAll("main details")) x.open = true;
+for (const x of document.querySelectorAll("button.more")) x.click();"""  # everything that a reader can open
 LOOKS = [pytest.param(*look, False, marks=pytest.mark.slow) for look in ((390, "light"), (1440, "dark"))]
 LOOKS += [pytest.param(w, x, True, marks=pytest.mark.long) for w, x in product((390, 1440), ("light", "dark"))]
 KINDS = ("index", "linkage-eight_bar", "engine-mujoco", "findings", "search")  # looked at in each change; the others at length
@@ -372,6 +419,10 @@ def test_no_page_is_wider_than_its_window_and_axe_finds_nothing(
         )
         assert not wrong, name
         assert page.evaluate("document.documentElement.scrollWidth") <= width, name
+        if every:
+            page.evaluate(OPEN)
+            page.wait_for_timeout(100)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{name}, all opened"
         assert page.evaluate(BLANK) == [], f"{name}: rows of tables with a cell that shows nothing"
         if width < 760:
             assert page.evaluate(UNLABELLED) == [], name
@@ -384,9 +435,69 @@ def test_no_page_is_wider_than_its_window_and_axe_finds_nothing(
         )
         assert not small, f"{name}: {small[:5]}"
         assert not page.evaluate("[...document.querySelectorAll('[hidden]')].filter(x => x.getClientRects().length).length"), name
+        assert not wrong, f"{name}: {wrong[:3]}"
         faults = axe.run(page).response["violations"]
         said = [(x["id"], x["nodes"][0]["html"][:160], x["nodes"][0]["failureSummary"][:200]) for x in faults]
         assert not faults, f"{name} {scheme}: {said}"
+        page.close()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
+    """The site as `make report docs report` makes it, with programs and documentation, and its processor time [s]."""
+    if find_spec("mkdocs") is None:
+        needs("mkdocs")
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    shutil.copytree(REPORTS, folder, ignore=shutil.ignore_patterns("site", "local", ".run"))
+    root, before = REPORTS.parent, resource.getrusage(resource.RUSAGE_CHILDREN)
+    asked = os.environ | {"PYTHONPATH": str(root)}
+    config, docs = root / "gauss_bench" / "docs" / "mkdocs.yml", folder / "site" / "docs"
+    build = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(config), "-d", str(docs)]
+    for command in (build, [sys.executable, "-m", "gauss_bench", "report", "--out", str(folder)]):
+        subprocess.run(command, check=True, capture_output=True, env=asked)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return folder / "site", after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+@pytest.mark.long
+def test_the_site_with_its_documentation_is_small_and_soon_built(whole: tuple[Path, float]) -> None:
+    site, seconds = whole
+    assert sum(p.stat().st_size for p in site.rglob("*") if p.is_file()) < 8e6
+    assert seconds < MOST_SECONDS
+
+
+@pytest.mark.long
+def test_every_link_of_the_site_and_its_documentation_leads_somewhere(whole: tuple[Path, float]) -> None:
+    site, _ = whole
+    texts = {p.resolve(): p.read_text(encoding="utf-8") for p in site.rglob("*.html")}
+    anchors = {p: {*re.findall(r"\s(?:id|name)=\"?([^\s\">]+)", text)} for p, text in texts.items()}
+    assert any("docs/" in x for x in re.findall(r'href="([^"]+)"', texts[(site / "search.html").resolve()]))
+    for page, text in texts.items():
+        if page.name == "404.html":  # its addresses are those of the server's root
+            continue
+        for address in re.findall(r"<(?:a|link|script|img)\b[^>]*?(?:href|src)=\"?([^\s\">]+)", text):
+            name, _, anchor = unescape(address).partition("#")
+            if re.match(r"[a-z]+:", name):
+                continue
+            target = (page.parent / unquote(name)).resolve() if name else page
+            target = target / "index.html" if target.is_dir() else target
+            assert target.is_file(), f"{page.name}: {address}"
+            if anchor and "=" not in anchor and target in anchors and not anchor.startswith("__"):
+                assert unquote(anchor) in anchors[target], f"{page.name}: {address}"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("width", "scheme"), [*product((390, 1440), ("light", "dark"))])
+def test_no_page_of_the_documentation_is_wider_than_its_window(
+    browser: Any, whole: tuple[Path, float], width: int, scheme: str
+) -> None:
+    pages = sorted((whole[0] / "docs").glob("*.html"))
+    assert len(pages) > 10
+    for path in pages:
+        look = {"viewport": {"width": width, "height": 800}, "color_scheme": scheme}
+        page, wrong = opened(browser, path.as_uri(), **look)
+        assert not wrong, f"{path.name}: {wrong[:3]}"
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, path.name
         page.close()
 
 
@@ -402,6 +513,52 @@ def test_search_finds_a_page_and_reads_without_a_script(browser: Any, out: Path)
     bare.goto((out / "site" / "index.html").as_uri())
     assert bare.locator("#answers li").count() >= 5
     bare.close()
+
+
+def raw_best(mechanism: str) -> Any:
+    """The valid case of a linkage with the least error at the end, as pandas finds it."""
+    rows = table("results").query("mechanism == @mechanism and status == 'ok' and not control")
+    return rows[rows.valid.astype(bool)].sort_values("measured_error_t2").iloc[0]
+
+
+def expected_answers(run: Run) -> dict[str, tuple[tuple[str, ...], list[str]]]:
+    """Link of each question -> what is clicked after it, and texts that must then be seen, from the rows."""
+    mujoco = describe_setting(run, cheapest_stored(run, "four_bar", 1e-4)["mujoco"])
+    row = "#best ~ .table tr:has-text('four_bar'):has-text('0.1'):has-text('RK4')"
+    exact = raw_best("parallelogram")
+    claim = table("kernel_claim").dropna(subset=["ratio"])
+    engines = {x for name in ("results", "search_ladder", "search_space") for x in table(name).engine}
+    own = len(engines & set(run.own_engines))
+    why = explain_time(run, "exudyn")
+    assert why is not None
+    return {
+        "Which settings hold 0.1 mm in MuJoCo?": (("#best ~ .table button.more", f"{row} >> summary"), [mujoco]),
+        "Which engine is the most exact on redundant loops?": (
+            (),
+            [f"Most accurate: {exact.engine}", f"{exact.measured_error_t2:.1e}"],
+        ),
+        "Why is Exudyn slow here?": ((), [why[0], "Most of this comes from the"]),
+        "Is Gauss faster than Lagrange?": ((), [f"faster on {(claim.ratio_low > 1).sum()} of {len(claim)} linkages"]),
+        "Where may this suite be biased?": ((), [f"wrote {own} of its {len(engines)} engines"]),
+    }
+
+
+@pytest.mark.slow
+def test_five_questions_are_answered_within_three_clicks_of_the_first_page(browser: Any, out: Path, run: Run) -> None:
+    expected = expected_answers(run)
+    assert len(expected) == 5
+    page, wrong = opened(browser, (out / "site" / "index.html").as_uri())
+    for question, (clicks, texts) in expected.items():
+        page.goto((out / "site" / "index.html").as_uri())
+        assert 1 + len(clicks) <= 3
+        page.get_by_role("link", name=question, exact=True).click()
+        for selector in clicks:
+            page.locator(selector).first.click()
+        seen = " ".join(page.locator("main").inner_text().split())  # hidden rows and closed cells are not in it
+        for text in texts:
+            assert text in seen, f"{question}: {text}"
+    assert not wrong
+    page.close()
 
 
 WATCHED = """new MutationObserver(() => {

@@ -6,8 +6,9 @@ fixed, so that two reports differ in a line only if a number differs.
 
 import math
 import tomllib
+import zlib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 from gauss_bench.report.rows import Row, chose_steps, group_by, has_ended, is_known, number
 
 NOTHING = "-"
+UNMEASURED = "not measured"  # the reason for a dash that has no other
 AUTHORS = (
     "This report compares ways to compute the motion of closed-loop planar linkages: the suite's own formulations, and other "
     "engines through adapters. All read the same file and start from the same state. **The authors of the suite also wrote the "
@@ -36,11 +38,13 @@ class Cell:
     Attributes:
         sort: sort key in the browser; numbers come before text.
         tone: "", "engine", "below", "bad", "warn", "good", or "formula", which a page typesets.
+        why: for a cell with NOTHING, the reason for which it has no value.
     """
 
     text: str
     sort: float | str = ""
     tone: str = ""
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,11 +85,24 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence computed from rows, with a title; tone: "good", "bad", "warn" or ""."""
+    """Sentences computed from rows, with a title.
+
+    Attributes:
+        tone: "good", "bad", "warn" or "".
+        short: the finding in one sentence, if `text` lists more; the tables have the rest.
+        behind: the rows from which it was computed, with the same numbers.
+    """
 
     title: str
     text: str
     tone: str = ""
+    short: str = ""
+    behind: Sequence[Table] = ()
+
+    @property
+    def anchor(self) -> str:
+        """The id of the finding on its page."""
+        return f"finding-{zlib.crc32(self.text.encode()):08x}"
 
 
 @dataclass(frozen=True)
@@ -98,6 +115,8 @@ class Chart:
         head: column of `rows` -> heading in the table of its numbers.
         toggles: engines that a reader may hide and show.
         shown: engines that are visible at first.
+        listed: rows of the table of its numbers, if it does not have all.
+        note: below that table.
     """
 
     name: str
@@ -109,13 +128,15 @@ class Chart:
     toggles: Sequence[str] = ()
     shown: Sequence[str] = ()
     small: bool = False
+    listed: Sequence[Mapping[str, Any]] | None = None
+    note: str = ""
     kind = "chart"
 
     def table(self) -> Table:
-        """Return the drawn numbers as a table."""
+        """Return the drawn numbers, or some of them, as a table."""
         numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
-        return make_table(f"{self.title}: numbers", columns, self.rows)
+        return make_table(f"{self.title}: numbers", columns, self.rows if self.listed is None else self.listed, note=self.note)
 
     def data(self) -> dict[str, Any]:
         """Return the data from which the page draws the figure."""
@@ -233,7 +254,30 @@ FORMS: Mapping[str, Callable[[float], str]] = {
 
 
 def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value.
+    """Return the cell of a row's value; arguments as `_print_value`. A cell without a value has the reason for that."""
+    cell = _print_value(row, kind, key, bar)
+    return replace(cell, why=missing_reason(row, key)) if cell.text == NOTHING else cell
+
+
+def missing_reason(row: Row, key: str) -> str:
+    """Return why a row has no value in a column, in a few words.
+
+    The reason is that of the column, if it never depends on the outcome; else the row's own, named `missing`; else its status, if
+    the case did not end; else that of the column for cases that ended.
+    """
+    reasons = layouts()["reasons"]
+    status = row.get("status") or "ok"
+    if key in reasons["always"]:
+        return str(reasons["always"][key])
+    if row.get("missing"):
+        return str(row["missing"])
+    if status not in ("ok", "invalid"):
+        return str(reasons["status"].get(status, status.replace("_", " ")))
+    return str(reasons["ended"].get(key, UNMEASURED))
+
+
+def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
+    """Return the cell of a row's value, or NOTHING.
 
     Args:
         kind: one of ASIDE, "figure" (text in a column of numbers), "met", "step", a number format (`print_as`), or "range " with

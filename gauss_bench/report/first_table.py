@@ -68,7 +68,8 @@ class Answers:
         """Return error, time and multiple of an engine, or why it has none."""
         one = self.leaders.get(loop)
         if one is None:
-            return [text_cell(explain_missing(self.ladders.get(loop, []), position)), Cell(NOTHING), Cell(NOTHING)]
+            why = explain_missing(self.ladders.get(loop, []), position)
+            return [text_cell(why), Cell(NOTHING, why=why), Cell(NOTHING, why=why)]
         multiple = self.multiples.get(loop, math.nan)
         error, time = Cell(error_text(one.position), one.position), Cell(time_text(one.seconds), one.seconds)
         return [error, time, Cell(ratio_text(multiple), multiple)]
@@ -95,8 +96,8 @@ def first_table(run: Run, position: float = FIRST) -> Table | None:
     for loop in sorted(ranges, key=lambda x: (median(ranges[x] or [math.inf]), x)):
         cells = [cell for name in shown for cell in answers[name].cells(loop, position)]
         holds = f"{sum(loop in x.leaders for x in answers.values())} of {len(answers)}"
-        over = range_text(ranges[loop]) if ranges[loop] else NOTHING
-        lines.append([text_cell(mark_own(run, loop)), *cells, Cell(holds), Cell(over)])
+        over = Cell(range_text(ranges[loop])) if ranges[loop] else Cell(NOTHING, why="holds on none")
+        lines.append([text_cell(mark_own(run, loop)), *cells, Cell(holds), over])
     figures = (f"{x}: {y}" for x in shown for y in ("error [m]", "time", "multiple"))
     head = ("engine", *figures, "holds on", "multiples")
     title = f"Within {limit_text(position)} m of position {search_span(run)}"

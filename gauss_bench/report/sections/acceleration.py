@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from gauss_bench.report.content import Finding, count, error_text, itemise, range_text
+from gauss_bench.report.content import Finding, Table, count, error_text, itemise, lay_out, range_text
 from gauss_bench.report.rows import (
     METHOD,
     SAME_ACCELERATION,
@@ -19,6 +19,7 @@ from gauss_bench.report.rows import (
     setting_words,
     with_number,
 )
+from gauss_bench.report.sections.trajectories import list_cases
 
 PLACE = 11
 SHRINKS = 2.0  # an error that falls by a smaller factor while the step falls 4-fold is not caused by the step
@@ -45,7 +46,15 @@ def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
             f"Given the same states, {exact} return the reference's acceleration. Brackets have the largest median relative error "
             f"on {count(len({r['mechanism'] for r in rows}), 'linkage')}.",
             "good",
+            f"Given the same states, {len(same)} of {count(len(worst), 'engine setting')} return the reference's acceleration to "
+            f"{error_text(same[-1][0])} or better, as the median relative error.",
+            (list_errors(rows),),
         )
+
+
+def list_errors(rows: Sequence[Row]) -> Table:
+    """Return the table of acceleration errors, the largest first."""
+    return lay_out("behind_acceleration", sorted(rows, key=lambda r: -r[ERROR]))
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
@@ -58,11 +67,12 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
                 f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
                 f"{itemise(row['mechanism'] for row in off)}. A smaller step cannot change that"
             )
-            yield Finding("Soft, or another model", f"{text}{_show_flat_error(run, off)}", "warn")
+            flat, behind = _show_flat_error(run, off)
+            yield Finding("Soft, or another model", f"{text}{flat}", "warn", behind=(list_errors(off), *behind))
 
 
-def _show_flat_error(run: Run, off: Sequence[Row]) -> str:
-    """Return the end of a sentence: the trajectory error that falls least over a 4-fold range of steps."""
+def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
+    """Return the end of a sentence, on the trajectory error that falls least over a 4-fold range of steps, and its cases."""
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]
     flat = []
@@ -74,12 +84,12 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> str:
             if ratio < SHRINKS:
                 flat.append((ratio, stepped))
     if not flat:
-        return "."
+        return ".", []
     _, stepped = min(flat, key=lambda x: x[0])
     ends = (stepped[0], stepped[-1])
     before, after = (f"{error_text(end_error(row))} {measured_unit([row])} at step {row['step']:g} s" for row in ends)
     place = f"{stepped[0]['mechanism']} {stepped[0]['scenario']}"
-    return f", and does not: on {place} the error of {measured_name(stepped)} is {before} and {after}."
+    return f", and does not: on {place} the error of {measured_name(stepped)} is {before} and {after}.", [list_cases(stepped)]
 
 
 def find_controls(run: Run) -> Iterator[Finding]:
@@ -100,4 +110,5 @@ def find_controls(run: Run) -> Iterator[Finding]:
             f"`{name}` {holds} still wrong: the median relative error of its acceleration is {range_text(errors, error_text)}. "
             f"{caught} Residuals alone would not have shown it.",
             "bad" if passed else "good",
+            behind=(lay_out("behind_control", group),),
         )

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Finding, itemise, ratio_text
+from gauss_bench.report.content import Finding, itemise, lay_out, range_text, ratio_text
 from gauss_bench.report.rows import Row, Run, Spread, cost_rows, is_known, is_unstabilised, spread
 
 PLACE = 14
@@ -29,11 +29,14 @@ def findings(run: Run) -> Iterator[Finding]:
             slower = sum((x.low if is_known(x.low) else x.value) > 1 for x in ratios.values())
             level = sum(x.low <= 1 <= x.high for x in ratios.values())
             listed = itemise(f"{name} {_ratio_words(x)}" for name, x in ratios.items())
+            lines = [{"where": k, "ratio": x.value, "ratio_low": x.low, "ratio_high": x.high} for k, x in ratios.items()]
             yield Finding(
                 f"Cost of {OWN} against {RIVAL}",
                 f"{what} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {listed}; slower in {slower} of {len(ratios)}"
                 f"{f', not told apart in {level}' if level else ''}.",
                 "warn" if longer > len(ratios) / 2 else "good",
+                f"{what} of `{OWN}` takes {range_text([x.value for x in ratios.values()])} times as long as one of `{RIVAL}`.",
+                (lay_out("behind_cost", lines, own=OWN, rival=RIVAL),),
             )
 
 

@@ -61,4 +61,5 @@ def findings(run: Run) -> Iterator[Finding]:
         parts.append(f"`{name}` {status} in {count(len(group), 'case')}, such as {example}")
     if rows:
         text = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory: {'; '.join(parts)}."
-        yield Finding("Failed cases", text, "bad")
+        short = f"{count(len(rows), 'case')} of {len(run.results)} ended without a trajectory."
+        yield Finding("Failed cases", text, "bad", short, (lay_out("behind_failed", rows),))

@@ -9,6 +9,7 @@ from gauss_bench.report.content import (
     Chart,
     Finding,
     Section,
+    Table,
     Text,
     blocks_of,
     count,
@@ -119,25 +120,49 @@ def findings(run: Run) -> Iterator[Finding]:
             tone = ""
             if table == "kernel_agreement":
                 tone = "good" if all(r.get("met") for r in rows) else "warn"
-            yield Finding(title, f"{text}{list_unmeasured(run.table(table), column)}", tone)
+            short = IN_SHORT[table](rows) if table in IN_SHORT else ""
+            whole = f"{text}{list_unmeasured(run.table(table), column)}"
+            yield Finding(title, whole, tone, short, (lay_out(table, rows, folded=False),))
 
 
 def find_missed_targets(run: Run) -> Iterator[Finding]:
     """Yield the targets that were missed, or that all were met."""
     aimed = [(name, row) for name in WORDS for row in with_number(run.table(name), "target")]
     off = [f"{WORDS[name]} of {_name_miss(row)}" for name, row in aimed if not row.get("met")]
+    targets = count(len(aimed), "target")
+    behind = [list_targets(aimed)]
     if off:
-        text = f"**{len(off)} of {count(len(aimed), 'target')} of the compiled kernel are missed**: {itemise(off)}."
-        yield Finding("Targets of the kernel", text, "bad")
+        text = f"**{len(off)} of {targets} of the compiled kernel are missed**: {itemise(off)}."
+        short = f"{len(off)} of {targets} of the compiled kernel are missed."
+        yield Finding("Targets of the kernel", text, "bad", short, behind)
     elif aimed:
-        text = f"All {count(len(aimed), 'target')} that the authors set for their own compiled kernel are met."
-        yield Finding("Targets of the kernel", text, "good")
+        text = f"All {targets} that the authors set for their own compiled kernel are met."
+        yield Finding("Targets of the kernel", text, "good", behind=behind)
+
+
+def list_targets(aimed: Sequence[tuple[str, Row]]) -> Table:
+    """Return the table of (name of a table, row with a target), missed targets first."""
+    lines = []
+    for name, row in sorted(aimed, key=lambda x: bool(x[1].get("met"))):
+        column = _valued_column(row)
+        reached = _print(row[column]) if column else ""
+        lines.append({**row, "what": WORDS[name], "where": _name_row(row), "reached": reached, "wanted": _print(row["target"])})
+    return lay_out("behind_targets", lines)
+
+
+def _name_row(row: Row) -> str:
+    """Return linkage, formulation and settings of a row."""
+    return " ".join(row[k] for k in NAMES if row.get(k) not in ("", "none", None))
+
+
+def _valued_column(row: Row) -> str:
+    """Return the column of a row's value that may have a target; empty if it was not measured."""
+    return next((x for x in VALUES if is_known(row.get(x))), "")
 
 
 def _name_miss(row: Row) -> str:
     """Return a row in words, with the value that it has and the one that it should have."""
-    words = " ".join(row[k] for k in NAMES if row.get(k) not in ("", "none", None))
-    column = next((x for x in VALUES if is_known(row.get(x))), "")
+    words, column = _name_row(row), _valued_column(row)
     return f"{words} ({_print(row[column])}, {_print(row['target'])} wanted)" if column else f"{words} (not measured)"
 
 
@@ -152,7 +177,9 @@ def find_failures(run: Run) -> Iterator[Finding]:
     listed = dict.fromkeys(f"{name.removeprefix('kernel_')} {row.get('mechanism', '')}: {row['message']}" for name, row in failed)
     if failed:
         text = f"{count(len(failed), 'measurement')} of the kernel suite failed: {'; '.join(listed)}."
-        yield Finding("Not measured", text, "bad")
+        lines = [{**row, "what": name.removeprefix("kernel_"), "where": _name_row(row)} for name, row in failed]
+        short = f"{count(len(failed), 'measurement')} of the kernel suite failed."
+        yield Finding("Not measured", text, "bad", short, (lay_out("behind_failures", lines),))
 
 
 def find_steps(run: Run) -> Iterator[Finding]:
@@ -163,7 +190,16 @@ def find_steps(run: Run) -> Iterator[Finding]:
         how = "with projection" if stabilization == "projection" else "without stabilisation"
         text = f"A compiled Runge-Kutta step {how} is this many times faster than MuJoCo's at the faster of its settings"
         rest = list_unmeasured([r for r in asked if r["stabilization"] == stabilization], "ratio")
-        yield Finding("A step in its own loop", f"{text}: {_list_ratios(least)}. Steps are equal here, accuracy is not.{rest}")
+        short = (
+            f"A compiled Runge-Kutta step {how} is {range_text([r['ratio'] for r in least])} times faster than MuJoCo's at the "
+            "faster of its settings; steps are equal here, accuracy is not."
+        )
+        yield Finding(
+            "A step in its own loop",
+            f"{text}: {_list_ratios(least)}. Steps are equal here, accuracy is not.{rest}",
+            short=short,
+            behind=(lay_out("behind_steps", sorted(group, key=lambda r: (r["mechanism"], r["ratio"]))),),
+        )
 
 
 def _list_ratios(rows: Sequence[Row]) -> str:
@@ -223,6 +259,12 @@ def describe_growth(rows: Sequence[Row]) -> str:
     return f"{start} {itemise(parts)}."
 
 
+def describe_exponents(rows: Sequence[Row]) -> str:
+    """Return the range of the exponents of growth in one sentence."""
+    exponents = [r["exponent"] for r in rows]
+    return f"The time of a right-hand side of N windows grows like N^p, with p of {range_text(exponents, '{:.2f}'.format)}."
+
+
 def describe_kinematics(rows: Sequence[Row]) -> str:
     """Return how many positions a second the compiled kinematics compute, and their largest error."""
     aimed = with_number(rows, "target")
@@ -230,6 +272,12 @@ def describe_kinematics(rows: Sequence[Row]) -> str:
     off = max((number(r, f"{x}_error") for r in aimed for x in ("position", "velocity", "acceleration")), default=0.0)
     text = f"Positions with velocities and accelerations per second on one core: {rates}; errors {error_text(off)} at most."
     return text if aimed else ""
+
+
+def describe_rates(rows: Sequence[Row]) -> str:
+    """Return the rates of the compiled kinematics in one sentence, with the digits of their table."""
+    rates = itemise(f"{r['rate']:.3g} on {r['mechanism']}" for r in with_number(rows, "target"))
+    return f"On one core the compiled kinematics compute this many positions a second, with velocities and accelerations: {rates}."
 
 
 def describe_limits(rows: Sequence[Row]) -> str:
@@ -253,3 +301,4 @@ SENTENCES: tuple[tuple[str, str, str, Callable[[Sequence[Row]], str]], ...] = ( 
     ("kernel_kinematics", "rate", "Kinematics", describe_kinematics),
     ("kernel_bounds", "share", "What is left to be gained", describe_limits),
 )
+IN_SHORT: dict[str, Callable[[Sequence[Row]], str]] = {"kernel_growth": describe_exponents, "kernel_kinematics": describe_rates}

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, count, error_text, itemise, layouts
+from gauss_bench.report.content import TONES, Block, Finding, Section, Text, blocks_of, count, error_text, itemise, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by
 
 PLACE = 70
@@ -88,7 +88,13 @@ def find_verdicts(lines: Sequence[Row]) -> Iterator[Finding]:
     text += f" Wrong as statements: {itemise(wrong)}." if wrong else ""
     text += f" **The measurement contradicts the verdict on {itemise(contradicted)}.**" if contradicted else ""
     fine = all(row["verdict"] == "ok" for row in lines)
-    yield Finding("What the papers print", text, "bad" if contradicted else "good" if fine else "warn")
+    right, false = (sum(row["verdict"] == x for row in lines) for x in ("ok", "wrong"))
+    short = (
+        f"Of {count(len(lines), 'line')} of {count(len(papers), 'paper')} that were computed, {right} are right as printed and "
+        f"{false} wrong as statements."
+    )
+    tone = "bad" if contradicted else "good" if fine else "warn"
+    yield Finding("What the papers print", text, tone, "" if contradicted else short, (lay_out("behind_audit", lines),))
 
 
 def find_hidden_error(lines: Sequence[Row]) -> Iterator[Finding]:
@@ -103,4 +109,5 @@ def find_hidden_error(lines: Sequence[Row]) -> Iterator[Finding]:
         f"{error_text(meets['printed_off'])} and gives {off['example_printed']:.4g} for the {off['example']}, where the truth is "
         f"{off['example_true']:.4g}.",
         "warn",
+        behind=(lay_out("behind_hidden", (meets, off)),),
     )

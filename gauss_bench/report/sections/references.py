@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, count
+from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, count, lay_out
 from gauss_bench.report.rows import Row, Run, is_known, measured_head, number, with_number
 
 PLACE = 50
@@ -40,4 +40,4 @@ def findings(run: Run) -> Iterator[Finding]:
             f"than ten times the error bar of the certified motion. The worst, {worst['quantity']}, is printed with "
             f"{worst['printed_digits']:g} digits, of which {worst['true_digits']:g} are true."
         )
-        yield Finding("Published values", text, "warn")
+        yield Finding("Published values", text, "warn", behind=(lay_out("published", rows),))

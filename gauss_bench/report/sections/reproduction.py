@@ -14,6 +14,7 @@ from gauss_bench.report.content import (
     blocks_of,
     error_text,
     itemise,
+    lay_out,
     layouts,
 )
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number
@@ -24,6 +25,7 @@ TITLE, ANCHOR = "The first paper's example, run again", "reproduction"
 DIGITS = 6  # largest number of printed digits
 CAPTION = "The motion that the paper draws in its figures 2 to 9, from the reference: from the printed start with the printed data."
 GROUPS = ("running", "static", "equilibria", "settling", "formulas")
+QUOTED = ("mean", "settles_above", "settles_below", "torque")  # quantities of the finding
 CURVES = (  # column, title of the figure, axis
     ("theta1_rate", "The crank's speed", "speed of the crank [rad/s]"),
     ("x3", "The slider", "place of the slider [m]"),
@@ -36,11 +38,7 @@ def section(run: Run) -> Section:
     rows = {row["key"]: row for row in table}
     if "stops" not in rows:
         return Section(TITLE, ANCHOR, (Text("The run did not repeat the example."),))
-    quantities = [
-        {**row, "figure": print_value(row), "uncertainty": error_text(row["bracket"]) if is_known(row["bracket"]) else "rounding"}
-        for row in table
-        if row["group"] in GROUPS
-    ]
+    quantities = list_quantities([row for row in table if row["group"] in GROUPS])
     groups = group_by(table, "group")
     blocks: list[Block] = [*describe_example(rows), Text(layouts()["reproduction"]["why"])]
     blocks += paper_figures(run.table("paper_motion"))
@@ -48,6 +46,12 @@ def section(run: Run) -> Section:
     blocks += blocks_of("reproduction_left_out", groups.get("left out", ()))
     blocks += blocks_of("reproduction", quantities)
     return Section(TITLE, ANCHOR, blocks)
+
+
+def list_quantities(rows: Sequence[Row]) -> list[Row]:
+    """Return rows with their values and uncertainties as they are printed."""
+    bars = [error_text(row["bracket"]) if is_known(row["bracket"]) else "rounding" for row in rows]
+    return [{**row, "figure": print_value(row), "uncertainty": bar} for row, bar in zip(rows, bars, strict=True)]
 
 
 def describe_example(rows: Mapping[str, Row]) -> list[Block]:
@@ -97,6 +101,9 @@ def findings(run: Run) -> Iterator[Finding]:
         f"{value['settles_above']:.4f} and {value['settles_below']:.4f} N m, and {value['torque']:g} N m is printed. "
         f"{list_assumed(rows)}",
         "warn",
+        "With the printed data the first paper's mechanism does not stop: it settles into turning at "
+        f"{print_value(rows['mean'])} rad/s on average.",
+        (lay_out("reproduction", list_quantities([r for r in rows.values() if r["key"] in QUOTED]), folded=False),),
     )
 
 

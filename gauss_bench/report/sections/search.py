@@ -13,6 +13,7 @@ from gauss_bench.report.content import (
     Block,
     Finding,
     Section,
+    Table,
     Text,
     blocks_of,
     count,
@@ -20,6 +21,7 @@ from gauss_bench.report.content import (
     lay_out,
     layouts,
     limit_text,
+    range_text,
     ratio_text,
 )
 from gauss_bench.report.reaches import answer
@@ -66,7 +68,8 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
         if row["status"] == OK:
             more["remark"] = f"in Python: {row['in_python']}" if row.get("in_python") else ""
         else:
-            more |= {"remark": answer_of(run, row).words, "remark_tone": "warn"}
+            reach = answer_of(run, row)
+            more |= {"remark": reach.words, "remark_tone": "warn", "missing": str(reach.kind)}
         winners.append({**row, **more})
 
     def order(row: Row) -> tuple[str, float, float]:
@@ -96,7 +99,8 @@ def findings(run: Run) -> Iterator[Finding]:
     lost_races = [f"{r['mechanism']}: {r['message']}" for r in rows if not r["required"]]
     if lost_races:
         text = f"The race of {count(len(lost_races), 'linkage')} was lost: {'; '.join(lost_races)}."
-        yield Finding("Not searched", text, "bad")
+        unsearched = [r for r in rows if not r["required"]]
+        yield Finding("Not searched", text, "bad", behind=(lay_out("behind_lost", unsearched),))
     groups = group_by((r for r in rows if r["required"]), "required", "accuracy")
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
         group = over_the_cheaper(groups[kind, accuracy])
@@ -111,7 +115,24 @@ def findings(run: Run) -> Iterator[Finding]:
                 f"the spread of the race.{''.join(name_left_out(run, group))}"
             )
             title = f"Within {limit_text(accuracy)} {group[0]['unit']} of {ERRORS.get(kind, kind)} {search_span(run)}"
-            yield Finding(title, text, "warn" if lost else "")
+            yield Finding(title, text, "warn" if lost else "", compare_best(run, group), (list_ratios(run, group),))
+
+
+def compare_best(run: Run, group: Sequence[Row]) -> str:
+    """Return in one sentence which engines beat our compiled formulations at a requirement, and how long other engines take."""
+    ahead = list_faster(group)
+    beaten = group_by(ahead, "engine")
+    raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
+    wins = [f"`{x}`{' (own)' if x in run.own_engines else ''} is faster on {len(some)}" for x, some in beaten.items()]
+    ratios = [r["ratio"] for r in with_number(group, "ratio") if r["engine"] not in run.own_engines]
+    slower = f"the engines of others take {range_text(ratios)} times as long" if ratios else ""
+    told = "; ".join(filter(None, (itemise(wins) if wins else "", slower)))
+    return f"Against the cheaper of our compiled formulations on {raced}, {told}." if told else ""
+
+
+def list_ratios(run: Run, group: Sequence[Row]) -> Table:
+    """Return the table of a requirement's races, each time over that of the cheaper of our compiled formulations."""
+    return lay_out("behind_search", list_winners(run, group))
 
 
 def _multiple(run: Run, row: Row) -> str:
@@ -137,9 +158,14 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     return rows
 
 
+def list_faster(group: Sequence[Row]) -> list[Row]:
+    """Return the rows of engines that are faster than our compiled formulations beyond the spread."""
+    return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+
+
 def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield the engines that are faster than our compiled formulations, including other own engines."""
-    ahead = [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
+    ahead = list_faster(group)
     faster = [f"`{r['engine']}`{' (own)' if r['engine'] in run.own_engines else ''} on {_multiple(run, r)}" for r in ahead]
     if faster:
         yield f"**Slower than {itemise(faster)}.** "

@@ -33,6 +33,7 @@ OWN = "gauss"
 NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # numbers in the judge's sentences
 SHUT = 1e-4  # [m, rad] loops with a smaller gap look closed
 LOST = 1.0  # [rad or m] a motion with a larger error is another motion
+MOST_DRIFT = 20  # cases in the table of the largest drift
 TIED = 0.05  # relative difference within which engines are equally good
 
 
@@ -51,7 +52,7 @@ def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
         return (False, 0.0, step) if is_below_reference(row) else (True, end_error(row), step)
 
     usable = [row for row in rows if may_rank(row) and is_known(end_error(row))]
-    least = [min(group, key=rank) for group in group_by(usable, "engine", "settings").values()]
+    least = sorted((min(group, key=rank) for group in group_by(usable, "engine", "settings").values()), key=rank)
     title = f"Most accurate case of each engine and setting, {scenario}"
     return replace(all_cases(name, scenario, least), title=title, folded=False, note=layouts()["notes"]["below"])
 
@@ -69,13 +70,22 @@ def find_best(run: Run, name: str) -> Iterator[Finding]:
     """Yield the most accurate engine of each scenario of a linkage, and the cheapest at each of TARGETS."""
     usable = [row for row in run.of(name) if may_rank(row) and is_known(end_error(row))]
     for scenario, rows in group_by(usable, "scenario").items():
-        sentences = [_name_most_accurate(rows)]
+        sentences = [name_most_accurate(rows)]
         for target in TARGETS:
             reached = [r for r in rows if max(end_error(r), end_bar(r)) <= target and is_known(run_time(r))]
             # compiled and interpreted loops are not compared with each other
             for loop, some in sorted(group_by(reached, _name_loop).items()):
                 sentences.append(f"Cheapest within {target:.0e} {measured_unit(some)}: {_name_cheapest(some, loop)}.")
-        yield Finding(f"{name}, {scenario}", " ".join(sentences))
+        yield Finding(f"{name}, {scenario}", " ".join(sentences), short=sentences[0], behind=(list_cases(rows),))
+
+
+def list_cases(rows: Sequence[Row]) -> Table:
+    """Return the table of cases with error, drift and time, the most accurate first, with the judge's reason against one."""
+    lines = [
+        {**r, "end_error": end_error(r), "end_bar": end_bar(r), "seconds": run_time(r), "flag": r.get("flag") or "none"}
+        for r in sorted(rows, key=lambda r: (not is_known(end_error(r)), end_error(r)))
+    ]
+    return lay_out("behind_cases", lines, unit=measured_unit(rows))
 
 
 def _name_loop(row: Row) -> str:
@@ -94,7 +104,7 @@ def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
     return f"{text}; `{OWN}` needs {run_time(row) * 1e3:.3g} ms ({ratio_text(run_time(row) / run_time(cheapest))} times as long)"
 
 
-def _name_most_accurate(rows: Sequence[Row]) -> str:
+def name_most_accurate(rows: Sequence[Row]) -> str:
     """Return a sentence on the case with the least error, or on the engines whose error is below the reference's bar."""
     below = sorted({row["engine"] for row in rows if is_below_reference(row)})
     if below:
@@ -126,6 +136,9 @@ def find_wrong_motion(run: Run) -> Iterator[Finding]:
             f"warning, and ends {end_error(row):.3g} {measured_unit([row])} from the true {measured_name([row])}. "
             f"{count(len(rows), 'row')} of this kind ended more than {LOST:g} {measured_unit(rows)} off.",
             "warn",
+            f"{describe_case(row)} on {row['mechanism']} keeps its loops within {error_text(row['position_drift'])}, raises no "
+            f"warning, and ends {error_text(end_error(row))} {measured_unit([row])} from the true {measured_name([row])}.",
+            (list_cases(rows),),
         )
 
 
@@ -140,6 +153,8 @@ def find_invalid(run: Run) -> Iterator[Finding]:
             f"{count(len(rows), 'case')} ended and may not be used: {reasons}. They stay in the tables, marked, "
             "and are in no figure of error against cost and in no ranking.",
             "warn",
+            f"{count(len(rows), 'case')} of {len(run.results)} ended with a motion that the judge refuses.",
+            (list_cases(rows),),
         )
 
 
@@ -161,4 +176,5 @@ def find_drift(run: Run) -> Iterator[Finding]:
             "Where drift is worst",
             f"Among valid rows without stabilisation, {worst} has the largest drift, on {row['mechanism']} {row['scenario']}: "
             f"{position} in position and {velocity} in velocity.",
+            behind=(list_cases(sorted(free, key=lambda r: -r["position_drift"])[:MOST_DRIFT]),),
         )

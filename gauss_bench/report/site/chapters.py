@@ -8,7 +8,7 @@ from gauss_bench.report import sections as room
 from gauss_bench.report.content import AUTHORS, Chart, Finding, Section
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.sections import claim, kernel, limitations, papers, reproduction
+from gauss_bench.report.sections import bias, claim, kernel, limitations, papers, reproduction
 from gauss_bench.report.site.page import Page, plain_page
 
 PAPERS = (claim, papers, reproduction)
@@ -53,12 +53,12 @@ def kernel_page(run: Run) -> Page | None:
 def method_page(run: Run) -> Page:
     """Return the page on the method: limitations first, then every section without a page of its own."""
     lead = "The limits of the figures, and how they were measured."
-    others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, limitations)]
-    return chapter("method", "Method", lead, make_sections(run, [limitations, *others]), paragraphs=(AUTHORS,))
+    others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, limitations, bias)]
+    return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), paragraphs=(AUTHORS,))
 
 
 def findings_page(findings: Sequence[Finding]) -> Page:
     """Return the page with all findings, the worst first."""
     ordered = sorted(findings, key=lambda x: TONES.index(x.tone))
-    lead = "Every sentence is computed from stored rows; defeats come first."
+    lead = "Every sentence is computed from the rows behind it; defeats come first."
     return plain_page("findings", "Findings", lead, "Findings", findings=ordered)

@@ -12,6 +12,7 @@ from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, num
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
+    USUAL,
     all_settings,
     answer_of,
     cheapest_stored,
@@ -22,6 +23,8 @@ from gauss_bench.report.site.settings import (
     race_multiples,
     scenarios,
 )
+
+TABLED = sorted({*POSITIONS[1::2], USUAL}, reverse=True)  # [m] accuracies in the table of an engine's best settings
 
 
 def engine_names(run: Run) -> list[str]:
@@ -75,11 +78,12 @@ def bests(run: Run, name: str) -> Table:
     known = [x for x, settings in all_settings(run).items() if any(one.engine == name for one in settings)]
     # an engine without any known setting has no table
     for linkage in sorted({*searched, *known}) if known else ():
-        for position in POSITIONS[1::2]:
+        for position in TABLED:
             place = {"mechanism": linkage, "within": position}
             one = cheapest_stored(run, linkage, position).get(name)
             if one is None:
-                lines.append(place | {"words": answer_of(run, linkage, name, position).words, "words_tone": "warn"})
+                reach = answer_of(run, linkage, name, position)
+                lines.append(place | {"words": reach.words, "words_tone": "warn", "missing": str(reach.kind)})
             else:
                 lines.append(vars(one) | place | {"words": describe_setting(run, one), "size": describe_size(one)})
     return lay_out("engine_bests", lines)
@@ -163,7 +167,10 @@ def atlas_table(rows: Sequence[Row]) -> Table:
     for r in rows:
         ends = {k: f"{r[k]:g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
         setting = setting_words(r, "settings", "stabilization") or "default"
-        lines.append({**r, "way": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"]})
+        missing = "fails at the easiest" if not ends["passes_to"] else "passes to the end"
+        if r["last"] == "cannot":
+            missing = "not run further"
+        lines.append({**r, "way": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"], "missing": missing})
     commits = itemise(sorted({r["commit"] for r in rows} - {""}))
     note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
     return lay_out("engine_atlas", lines, note=note)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from gauss_bench.report.content import AUTHORS, Finding, ratio_text
@@ -10,6 +11,7 @@ from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Run, is_known
 from gauss_bench.report.site.cards import CARDS
 from gauss_bench.report.site.page import Page, file_name, render
+from gauss_bench.report.site.questions import questions
 from gauss_bench.report.site.settings import (
     FORCES,
     POSITIONS,
@@ -43,6 +45,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         usual=POSITIONS.index(USUAL),
         forces=[(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)],
         first=first_answers(run, preferred),
+        asked=questions(run, findings, preferred),
         table=first_table(run),
         said=EXPLAINED,
         cards=cards,
@@ -77,8 +80,7 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
 
 def headlines(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings that begin in bold: where the suite's own engines are slower, miss a target, or fail."""
-    lost = [x for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
-    return [Finding(x.title, x.text.replace("**", "")) for x in lost]
+    return [replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
 
 
 def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:

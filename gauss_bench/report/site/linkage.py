@@ -18,15 +18,17 @@ from gauss_bench.report.rows import (
     Item,
     Row,
     Run,
+    end_error,
     group_by,
     has_ended,
     is_known,
     is_unstabilised,
+    may_rank,
     number,
     setting_words,
     with_number,
 )
-from gauss_bench.report.sections.trajectories import all_cases, best_cases
+from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
 from gauss_bench.report.site.motion import draw_turn
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
@@ -46,6 +48,7 @@ from gauss_bench.report.site.settings import (
 STEP = 1e-3  # [s] of the runs whose drift is drawn
 HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
+LISTED = 7  # one of so many drawn points is in the table of a figure's numbers, the last of a line always
 BETTER = 0.98  # a costlier setting is on the front if its error is smaller than the last one's by this factor
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")
@@ -57,6 +60,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
     settings = all_settings(run).get(name, [])
     charts = [x for x in (accuracy_chart(settings), drift_chart(run, name), energy_chart(run, name), force_chart(run, name)) if x]
     rows = [r for r in run.of(name) if r["scenario"] == scenario]
+    usable = [r for r in rows if may_rank(r) and is_known(end_error(r))]
     title = name.replace("_", " ")
     body = render(
         "linkage.html",
@@ -69,6 +73,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         charts=charts,
         titles=TITLES,
         cases=best_cases(name, scenario, rows) if rows else None,
+        exact=name_most_accurate(usable) if usable else "",
         count=len(rows),
         rows_file=f"{rows_name(name)}.html",
         pair=pair and pair[0],
@@ -238,7 +243,9 @@ def history_chart(run: Run, name: str, column: str, kind: str, title: str, words
     cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in first)
     head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
-    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles, shown)
+    listed = [row for line in lines for row in line[::-LISTED][::-1]]
+    note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
+    return Chart(kind, title, words, over_time(rows, axis), rows, head, toggles, shown, listed=listed, note=note)
 
 
 def drift_chart(run: Run, name: str) -> Chart | None:

@@ -12,13 +12,14 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from gauss_bench.report.content import NOTHING, Cell, Table
+from gauss_bench.report.content import NOTHING, UNMEASURED, Cell, Finding, Table
 from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 
 LONG, LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LABEL
+LEAST_LABEL = 12  # characters: shorter beginnings, such as a time, do not say what is behind them
 HEADLINE = 260  # largest number of characters of a finding that is not unfolded
-DASH = "A dash stands for a number that was not measured, or does not apply."
+NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
 
 
@@ -76,16 +77,21 @@ def rich(text: str) -> Markup:
     return Markup("").join(parts)
 
 
-def column_classes(content: Table) -> list[Markup]:
-    """Return the class attribute of each column; the first column of numbers is marked, since narrow screens show it first."""
-    lead = min(content.numeric, default=-1)
-    names = [f"n{' first' if i == lead else ''}" if i in content.numeric else "" for i in range(len(content.head))]
-    return [Markup(' class="{}"').format(x) if x else Markup("") for x in names]
+def table_class(content: Table) -> str:
+    """Return the CSS class of tables with this head; `table_style` describes it."""
+    return f"h{zlib.crc32(repr((*content.head, *sorted(content.numeric))).encode()):x}"
 
 
-def label_class(content: Table) -> str:
-    """Return the CSS class of tables with this head; on phones, it labels the cells, which stand below each other."""
-    return f"h{zlib.crc32(repr(tuple(content.head)).encode()):x}"
+def table_style(content: Table) -> Markup:
+    """Return the style of a table's class: numbers are aligned right; on phones cells stand below each other, with labels.
+
+    It stands once for a column, since an attribute of each cell would take a tenth of the site.
+    """
+    name = table_class(content)
+    labels = [f".{name} td:nth-child({i})::before{{content:{label(x)}}}" for i, x in enumerate(content.head, 1)]
+    cells = ",".join(f".{name} td:nth-child({i + 1})" for i in sorted(content.numeric))
+    numbers = f"@media(min-width:761px){{{cells}{{text-align:right;white-space:nowrap}}}}" if cells else ""
+    return Markup(f"<style>@media(max-width:760px){{{''.join(labels)}}}{numbers}</style>")
 
 
 def label(head: str) -> Markup:
@@ -93,21 +99,21 @@ def label(head: str) -> Markup:
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
-def note_of(content: Table) -> str:
-    """Return the note below a table, which also explains dashes."""
-    dashes = DASH if any(cell.text in ("", NOTHING) for row in content.rows for cell in row) else ""
-    return " ".join(filter(None, (content.note, dashes)))
-
-
 def sort_by(cell: Cell) -> Markup:
-    """Return the sort attribute of a cell, unless its text is already the number."""
-    key = f"{cell.sort:.7g}" if isinstance(cell.sort, float) else cell.text
-    return Markup("") if key == cell.text else Markup(' data-sort="{}"').format(key)
+    """Return the sort attribute of a cell, unless its text is a number already, with the digits that a reader sees."""
+    if not isinstance(cell.sort, float) or NUMBER.fullmatch(cell.text):
+        return Markup("")
+    return Markup(' data-sort="{:.7g}"').format(cell.sort)
 
 
 def shown(cell: Cell) -> Markup:
-    """Return the HTML of a cell: formulas are typeset, addresses become links, long texts are folded, empty cells show a dash."""
+    """Return the HTML of a cell: formulas are typeset, addresses become links, long texts are folded, a dash has its reason."""
     text = cell.text or NOTHING
+    if text == NOTHING:
+        why = cell.why or UNMEASURED
+        if len(why) <= LABEL:
+            return Markup("<small>- {}</small>").format(why)
+        return Markup("<details><summary>- {}</summary>{}</details>").format(short_label(why), why)
     if cell.tone == "formula" and is_formula(text):
         return mathml(text)
     if re.fullmatch(r"https://[^\s\"<>]+", text):
@@ -120,11 +126,16 @@ def shown(cell: Cell) -> Markup:
 
 
 def short_label(text: str) -> str:
-    """Return the first words of a text, up to a colon, semicolon or bracket, as its label."""
-    first = re.split(r"[:;(]", text, maxsplit=1)[0].strip()
-    if 3 < len(first) <= LABEL:
+    """Return the first words of a text, up to a colon or semicolon unless these say too little, as its label."""
+    first = re.split(r"[:;]", text, maxsplit=1)[0].strip()
+    if LEAST_LABEL < len(first) <= LABEL:
         return first
     return text[:LABEL].rpartition(" ")[0].rstrip(",;:") + " ..."
+
+
+def sentence_of(finding: Finding) -> str:
+    """Return a finding in one sentence."""
+    return finding.short or headline(finding.text)
 
 
 def headline(text: str) -> str:
@@ -140,7 +151,7 @@ def headline(text: str) -> str:
 
 
 ENVIRONMENT = make_environment("gauss_bench.report.site")
-ENVIRONMENT.filters |= {f.__name__: f for f in (column_classes, label_class, label, note_of, sort_by, shown, rich, headline)}
+ENVIRONMENT.filters |= {f.__name__: f for f in (table_class, table_style, sort_by, shown, rich, headline, sentence_of)}
 ENVIRONMENT.filters |= {
     "plain": lambda text: text.replace("**", ""),
     "sentences": lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x],

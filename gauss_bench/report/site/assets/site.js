@@ -13,7 +13,8 @@ for (const button of document.querySelectorAll("th button")) {
     const value = (row) => row.cells[column].dataset.sort ?? row.cells[column].textContent;
     const compare = (a, b) => (isNaN(a) || isNaN(b) ? a.localeCompare(b) : a - b) * (up ? 1 : -1);
     const rows = [...body.rows].map((row) => [value(row), row]);
-    rows.sort(([a], [b]) => (a === "-" || b === "-" ? (a === "-") - (b === "-") : compare(a, b)));
+    const lacks = (x) => /^-( |$)/.test(x); // a dash and its reason
+    rows.sort(([a], [b]) => (lacks(a) || lacks(b) ? lacks(a) - lacks(b) : compare(a, b)));
     body.append(...rows.map(([, row]) => row));
     [...body.rows].forEach((row, i) => { row.hidden = hidden[i]; });
   });
