@@ -54,7 +54,8 @@ export function read(text: string, unit: string): number | null {
   if (!Number.isFinite(number)) return null;
   if (!unit) return own ? null : number;
   const [given, wanted] = [unitOf(own || shownUnit(unit)), unitOf(unit)!];
-  return given && alike(given, wanted) ? Number(((number * given[0]) / wanted[0]).toPrecision(12)) : null; // 25.4 mm are 0.0254 m
+  if (!given || !alike(given, wanted)) return null;
+  return given[0] === wanted[0] ? number : Number(((number * given[0]) / wanted[0]).toPrecision(14)); // 25.4 mm are 0.0254 m
 }
 
 /** A sentence for a text that means nothing in a unit. */
