@@ -113,6 +113,24 @@ def test_a_file_that_is_there_is_replaced_only_where_that_is_wished(tmp_path: Pa
     assert "built-in" in pen.refused("save", path="eight_bar")
 
 
+def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path: Path) -> None:
+    """One that is opened after another can be had again: nobody is asked about it, and nothing of it is kept."""
+    pen = Pen(tmp_path)
+    for how in (
+        {"do": "template", "name": "crank_rocker"},
+        {"do": "open", "name": "four_bar"},
+        {"do": "template", "name": "klann"},
+    ):
+        assert pen.scene(**how)["unsaved"] is False
+        assert not pen.session.close(), "nothing would be offered again"
+    assert pen.scene("set", path="title", value="Mine")["unsaved"] is True
+    assert pen.scene("undo")["unsaved"] is False
+    pen.ask("save", path="mine")
+    assert (tmp_path / "mine.toml").exists(), "an unchanged template is saved like anything else"
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert pen.scene("open", text=text)["unsaved"] is True, "the server cannot have a text of the page again"
+
+
 def test_half_a_drawing_is_saved_and_opened_as_it_is(tmp_path: Path) -> None:
     pen = Pen(tmp_path)
     pen.pin(0.5, 0.5)

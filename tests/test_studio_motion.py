@@ -74,6 +74,33 @@ def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(tmp_path: Path) -
     assert pen.session.text == before
 
 
+@pytest.mark.parametrize(("template", "crank"), [("crank_rocker", "B"), ("eight_bar", "2"), ("five_bar", "B"), ("whitworth", "A")])
+def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template: str, crank: str, tmp_path: Path) -> None:
+    """The pointer is inside and outside the circle by turns; the crank goes all the way round with it."""
+    pen = Pen(tmp_path)
+    pin = next(x for x in pen.scene("template", name=template)["pins"] if x["id"] == crank)
+    owner = pin["members"][0].partition(".")[0]
+    others = [x for x in pen.now["pins"] if x["ground"] and any(m.startswith(f"{owner}.") for m in x["members"])]
+    centre = complex(*others[0]["at"])
+    arm = complex(*pin["at"]) - centre
+    pen.ask("drag_begin", pin=crank)
+    angles = []
+    for turn in np.linspace(0.0, 2 * np.pi, 91)[1:]:
+        at = centre + arm * np.exp(1j * turn) * (1 + 0.4 * np.sin(5 * turn))
+        moved = pen.ask("drag", at=[at.real, at.imag])
+        assert moved["note"] is None
+        angles.append(moved["poses"][owner][2])
+    assert np.ptp(np.unwrap(angles)) > 6.2
+
+
+def test_a_rocker_drawn_beyond_its_swing_says_that_it_comes_no_nearer_and_no_longer_when_it_comes_back(tmp_path: Path) -> None:
+    pen = Pen(tmp_path)
+    pin = next(x for x in pen.scene("template", name="crank_rocker")["pins"] if x["id"] == "C")
+    pen.ask("drag_begin", pin="C")
+    assert "cannot come nearer" in pen.ask("drag", at=[pin["at"][0] + 5.0, pin["at"][1]])["note"]
+    assert pen.ask("drag", at=[pin["at"][0], pin["at"][1] + 0.01])["note"] is None
+
+
 def test_locked_angles_hold_a_drag(tmp_path: Path) -> None:
     """The angle of a link, and the angle between the two bars of a pin."""
     pen = four_bar(tmp_path)

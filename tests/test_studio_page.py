@@ -609,7 +609,7 @@ def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page: Page)
     parted.wait_for(timeout=90_000)
     said = " ".join(parted.inner_text().split())
     assert re.search(r"lagrange parts by at most [\d.e-]+ m at centre of bar\d, [\d.]+ s after the start", said), said
-    assert parted.locator("svg path").get_attribute("d")
+    assert parted.locator("svg path.curve-1").first.get_attribute("d")
     assert page.page.locator(".verdicts .verdict.good").count() == 2
     page.button("Watch it").click()
     assert page.page.locator(".link.ghost").count() == 2

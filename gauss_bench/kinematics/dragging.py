@@ -35,6 +35,7 @@ RESTING = 1e-8  # a step after which the next, of the order of its square, would
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
 MARGIN = 1e-3  # smallest |det P|: about one degree before an arm is stretched, 1e-4 of its length
+STANDING = 5e-3  # size of a move of the point, per move of the linkage, below which it does not count; above what MARGIN leaves
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class Drag:
             raise ValueError(f"{mechanism.name} cannot be dragged from here: its joints are open")
         self.place = place
         self.side = self._side()
+        self.directions = max(self._count_directions(), 1)
 
     @property
     def q(self) -> Array:
@@ -166,6 +168,18 @@ class Drag:
             return Dragged(self.q, True, apart, "")
         why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
         return Dragged(self.q, False, apart, why if last else "the target is too far away for one drag")
+
+    def is_at_limit(self) -> bool:
+        """Whether the point can move in fewer directions than at the beginning: at the end of its path, or the edge of its area.
+
+        A point that is bound to a path, as a crank's pin is to its circle, seldom reaches the pointer, and is at no limit there.
+        """
+        return self._count_directions() < self.directions
+
+    def _count_directions(self) -> int:
+        """Return the number of independent directions in which the point can move."""
+        moves = self._moves(self.place)
+        return int(np.sum(np.linalg.svd(moves, compute_uv=False) > STANDING)) if moves.size else 0
 
     def _apart(self, place: Place, target: Array) -> float:
         """Return the distance of the point from the target [m]."""

@@ -50,11 +50,14 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
 
 
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
-    """Drag the linkage towards the pointer, and return its poses; `ms` is the processor time taken."""
+    """Drag the linkage towards the pointer, and return its poses; `ms` is the processor time taken.
+
+    There is a note only where the pin is at a limit: one that goes round with the pointer beside its path has nothing to say.
+    """
     target, began = place(message.get("at")), time.thread_time()
     moved = drag.to(np.array([target.real, target.imag]), STEPS)
     ms = 1e3 * (time.thread_time() - began)
-    note = moved.note or None
+    note = moved.note if not moved.reached and drag.is_at_limit() else None
     return {"poses": reading.poses(moved.q), "reached": moved.reached, "apart": moved.apart, "ms": ms, "note": note}
 
 

@@ -61,7 +61,8 @@ def open_file(session: Session, message: Message) -> Reply:
     elif "fragment" in message:
         session.open(files.unpack_fragment(value_of(message, "fragment", str)))
     else:
-        session.open(*files.open_document(session.folder, value_of(message, "name", str)))
+        text, path = files.open_document(session.folder, value_of(message, "name", str))
+        session.open(text, path, is_template=path is None)
     return {"recovered": find_recovered(session), "scene": session.scene()}
 
 
@@ -197,7 +198,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
     "hello": hello,
     "files": in_folder,
     "new": lambda session, _: session.open(EMPTY),
-    "template": lambda session, message: session.open(files.text_of(value_of(message, "name", str))),
+    "template": lambda session, message: session.open(files.text_of(value_of(message, "name", str)), is_template=True),
     "drawing": lambda _, message: {"svg": files.drawing(value_of(message, "name", str))},
     "open": open_file,
     "undo": lambda session, _: session.undo(),

@@ -229,7 +229,8 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     if path.suffix == ".toml" and path == Path(linkage):
         folder, linkage = path.resolve().parent, path.name
     session = Session(folder)
-    session.open(*files.open_document(session.folder, linkage))
+    text, own = files.open_document(session.folder, linkage)
+    session.open(text, own, is_template=own is None)
     return session
 
 

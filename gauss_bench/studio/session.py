@@ -22,7 +22,7 @@ class Session:
         folder: folder in which files may be opened and saved.
         text: present text of the linkage file.
         path: file that it was opened from or saved to, or None.
-        saved: text that is on disk; for a new drawing the empty one.
+        saved: text that can be had again: that on disk, a template's own; for a new drawing the empty one.
         locks: ids of pins, slides, links and lengths that a drag must not change.
         picture: picture behind the grid, or None.
         revision: number of changes so far.
@@ -53,15 +53,17 @@ class Session:
         self._read: tuple[str, Reading] | None = None
         self.drag: Drag | None = None
 
-    def open(self, text: str, path: Path | None = None) -> None:
-        """Begin a new history with a text, which was read from the file `path` if one is given.
+    def open(self, text: str, path: Path | None = None, is_template: bool = False) -> None:
+        """Begin a new history with a text, which was read from the file `path` if one is given, or is that of a template.
+
+        An unchanged template is not unsaved: it can be opened again, so that leaving it loses nothing.
 
         Raises:
             Refused: the text is no linkage file.
         """
         parse_text(text)
         self.autosave.forget()
-        self._begin(text, text if path or text == EMPTY else "")
+        self._begin(text, text if path or is_template or text == EMPTY else "")
         self.path = path
         self.autosave = Autosave(self._document_name())
         self._change()
@@ -75,7 +77,7 @@ class Session:
 
     @property
     def is_unsaved(self) -> bool:
-        """Whether the text differs from that on disk."""
+        """Whether the text differs from the one that can be had again."""
         return self.text != self.saved
 
     @property

@@ -4,7 +4,7 @@ import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { centres, pulled } from "./centres";
 import { Linkage, Path } from "./drawing";
-import { Placed, apart, figure, middle } from "./geometry";
+import { Placed, apart, middle } from "./geometry";
 import { target } from "./hit";
 import type { Target } from "./hit";
 import type { Centre, Pin, Poses, Scene, XY } from "./protocol";
@@ -15,6 +15,7 @@ import {
 } from "./state";
 import type { Picked } from "./state";
 import { TOOLS, cancel, choose, current, finish, hover, pick, picks, remove, tool } from "./tools";
+import { amount } from "./units";
 import { onGrid, pan, size, steps, toScreen, toWorld, view, zoom } from "./view";
 
 export const names = signal(false);
@@ -421,7 +422,6 @@ function Grid(): JSX.Element {
     return d;
   };
   const bar = strong * scale;
-  const label = strong < 0.01 ? `${figure(strong * 1000)} mm` : strong < 1 ? `${figure(strong * 100)} cm` : `${figure(strong)} m`;
   return (
     <g class="grid" aria-hidden="true">
       <path class="fine" d={lines(fine)} />
@@ -430,7 +430,7 @@ function Grid(): JSX.Element {
       <g transform={`translate(${w - bar - 18} ${h - 16})`}>
         <path class="ruler" d={`M0-5V0H${bar.toFixed(1)}V-5`} />
         <text x={bar / 2} y="-6" text-anchor="middle">
-          {label}
+          {amount(strong, "m")}
         </text>
       </g>
     </g>
@@ -511,7 +511,7 @@ function Reshape(): JSX.Element | null {
           <g key={i}>
             <path d={`M${x} ${y}L${a} ${b}`} />
             <text x={m[0]} y={m[1] - 8}>
-              {figure(apart(p, now.at))} m
+              {amount(apart(p, now.at), "m")}
             </text>
           </g>
         );
@@ -567,7 +567,7 @@ function Drawn(): JSX.Element | null {
       {drawing && next && <circle class={next.pin !== null ? "snap" : next.link ? "snap bar" : "spot"} cx={nx} cy={ny} r={next.pin !== null ? 11 : next.link ? 8 : 3.5} />}
       {last && next && apart(last.at, next.at) > 0 && (
         <text x={nx + 16} y={ny + 24}>
-          {figure(apart(last.at, next.at))} m, {angle.toFixed(1)}°
+          {amount(apart(last.at, next.at), "m")}, {angle.toFixed(1)}°
         </text>
       )}
       {cross && <path class="cross" d={`M${cross[0] - 12} ${cross[1]}h24M${cross[0]} ${cross[1] - 12}v24`} />}

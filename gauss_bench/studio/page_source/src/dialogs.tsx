@@ -3,6 +3,7 @@ import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { download } from "./download";
+import { NumberField, hasRefused } from "./fields";
 import { canFilm, film } from "./film";
 import { Sign } from "./icons";
 import type { Poses, Template } from "./protocol";
@@ -320,7 +321,7 @@ function Help(): JSX.Element {
 /** The tool for a picture: reads one, lays it across the window, and scales it by two points and their distance. */
 export function PictureBar(): JSX.Element | null {
   const [pair, setPair] = useState<[[number, number], [number, number]] | null>(null);
-  const [metres, setMetres] = useState("");
+  const [metres, setMetres] = useState<number | null>(null);
   if (tool.value !== "picture") return null;
   const read = (file: File | undefined): void => {
     if (!file) return;
@@ -344,15 +345,14 @@ export function PictureBar(): JSX.Element | null {
   pictureScaled.value = (a, b) => setPair([a, b]);
   const picture = scene.value?.picture;
   const apply = async (): Promise<void> => {
-    const known = Number(metres.replace(",", "."));
-    if (!picture || !pair) return;
-    if (!(known > 0)) return say("The distance of the two points is a positive number of metres.", "error");
+    if (!picture || !pair || hasRefused(".picturebar")) return;
+    if (!(metres! > 0)) return say("The distance of the two points is a positive length.", "error");
     const [a, b] = pair;
-    const f = known / Math.hypot(b[0] - a[0], b[1] - a[1]);
+    const f = metres! / Math.hypot(b[0] - a[0], b[1] - a[1]);
     const at = [a[0] + f * (picture.at[0] - a[0]), a[1] + f * (picture.at[1] - a[1])];
     await edit("picture", { picture: { at, width: picture.width * f, height: picture.height * f } }); // the picture itself is there
     setPair(null);
-    setMetres("");
+    setMetres(null);
     choose("select");
     fit(scene.value, scene.value?.picture ? [scene.value.picture.at, [scene.value.picture.at[0] + scene.value.picture.width, scene.value.picture.at[1] + scene.value.picture.height]] : []);
   };
@@ -374,9 +374,7 @@ export function PictureBar(): JSX.Element | null {
             void apply();
           }}
         >
-          <label>
-            Distance of the two points <input type="text" inputMode="decimal" value={metres} onInput={(e) => setMetres(e.currentTarget.value)} /> m
-          </label>
+          <NumberField label="Distance of the two points" unit="m" value={metres} empty="" send={setMetres} />
           <button type="submit" class="strong">
             Scale
           </button>

@@ -1,14 +1,13 @@
 // Fields that hold one value of the file each: shown as it stands, sent when the user has finished.
 import type { ComponentChildren, JSX } from "preact";
-import { useState } from "preact/hooks";
-import { figure } from "./geometry";
+import { useId, useState } from "preact/hooks";
 import { Sign } from "./icons";
-import { say } from "./state";
+import { amount, inShown, read, refusal, shownUnit } from "./units";
 
 interface Numeric {
   label: string;
   value: number | null | undefined;
-  unit?: string;
+  unit?: string; // of the value, as the file has it
   empty?: string;
   send: (value: number | null) => unknown;
   children?: ComponentChildren;
@@ -16,18 +15,27 @@ interface Numeric {
 
 interface Entered {
   label: string;
+  name?: string; // with the unit, for those who hear it
   shown: string;
-  finish: (draft: string) => void;
+  finish: (draft: string) => string | void; // why the draft is refused
   children?: ComponentChildren;
-  input?: { inputMode?: "decimal"; placeholder?: string | undefined; spellcheck?: boolean };
+  input?: { inputMode?: "text"; placeholder?: string | undefined; spellcheck?: boolean };
 }
 
 /** What stands there until somebody types. Enter or leaving the field finishes what was typed; Esc takes it back. */
-function Entry({ label, shown, finish, children, input }: Entered): JSX.Element {
+function Entry({ label, name, shown, finish, children, input }: Entered): JSX.Element {
   const [draft, setDraft] = useState<string | null>(null);
+  const [fault, setFault] = useState("");
+  const id = useId();
+  const type = (text: string | null): void => {
+    setDraft(text);
+    setFault("");
+  };
   const done = (): void => {
-    setDraft(null);
-    if (draft !== null && draft !== shown) finish(draft);
+    if (draft === null) return;
+    const refused = draft === shown ? "" : finish(draft);
+    if (refused) setFault(refused); // the draft stays, so that it can be mended
+    else type(null);
   };
   return (
     <label class="field">
@@ -35,30 +43,42 @@ function Entry({ label, shown, finish, children, input }: Entered): JSX.Element 
       <span class="entry">
         <input
           type="text"
-          aria-label={label}
+          aria-label={name ?? label}
+          aria-invalid={fault !== ""}
+          aria-describedby={fault ? id : undefined}
           value={draft ?? shown}
-          onInput={(e) => setDraft(e.currentTarget.value)}
+          onInput={(e) => type(e.currentTarget.value)}
           onBlur={done}
-          onKeyDown={(e) => (e.key === "Enter" ? done() : e.key === "Escape" && setDraft(null))}
+          onKeyDown={(e) => (e.key === "Enter" ? done() : e.key === "Escape" && type(null))}
           {...input}
         />
         {children}
       </span>
+      {fault && (
+        <span class="refusal" id={id} role="alert">
+          {fault}
+        </span>
+      )}
     </label>
   );
 }
 
-/** A number with its unit. An empty field is null where `empty` says what that means. */
-export function NumberField({ label, value, unit, empty, send, children }: Numeric): JSX.Element {
-  const shown = value === null || value === undefined ? "" : String(Number(value.toPrecision(8)));
-  const finish = (draft: string): void => {
-    const next = draft.trim() === "" ? null : Number(draft.replace(",", "."));
-    if (next === null ? empty === undefined : !Number.isFinite(next)) say(`${label} takes a number.`, "error");
-    else void send(next);
+/** Whether a field under an element holds what it has refused: then nothing is done with what the other fields hold. */
+export const hasRefused = (under: string): boolean => document.querySelector(`${under} [aria-invalid=true]`) !== null;
+
+/** A quantity with its unit. An empty field is null where `empty` says what that means. */
+export function NumberField({ label, value, unit = "", empty, send, children }: Numeric): JSX.Element {
+  const shown = value === null || value === undefined ? "" : String(Number(inShown(value, unit).toPrecision(8)));
+  const finish = (draft: string): string | void => {
+    const blank = draft.trim() === "";
+    const next = blank ? null : read(draft, unit);
+    if (next === null && !(blank && empty !== undefined)) return blank ? `${label} needs a value.` : refusal(draft, unit);
+    void send(next);
   };
+  const own = shownUnit(unit);
   return (
-    <Entry label={label} shown={shown} finish={finish} input={{ inputMode: "decimal", placeholder: empty }}>
-      {unit && <small>{unit}</small>}
+    <Entry label={label} name={own ? `${label}, ${own}` : label} shown={shown} finish={finish} input={{ inputMode: "text", placeholder: empty }}>
+      {own && <small>{own}</small>}
       {children}
     </Entry>
   );
@@ -89,7 +109,7 @@ export const Read = ({ label, value, unit = "" }: { label: string; value: number
   <p class="read">
     <span>{label}</span>
     <b>
-      {figure(value)} {unit}
+      {amount(value, unit)}
     </b>
   </p>
 );

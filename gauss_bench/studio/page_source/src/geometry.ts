@@ -135,11 +135,3 @@ export function middle(points: XY[]): XY {
   const n = Math.max(points.length, 1);
   return [points.reduce((sum, p) => sum + p[0], 0) / n, points.reduce((sum, p) => sum + p[1], 0) / n];
 }
-
-/** A number as people write it: four significant digits, no tail of zeros. */
-export function figure(value: number | null | undefined, digits = 4): string {
-  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  if (value === 0 || Math.abs(value) < 1e-12) return "0";
-  const size = Math.abs(value);
-  return size >= 1e5 || size < 1e-4 ? value.toExponential(digits - 2) : String(Number(value.toPrecision(digits)));
-}

@@ -1,5 +1,6 @@
 // The panel on the right: what is chosen, as numbers; with nothing chosen the linkage as a whole, its parts and its problems.
 import type { JSX } from "preact";
+import { useState } from "preact/hooks";
 import { Check, Lock, NumberField, Read, TextField } from "./fields";
 import { apart, direction } from "./geometry";
 import { Sign } from "./icons";
@@ -87,6 +88,31 @@ function angleIn(pin: Pin, at: XY): { names: string[]; degrees: number } | null 
   return { names: [a.name, b.name], degrees: turn > 180 ? turn - 360 : turn < -180 ? turn + 360 : turn };
 }
 
+const nameOf = (pin: Pin): string => pin.joint ?? pin.members[0] ?? pin.id;
+
+/** Joins a pin with another one that is chosen by its name: without a pointer. */
+function Join({ pin }: { pin: Pin }): JSX.Element {
+  const [to, setTo] = useState("");
+  return (
+    <div class="field">
+      <span>Join with</span>
+      <span class="entry">
+        <select aria-label="Join with" value={to} onChange={(e) => setTo(e.currentTarget.value)}>
+          <option value="">another pin</option>
+          {scene.value!.pins.filter((p) => p.id !== pin.id).map((p) => (
+            <option key={p.id} value={p.id}>
+              {nameOf(p)}
+            </option>
+          ))}
+        </select>
+        <button type="button" class="quiet" disabled={!to} onClick={() => void edit("join", { pin: pin.id, to })}>
+          Join
+        </button>
+      </span>
+    </div>
+  );
+}
+
 function PinPanel({ pin }: { pin: Pin }): JSX.Element {
   const at = placed.value!.pin(pin);
   const put = (to: XY): unknown => edit("move", { pin: pin.id, at: to });
@@ -114,6 +140,7 @@ function PinPanel({ pin }: { pin: Pin }): JSX.Element {
         </p>
       )}
       {point && <Check label="Observed: path, velocity, acceleration" on={pin.members.some((ref) => scene.value!.observe.includes(ref))} set={(on) => edit("observe", { point: pin.members.find((ref) => scene.value!.observe.includes(ref)) ?? point, on })} />}
+      <Join pin={pin} />
       <p class="note">{loose ? "Nothing is joined here yet. Draw a bar to it, or put another pin on it with Reshape." : `Joins ${pin.members.map((ref) => ref.split(".")[0]).join(", ")}.`}</p>
     </>
   );
@@ -136,13 +163,14 @@ function SlidePanel({ slide }: { slide: Slide }): JSX.Element {
   );
 }
 
-const UNITS: Record<string, string> = { k: "N/m", c: "N s/m", rest: "m", mu: "", radius: "m", speed: "m/s", angle_deg: "°", rest_deg: "°" };
+const UNITS: Record<string, string> = { k: "N/m", c: "N s/m", rest: "m", mu: "", radius: "m", speed: "m/s", angle: "rad", angle_deg: "°", rest_deg: "°" };
+const TURNING: Record<string, string> = { k: "N m/rad", c: "N m s/rad", rest: "rad", speed: "rad/s" };
 const WORDS: Record<string, string> = { k: "Stiffness", c: "Damping", rest: "Length at rest", mu: "Friction", radius: "Pin radius", value: "Value", speed: "Speed", rest_deg: "Angle at rest", angle_deg: "Direction" };
 
 function ForcePanel({ force }: { force: Force }): JSX.Element {
   const turning = force.type.startsWith("rotational") || force.type === "torque" || scene.value!.pins.some((p) => p.joint === force.table.joint);
   const table = { ...(force.type === "spring_damper" ? { k: 0, c: 0, rest: 0 } : {}), ...force.table };
-  const unit = (key: string): string => (key === "value" ? (force.type === "torque" ? "N m" : "N") : turning && key === "k" ? "N m/rad" : turning && key === "c" ? "N m s/rad" : (UNITS[key] ?? ""));
+  const unit = (key: string): string => (key === "value" ? (force.type === "torque" ? "N m" : "N") : ((turning ? TURNING[key] : undefined) ?? UNITS[key] ?? ""));
   const path = (key: string): string => `forces.${force.id}.${key}`;
   return (
     <>
@@ -226,7 +254,7 @@ function Whole(): JSX.Element {
       {now.links.length > 0 && <h3>Links</h3>}
       <ul class="chips">{now.links.map((l, i) => <Part key={l.name} kind="link" id={l.name} text={l.name} number={showCentres.value ? i + 1 : undefined} />)}</ul>
       {now.pins.length > 0 && <h3>Pins</h3>}
-      <ul class="chips">{now.pins.map((p) => <Part key={p.id} kind="pin" id={p.id} text={p.joint ?? p.members[0] ?? p.id} />)}</ul>
+      <ul class="chips">{now.pins.map((p) => <Part key={p.id} kind="pin" id={p.id} text={nameOf(p)} />)}</ul>
       {now.slides.length + now.forces.length > 0 && <h3>Slides and forces</h3>}
       <ul class="chips">
         {now.slides.map((s) => <Part key={s.id} kind="slide" id={s.id} text={s.id} />)}

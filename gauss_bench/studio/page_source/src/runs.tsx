@@ -2,10 +2,12 @@
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useState } from "preact/hooks";
-import { figure } from "./geometry";
 import type { Event, Motion, Pose } from "./protocol";
+import { NumberField, hasRefused } from "./fields";
+import { Plot } from "./charts";
 import { Sheet } from "./sheet";
 import { attempt, clock, dialog, ghost, hello, motion, moving, play, playing, say } from "./state";
+import { amount, figure, inShown, shownUnit } from "./units";
 
 interface Run {
   engine: string;
@@ -93,17 +95,17 @@ const usable = (...names: string[]): string => names.find((name) => hello.value?
 
 export function Release(): JSX.Element {
   const engines = hello.value?.engines ?? [];
-  const [until, setUntil] = useState("2");
+  const [until, setUntil] = useState(2);
   const [engine, setEngine] = useState(() => usable("gauss-native", "gauss"));
   const [overlay, setOverlay] = useState(() => usable("mujoco", ""));
   const missing = engines.filter((e) => !e.here && [engine, overlay, "gauss-native", "mujoco"].includes(e.name));
   const go = async (): Promise<void> => {
-    const seconds = Number(until.replace(",", "."));
-    if (!(seconds > 0)) return say("The duration is a positive number of seconds.", "error");
+    if (hasRefused("dialog")) return;
+    if (!(until > 0)) return say("The duration is a positive number of seconds.", "error");
     runs.value = [];
     compared.value = [];
     ghost.value = null;
-    const reply = await attempt("release", { until: seconds, engine, overlay: overlay ? [overlay] : [] });
+    const reply = await attempt("release", { until, engine, overlay: overlay ? [overlay] : [] });
     if (!reply) return;
     job.value = Number(reply.job);
   };
@@ -111,12 +113,7 @@ export function Release(): JSX.Element {
     <Sheet title="Release">
       <p class="note">The linkage starts from the sketch and moves under gravity, springs and torques. Another engine can be laid over it, to see where the two part and by how much.</p>
       <div class="triple">
-        <label class="field">
-          <span>Until, s</span>
-          <span class="entry">
-            <input type="text" inputMode="decimal" value={until} onInput={(e) => setUntil(e.currentTarget.value)} />
-          </span>
-        </label>
+        <NumberField label="Until" unit="s" value={until} send={(v) => setUntil(v!)} />
         <label class="field">
           <span>Engine</span>
           <select aria-label="Engine" value={engine} onChange={(e) => setEngine(e.currentTarget.value)}>
@@ -157,7 +154,7 @@ export function Release(): JSX.Element {
         ))}
         {compared.value.map((c) => (
           <li key={`apart ${c.engine}`}>
-            <b>{c.engine}</b> parts by at most <b>{figure(c.worst_apart, 3)} m</b>
+            <b>{c.engine}</b> parts by at most <b>{amount(c.worst_apart, "m", 3)}</b>
             {c.point ? ` at ${c.point}` : ""}, {figure(c.at, 3)} s after the start.
             {c.curve && <Apart curve={c.curve} />}
           </li>
@@ -176,56 +173,31 @@ export function Release(): JSX.Element {
 
 /** How far two runs are apart over time, on a scale of powers of ten. */
 function Apart({ curve }: { curve: NonNullable<Compare["curve"]> }): JSX.Element {
-  const end = curve.times.at(-1) || 1;
-  const logs = curve.apart.map((v) => (v !== null && v > 0 ? Math.log10(v) : null));
-  const known = logs.filter((v): v is number => v !== null);
-  const [low, high] = [Math.floor(Math.min(...known, 0)), Math.ceil(Math.max(...known, -12))];
-  let d = "";
-  logs.forEach((v, i) => {
-    if (v !== null) d += `${d ? "L" : "M"}${((curve.times[i]! / end) * 260).toFixed(1)} ${(70 - ((v - low) / (high - low || 1)) * 70).toFixed(1)}`;
-  });
-  return (
-    <figure class="chart">
-      <figcaption>
-        Apart <small>1e{low} to 1e{high} m</small>
-      </figcaption>
-      <svg viewBox="0 0 260 70" preserveAspectRatio="none" role="img" aria-label="Distance of the two runs over time">
-        <path class="curve-1" d={d} vector-effect="non-scaling-stroke" />
-      </svg>
-    </figure>
-  );
+  const [at, go] = useState(0);
+  const [under, look] = useState<number | null>(null);
+  const chart = { id: "apart", title: "Apart", unit: shownUnit("m"), log: true, curves: [{ name: "apart", hue: 1, values: curve.apart.map((v) => (v === null ? null : inShown(v, "m"))) }] };
+  return <Plot chart={chart} times={curve.times} at={under ?? at} look={look} go={go} />;
 }
 
-const number = (text: string): number => Number(text.replace(",", "."));
-
 export function Recommend(): JSX.Element {
-  const [position, setPosition] = useState("1e-5");
-  const [budget, setBudget] = useState("30");
+  const [position, setPosition] = useState(1e-5);
+  const [budget, setBudget] = useState(30);
   const [only, setOnly] = useState("");
   const [copied, setCopied] = useState("");
   const now = advice.value;
   const go = async (): Promise<void> => {
+    if (hasRefused("dialog")) return;
     advice.value = { job: null, answers: [], done: false, note: "" };
-    const reply = await attempt("recommend", { position: number(position), budget: number(budget), engines: only ? [only] : [] });
+    const reply = await attempt("recommend", { position, budget, engines: only ? [only] : [] });
     if (reply) advice.value = { ...advice.value, job: Number(reply.job) };
     else advice.value = { ...advice.value, done: true };
   };
   return (
     <Sheet title="Which engine, with which setting">
       <p class="note">Engines are run on this linkage, against a certified reference; the cheapest setting that keeps your accuracy comes first.</p>
-      <div class="triple">
-        <label class="field">
-          <span>Position to within, m</span>
-          <span class="entry">
-            <input type="text" inputMode="decimal" value={position} onInput={(e) => setPosition(e.currentTarget.value)} />
-          </span>
-        </label>
-        <label class="field">
-          <span>In at most, s</span>
-          <span class="entry">
-            <input type="text" inputMode="decimal" value={budget} onInput={(e) => setBudget(e.currentTarget.value)} />
-          </span>
-        </label>
+      <div class="triple even">
+        <NumberField label="Position to within" unit="m" value={position} send={(v) => setPosition(v!)} />
+        <NumberField label="In at most" unit="s" value={budget} send={(v) => setBudget(v!)} />
         <label class="field">
           <span>Of</span>
           <select aria-label="Of which engines" value={only} onChange={(e) => setOnly(e.currentTarget.value)}>
@@ -252,7 +224,7 @@ export function Recommend(): JSX.Element {
             <b>{a.engine}</b> <span>{a.setting}</span>
             <small>
               {a.ratio !== null && a.ratio !== undefined ? `${a.ratio <= 1 ? "the fastest" : `${figure(a.ratio, 3)} times as long as the fastest`}, ` : now.done ? "" : "holds; not timed yet, "}
-              error {figure(a.error, 2)} m
+              error {amount(a.error, "m", 2)}
             </small>
             {a.snippet && (
               <>

@@ -1,101 +1,25 @@
 // Below the drawing: play, scrub, pace, what drives the motion, and the curves of what is observed.
-import { signal } from "@preact/signals";
+import { computed, signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import { Plot, charts, csv } from "./charts";
+import { download } from "./download";
 import { NumberField } from "./fields";
-import { figure } from "./geometry";
 import { Sign } from "./icons";
-import type { Driver as DriverKind, Motion, Table, XY } from "./protocol";
+import type { Driver as DriverKind, Motion, Table } from "./protocol";
 import { choose } from "./tools";
 import { clock, dialog, edit, ghost, motion, motionNote, moving, pace, play, playing, refresh, scene, scrub, sheet, showCentres, still } from "./state";
-
-interface Curve {
-  name: string;
-  unit: string;
-  hue: number;
-  values: (number | null)[];
-}
-interface Chart {
-  id: string;
-  title: string;
-  unit: string;
-  curves: Curve[];
-}
+import { amount, figure } from "./units";
 
 const open = signal(innerWidth > 560);
 const off = signal<Set<string>>(new Set(["pins", "advantage"]));
-const lengths = (list: XY[] | null): (number | null)[] => (list ?? []).map((v) => (v && v[0] !== null ? Math.hypot(v[0], v[1]) : null));
+const under = signal<number | null>(null); // the instant that the mouse is over in a chart
+const curves = computed(() => (motion.value ? charts(motion.value) : []));
 
-function charts(now: Motion): Chart[] {
-  const points = Object.entries(now.points);
-  const chart = (id: string, title: string, unit: string, curves: Omit<Curve, "unit">[]): Chart => ({ id, title, unit, curves: curves.map((c) => ({ ...c, unit })) });
-  return [
-    chart("v", "Speed", "m/s", points.map(([name, p], hue) => ({ name, hue, values: lengths(p.v) }))),
-    chart("a", "Acceleration", "m/s²", points.map(([name, p], hue) => ({ name, hue, values: lengths(p.a) }))),
-    chart("torque", "Drive", now.torque?.unit ?? "N m", now.torque ? [{ name: "drive", hue: 1, values: now.torque.values }] : []),
-    chart("transmission", "Transmission angle", "°", now.transmission.map((t, hue) => ({ ...t, hue }))),
-    chart("pins", "Pin forces", "N", now.pins.map((p, hue) => ({ name: p.joint, hue, values: p.force.map((f) => (typeof f === "number" ? f : f && f[0] !== null && f[1] !== null ? Math.hypot(f[0], f[1]) : null)) }))),
-    chart("advantage", "Mechanical advantage", "", (now.advantage ?? []).slice(0, 6).map((g, hue) => ({ name: `${g.output} of ${g.input}`, values: g.values, hue }))),
-  ].filter((c) => c.curves.some((curve) => curve.values.some((v) => v !== null)));
-}
-
-const [W, H] = [260, 92];
-
-/** Values are cut where they run away near a singular position: the 2nd and the 98th percentile and a margin bound the picture. */
-function bounds(curves: Curve[]): [number, number] {
-  const all = curves.flatMap((c) => c.values.filter((v): v is number => v !== null && Number.isFinite(v))).sort((a, b) => a - b);
-  const at = (share: number): number => all[Math.round(share * (all.length - 1))] ?? 0;
-  const [low, high] = [at(0), at(1)];
-  const [inner, outer] = [at(0.02), at(0.98)];
-  const wide = (outer - inner) * 2 + 1e-12;
-  const from = low < inner - wide ? inner - wide / 4 : low;
-  const to = high > outer + wide ? outer + wide / 4 : high;
-  const gap = to - from || Math.abs(to) || 1;
-  return [Math.min(from, from > 0 && from < gap ? 0 : from), to + 0.06 * gap];
-}
-
-function ChartView({ chart, times }: { chart: Chart; times: number[] }): JSX.Element {
-  const end = times.at(-1) || 1;
-  const [low, high] = bounds(chart.curves);
-  const x = (t: number): number => (t / end) * W;
-  const y = (v: number): number => Math.max(-4, Math.min(H + 4, H - ((v - low) / (high - low || 1)) * H));
-  const line = (values: (number | null)[]): string => {
-    let d = "";
-    let gap = true;
-    values.forEach((v, i) => {
-      if (v === null || !Number.isFinite(v)) gap = true;
-      else {
-        d += `${gap ? "M" : "L"}${x(times[i]!).toFixed(1)} ${y(v).toFixed(1)}`;
-        gap = false;
-      }
-    });
-    return d;
-  };
-  const i = Math.max(0, times.findIndex((t) => t >= clock.value - 1e-12));
-  const move = (e: PointerEvent): void => {
-    if (!e.buttons && e.type === "pointermove") return;
-    const box = (e.currentTarget as SVGElement).getBoundingClientRect();
-    scrub(Math.max(0, Math.min(end, ((e.clientX - box.left) / box.width) * end)));
-  };
-  return (
-    <figure class="chart" data-chart={chart.id}>
-      <figcaption>
-        {chart.title} {chart.unit && <small>{chart.unit}</small>}
-      </figcaption>
-      <svg viewBox={`0 0 ${W} ${H}`} preserveAspectRatio="none" onPointerDown={move} onPointerMove={move} role="img" aria-label={`${chart.title} over time of ${chart.curves.map((c) => c.name).join(", ")}`}>
-        {low < 0 && high > 0 && <path class="zero" d={`M0 ${y(0)}H${W}`} />}
-        {chart.curves.map((c) => <path key={c.name} class={`curve-${c.hue % 6}`} d={line(c.values)} vector-effect="non-scaling-stroke" />)}
-        <path class="now" d={`M${x(clock.value)} 0V${H}`} vector-effect="non-scaling-stroke" />
-      </svg>
-      <ul>
-        {chart.curves.slice(0, 6).map((c) => (
-          <li key={c.name} class={`curve-${c.hue % 6}`}>
-            {c.name} <b>{figure(c.values[i] ?? null, 3)}</b>
-          </li>
-        ))}
-      </ul>
-    </figure>
-  );
+/** Writes the table of all curves, those that are not on show included. */
+function downloadTable(): void {
+  const now = motion.value;
+  if (now) download(`${scene.value?.name || "linkage"}_curves.csv`, csv(now, curves.value), "text/csv");
 }
 
 const LAWS: [string, string][] = [["constant", "constant speed"], ["sine", "cycloidal, rest to rest"], ["cosine", "harmonic"], ["poly345", "3-4-5 polynomial"]];
@@ -223,7 +147,7 @@ function OneDriver({ driver, free, duration }: { driver: Table; free: DriverKind
 }
 
 /** A coordinate with its unit, angles in degrees. */
-const amount = (value: number | null, unit = ""): string => (unit === "rad" && value !== null ? `${((value * 180) / Math.PI).toFixed(1)}°` : `${figure(value)} ${unit}`);
+const coordinate = (value: number | null, unit = ""): string => (unit === "rad" && value !== null ? `${((value * 180) / Math.PI).toFixed(1)}°` : amount(value, unit));
 
 /** When the motion passes a place of its input: the time of the sample that is nearest to it. */
 function passed(now: Motion, at: number | null): number {
@@ -237,7 +161,7 @@ export function Timeline(): JSX.Element {
   const now = motion.value;
   const end = now?.times.at(-1) ?? 1;
   const own = scene.value?.scenarios.some((s) => s.kind === "driven"); // curves come when something is driven, not while one draws
-  const list = now && (own || moving.value) ? charts(now) : [];
+  const list = now && (own || moving.value) ? curves.value : [];
   const input = now?.input;
   const i = now ? Math.max(0, now.times.findIndex((t) => t >= clock.value - 1e-12)) : 0;
   return (
@@ -258,7 +182,8 @@ export function Timeline(): JSX.Element {
           onInput={(e) => scrub(Number(e.currentTarget.value))}
         />
         <output>
-          {figure(clock.value, 3)} s{input && input.values[i] !== undefined && moving.value ? `, ${input.name} ${amount(input.values[i] ?? null, input.unit)}` : ""}
+          {figure(clock.value, 3)} s
+          {input && input.values[i] !== undefined && moving.value && <span class="input">{`, ${input.name} ${coordinate(input.values[i] ?? null, input.unit)}`}</span>}
         </output>
         <label class="pace">
           <span class="hidden">Pace</span>
@@ -316,14 +241,17 @@ export function Timeline(): JSX.Element {
                 {c.title}
               </button>
             ))}
+            <button type="button" class="table" title="The table of all curves, those not on show included, with their units" onClick={downloadTable}>
+              CSV
+            </button>
             {now!.singular.map((spot, n) => (
               <button type="button" key={n} class="flag" title={`Show the ${spot.kind} of ${spot.coordinate}`} onClick={() => scrub(passed(now!, spot.input))}>
                 {spot.kind} of {spot.coordinate}
-                {spot.input !== null && now!.input ? `, ${now!.input.name} at ${amount(spot.input, now!.input.unit)}` : ""}
+                {spot.input !== null && now!.input ? `, ${now!.input.name} at ${coordinate(spot.input, now!.input.unit)}` : ""}
               </button>
             ))}
           </div>
-          <div class="charts" tabIndex={0} role="group" aria-label="Curves over time">{list.filter((c) => !off.value.has(c.id)).map((c) => <ChartView key={c.id} chart={c} times={now!.times} />)}</div>
+          <div class="charts" tabIndex={0} role="group" aria-label="Curves over time">{list.filter((c) => !off.value.has(c.id)).map((c) => <Plot key={c.id} chart={c} times={now!.times} at={under.value ?? clock.value} look={(at) => (under.value = at)} go={scrub} />)}</div>
         </>
       )}
     </section>

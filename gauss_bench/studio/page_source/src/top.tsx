@@ -7,6 +7,8 @@ import { Sign } from "./icons";
 import { connected } from "./socket";
 import { copy, dialog, drawn, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
 import { TOOLS, choose, current, finish, picks, tool } from "./tools";
+import { LENGTHS, length, measureIn } from "./units";
+import type { Length } from "./units";
 import { zoom } from "./view";
 
 type Theme = "light" | "dark" | "";
@@ -133,6 +135,11 @@ export function ViewSwitches(): JSX.Element {
       <button type="button" class="icon" aria-label="Names" aria-pressed={names.value} title="Show names" onClick={() => (names.value = !names.value)}>
         <Sign of="tag" />
       </button>
+      <select class="unit" aria-label="Unit of lengths" title="Unit in which lengths are shown; a field takes 12 mm, 0.5 in or 1.2 m whatever is chosen" value={length.value} onChange={(e) => measureIn(e.currentTarget.value as Length)}>
+        {LENGTHS.map((unit) => (
+          <option key={unit}>{unit}</option>
+        ))}
+      </select>
     </div>
   );
 }

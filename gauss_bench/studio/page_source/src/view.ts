@@ -1,6 +1,7 @@
 // The window on the plane: metres to pixels and back, zoom, fit, the grid's step.
 import { computed, signal } from "@preact/signals";
 import type { Scene, XY } from "./protocol";
+import { inShown } from "./units";
 
 /** `scale` in pixels a metre; `origin`, the world's origin in pixels from the canvas's upper left corner. */
 export const view = signal<{ scale: number; origin: XY }>({ scale: 600, origin: [300, 400] });
@@ -15,12 +16,13 @@ export const toWorld = ([x, y]: XY): XY => {
   return [(x - origin[0]) / scale, (origin[1] - y) / scale];
 };
 
-/** The grid's steps in metres: of fine and of strong lines, from 1, 2 and 5 times powers of ten. */
+/** The grid's steps in metres: of fine and of strong lines, 1, 2 and 5 times powers of ten of the unit on show. */
 export const steps = computed<{ fine: number; strong: number }>(() => {
-  const want = 9 / view.value.scale;
+  const unit = inShown(1, "m"); // units in a metre
+  const want = (9 / view.value.scale) * unit;
   const power = 10 ** Math.floor(Math.log10(want));
   const factor = [1, 2, 5, 10].find((f) => f * power >= want) ?? 10;
-  const fine = factor * power;
+  const fine = (factor * power) / unit;
   return { fine, strong: factor === 2 ? 5 * fine : factor === 5 ? 4 * fine : 10 * fine };
 });
 
