@@ -17,6 +17,7 @@ from gauss_bench.studio.autosave import forget, list_kept
 from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
+from gauss_bench.studio.edits.poses import describe_four_bar
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, check_message, value_of
 from gauss_bench.studio.reading import Reading
@@ -219,6 +220,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
     "branch": branch,
     "motion": move_by_law,
     "centres": centres,
+    "four_bar": lambda _, message: describe_four_bar(message),
     "release": dynamics.release,
     "recommend": dynamics.recommend,
     "stop": stop,
