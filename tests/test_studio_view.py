@@ -88,3 +88,48 @@ def test_share_makes_a_link_that_draws(browser: Any, address: str, width: int, s
     assert "token" not in shown.url
     shown.close()
     page.page.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
+def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(
+    browser: Any,
+    address: str,  # noqa: F811
+    width: int,
+    scheme: str,
+) -> None:
+    """The pins of a four-bar with pivots at (-0.1, -0.05) and (0.2, -0.05) in three poses, then the same from the pivots alone."""
+    page = Page(browser, address, viewport={"width": width, "height": 850}, color_scheme=scheme)
+    page.begin()
+    page.button("Snap to the grid").click()
+    pivots = (complex(-0.1, -0.05), complex(0.2, -0.05))
+    picks = []
+    for angle in (0.5, 1.2, 2.0):
+        a = pivots[0] + 0.1 * np.exp(1j * angle)
+        way = pivots[1] - a
+        along = (0.28**2 - 0.24**2 + abs(way) ** 2) / (2 * abs(way))
+        picks += [a, a + way / abs(way) * complex(along, np.sqrt(0.28**2 - along**2))]
+    page.button("Poses").click()
+    for at in picks:
+        page.page.mouse.click(*page.pixel((at.real, at.imag)))
+    bar = page.page.get_by_role("region", name="Four-bar through three poses")
+    bar.get_by_text("It takes the poses in their order, on one branch.", exact=True).wait_for()
+    found = [complex(*map(float, x.get_attribute("data-pivot").split(","))) for x in page.page.locator("[data-pivot]").all()]
+    # a click is a whole pixel, and the centre of a flat arc is less exact
+    assert np.abs(np.array(found) - pivots).max() < 10 / page.scale()
+    for at in pivots:
+        page.page.mouse.click(*page.pixel((at.real, at.imag)))
+    page.until(lambda: len(page.page.locator(".poses .placed").all()) == 2)
+    page.settled()
+    before = page.revision()
+    page.button("Make it the sketch").click()
+    page.changed(before)
+    page.until(lambda: page.status() == ("1", "1"))
+    drawn = page.stands_at()
+    assert min(abs(complex(*x) - pivots[0]) for x in drawn.values()) < 2 / page.scale()
+    page.until(lambda: "bar" in page.page.locator("details.drive > summary").inner_text())
+    page.button("Undo").click()
+    page.until(lambda: page.page.locator("g.linkage [data-link]").count() == 0)
+    assert page.page.get_by_role("button", name="Undo", exact=True).is_disabled()
+    assert not page.wrong
+    page.page.close()

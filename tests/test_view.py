@@ -184,6 +184,24 @@ def test_a_link_shows_the_motion_that_the_suite_computed(browser: Any, page_file
     page.close()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1200, "dark")])
+def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser: Any, page_file: str, width: int, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    for fragment in ("", "v1.", packed("four_bar", "[links]\n" * 40)[0]):
+        look = {"viewport": {"width": width, "height": 800}, "color_scheme": scheme, "bypass_csp": True}
+        page, wrong = opened(browser, f"{page_file}#{fragment}", **look)
+        if page.locator("summary").is_visible():
+            page.locator("summary").click()
+        faults = axe.run(page).response["violations"]
+        assert not faults, [(x["id"], x["nodes"][0]["html"][:160]) for x in faults]
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        for part in page.locator("button, select, summary").all():
+            assert not part.is_visible() or part.bounding_box()["height"] >= 44
+        assert not wrong
+        page.close()
+
+
 def change(path: str, value: Any) -> Callable[[dict[str, Any]], str]:
     """A change of one value of a good link."""
 

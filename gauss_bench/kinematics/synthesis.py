@@ -1,8 +1,8 @@
 """A four-bar whose coupler takes three given poses, and whether it moves through them without being taken apart.
 
 A pin of the coupler has three places; the centre of the circle through them is its fixed pivot. Seen from the coupler it is the
-other way round: a fixed pivot has three places, and the centre of their circle is the pin. If the places of a pin lie on a line, the
-pin slides. Places are complex numbers x + i y [m]; a pose is the place and the angle [rad] of the coupler's frame.
+other way round: a fixed pivot has three places, and the centre of their circle is the pin. If its places lie on a line, the pin
+slides. Places are complex numbers x + i y [m]; a pose is the place and the angle [rad] of the coupler's frame.
 Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
 and Design of Machinery.
 """
