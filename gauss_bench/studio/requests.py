@@ -12,11 +12,12 @@ from gauss_bench.engines import MissingExtra
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError
-from gauss_bench.studio import dragging, dynamics, exports, files, motion
+from gauss_bench.studio import dragging, dynamics, exports, files, motion, sharing
 from gauss_bench.studio.autosave import forget, list_kept
 from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
+from gauss_bench.studio.edits.poses import describe_four_bar
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, check_message, value_of
 from gauss_bench.studio.reading import Reading
@@ -26,7 +27,7 @@ from gauss_bench.trajectory import in_a_sentence
 
 Reply = dict[str, Any]
 # verbs that take long or must not wait for others: they run beside other requests, and take the session's lock themselves
-APART = ("drawing", "motion", "centres", "stop", "import", "export")
+APART = ("drawing", "motion", "centres", "stop", "import", "export", "view")
 
 
 def hello(session: Session, message: Message) -> Reply:
@@ -209,6 +210,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
     "recover": recover,
     "export": lambda session, message: exports.export_drawing(*read_locked(session), message),
     "share": lambda session, _: {"fragment": files.fragment(session.text)},
+    "view": lambda session, _: sharing.share_view(*read_locked(session)),
     "lock": steps.lock,
     "picture": steps.picture,
     "behind": behind,
@@ -219,6 +221,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {  # a verb witho
     "branch": branch,
     "motion": move_by_law,
     "centres": centres,
+    "four_bar": lambda _, message: describe_four_bar(message),
     "release": dynamics.release,
     "recommend": dynamics.recommend,
     "stop": stop,

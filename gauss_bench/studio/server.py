@@ -22,7 +22,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -32,6 +32,7 @@ from gauss_bench.api.telling import plain
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.load import find
 from gauss_bench.linkage.load import read as read_file
+from gauss_bench.report.site.view import VIEW, view_page
 from gauss_bench.studio import files
 from gauss_bench.studio.autosave import remove_orphans
 from gauss_bench.studio.dynamics import engines_here
@@ -64,7 +65,9 @@ class Guarded:
         async def send_guarded(message: Message) -> None:
             """Send a response with the security headers."""
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(self.headers)
+                sent = MutableHeaders(scope=message)
+                for name, value in self.headers.items():
+                    sent.setdefault(name, value)
             await send(message)
 
         if not refusal:
@@ -100,7 +103,12 @@ class Studio:
         self.pages: dict[Unread, asyncio.Task[Any] | None] = {}  # queue of a page -> its task
         self.revision = session.revision  # the last revision that all pages have
         self.loop: asyncio.AbstractEventLoop | None = None
-        routes = [Route("/", self.index), Route("/page/{name}", self.file), WebSocketRoute("/socket", self.socket)]
+        routes = [
+            Route("/", self.index),
+            Route("/page/{name}", self.file),
+            Route(f"/{VIEW}", self.view),
+            WebSocketRoute("/socket", self.socket),
+        ]
         self.app = Guarded(Starlette(routes=routes, lifespan=self._lifespan), guard)
 
     @contextlib.asynccontextmanager
@@ -121,6 +129,11 @@ class Studio:
         """Serve a file of the page."""
         path = PAGE / Path(request.path_params["name"]).name
         return FileResponse(path) if path.is_file() else PlainTextResponse("there is no such file", 404)
+
+    async def view(self, request: Request) -> Response:
+        """Serve the page of links to look at, which knows nothing of the drawing and may run its own script alone."""
+        page, policy = view_page()
+        return HTMLResponse(page, headers={"content-security-policy": f"{policy}; frame-ancestors 'none'"})
 
     async def socket(self, socket: WebSocket) -> None:
         """Serve one page until it disconnects: answer its messages in order, and long requests beside them."""

@@ -25,6 +25,7 @@ from gauss_bench.report.site.page import Page, document, script_text
 from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.settings import scenarios
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
+from gauss_bench.report.site.view import VIEW, view_page
 from gauss_bench.tables import write_text
 
 SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
@@ -62,11 +63,11 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
 
 
 def asset_files() -> dict[str, str]:
-    """Return name -> text of the files that are the same for every run: scripts, styles and their licences."""
+    """Return name -> text of the files that are the same for every run: scripts, styles, licences, the page of shared links."""
     assets = files("gauss_bench.report.site") / "assets"
     texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
     texts["site.css"] = texts["site.css"].replace("/*light*/", hues(False)).replace("/*dark*/", hues(True))
-    return texts | {"vega.js": drawing_script()}
+    return texts | {"vega.js": drawing_script(), VIEW: view_page()[0]}
 
 
 @cache

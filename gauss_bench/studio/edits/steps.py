@@ -8,6 +8,7 @@ from gauss_bench.studio.document import write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.geometry import GEOMETRY, move
 from gauss_bench.studio.edits.keys import KEYS, lock_of
+from gauss_bench.studio.edits.poses import synthesize
 from gauss_bench.studio.edits.scenarios import drive, follow, release
 from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message, number, place
@@ -15,7 +16,7 @@ from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.session import Session
 from gauss_bench.terms import Array
 
-EDITS: dict[str, Callable[[Drawing, Message], None]] = {**GEOMETRY, **KEYS, "drive": drive}
+EDITS: dict[str, Callable[[Drawing, Message], None]] = {**GEOMETRY, **KEYS, "drive": drive, "synthesize": synthesize}
 STAYING = ("observe", "add_force", "drive", "rename")  # edits that move no link
 LENGTH = 1e-8  # [m] largest change of a locked length, by rounding in the file
 SHAPES = re.compile(r"(ground|joints|cylinders|welds|assembly)\b|links\.\w+\.points\b")  # paths that determine the places of links

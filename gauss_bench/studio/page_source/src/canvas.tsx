@@ -7,6 +7,7 @@ import { Linkage, Path } from "./drawing";
 import { Placed, apart, middle } from "./geometry";
 import { target } from "./hit";
 import type { Target } from "./hit";
+import { Poses as ThreePoses } from "./poses";
 import type { Centre, Pin, Poses, Scene, XY } from "./protocol";
 import { ask, pending } from "./socket";
 import {
@@ -397,6 +398,7 @@ export function Canvas(): JSX.Element {
       <Velocities />
       <Reshape />
       <Centres />
+      <ThreePoses />
       <Drawn />
     </svg>
   );
@@ -553,7 +555,9 @@ function Drawn(): JSX.Element | null {
   const last = list.at(-1);
   const drawing = tool.value !== "select" && tool.value !== "reshape";
   const [nx, ny] = next ? toScreen(next.at) : [0, 0];
-  const points = [...list.map((p) => p.at), ...(next && list.length ? [next.at] : [])].map(toScreen);
+  // three poses are pairs of places, drawn by themselves: only the pair that is being placed has a rubber band
+  const band = tool.value !== "poses" ? list : list.length < 6 && list.length % 2 ? list.slice(-1) : [];
+  const points = [...band.map((p) => p.at), ...(next && band.length ? [next.at] : [])].map(toScreen);
   const d = points.map((p, i) => `${i ? "L" : "M"}${p[0]} ${p[1]}`).join("");
   const angle = last && next ? (Math.atan2(next.at[1] - last.at[1], next.at[0] - last.at[0]) * 180) / Math.PI : 0;
   const cross = cursor.value && toScreen(cursor.value);
@@ -565,7 +569,7 @@ function Drawn(): JSX.Element | null {
         return <circle key={i} cx={x} cy={y} r="5" />;
       })}
       {drawing && next && <circle class={next.pin !== null ? "snap" : next.link ? "snap bar" : "spot"} cx={nx} cy={ny} r={next.pin !== null ? 11 : next.link ? 8 : 3.5} />}
-      {last && next && apart(last.at, next.at) > 0 && (
+      {band.length > 0 && last && next && apart(last.at, next.at) > 0 && (
         <text x={nx + 16} y={ny + 24}>
           {amount(apart(last.at, next.at), "m")}, {angle.toFixed(1)}°
         </text>

@@ -8,6 +8,7 @@ import { canFilm, film } from "./film";
 import { Sign } from "./icons";
 import type { Poses, Template } from "./protocol";
 import { Recommend, Release } from "./runs";
+import { LookLink } from "./share";
 import { Sheet } from "./sheet";
 import { attempt, dialog, dragged, edit, hello, open, said, say, scene, touring } from "./state";
 import { TOOLS, choose, pictureScaled, tool } from "./tools";
@@ -205,6 +206,8 @@ function Export(): JSX.Element {
   };
   return (
     <Sheet title="Share and export">
+      <LookLink />
+      <h3>A link to open in a studio</h3>
       <p class="note">A link carries the whole linkage in itself; nothing is sent anywhere. Whoever runs a studio opens it by adding what begins with the # sign to the address of his own.</p>
       <div class="row">
         <button type="button" class="strong" onClick={() => void share()}>

@@ -3,6 +3,7 @@ import { render } from "preact";
 import type { JSX } from "preact";
 import { Canvas, shortcuts } from "./canvas";
 import { Dialogs, PictureBar } from "./dialogs";
+import { PosesBar } from "./poses";
 import { Properties, show } from "./properties";
 import { hear } from "./runs";
 import { dialog, drawn, hello, open, placed, recover, said, scene, start, touring } from "./state";
@@ -115,6 +116,7 @@ function Page(): JSX.Element {
         <Empty />
         <ViewSwitches />
         <PictureBar />
+        <PosesBar />
         <Recovered />
         <Prompt />
       </main>

@@ -5,7 +5,7 @@ import type { Target } from "./hit";
 import type { Reply, XY } from "./protocol";
 import { edit, placed, say, scene, selection, still } from "./state";
 
-export type ToolId = "select" | "reshape" | "ground" | "bar" | "link" | "slider" | "spring" | "damper" | "torque" | "force" | "cylinder" | "observe" | "picture";
+export type ToolId = "select" | "reshape" | "ground" | "bar" | "link" | "slider" | "spring" | "damper" | "torque" | "force" | "cylinder" | "observe" | "poses" | "picture";
 
 export interface Tool {
   id: ToolId;
@@ -187,9 +187,21 @@ export const TOOLS: Tool[] = [
     make: (picks) => connectTwo("cylinder", picks, {}),
   },
   { id: "observe", name: "Observe", key: "o", help: "A point of a link whose path, velocity and acceleration are shown.", asks: ["Click a point, or a place on a link"], make: observe },
+  {
+    id: "poses",
+    name: "Poses",
+    key: "q",
+    help: "Three poses of a coupler, each by two of its points: gives the four-bar that takes them, with its fixed pivots.",
+    asks: [
+      ...["first", "second", "third"].flatMap((n) => [`Click the first pin in the ${n} pose`, n === "first" ? "Click the second pin" : "Click where the second pin points to"]),
+      ...["", ""], // two fixed pivots, for which the bar beside the drawing asks
+    ],
+    make: async (list) => void (posed.value = list.map((p) => p.at)),
+  },
   { id: "picture", name: "Picture", key: "p", help: "A picture behind the grid to draw over, scaled by two points you know the distance of.", asks: ["Click the first of two points of the picture", "Click the second"] },
 ];
 
+export const posed = signal<XY[] | null>(null); // the places of three poses and two fixed pivots
 export const tool = signal<ToolId>("select");
 export const picks = signal<Target[]>([]);
 export const hover = signal<Target | null>(null);
@@ -198,6 +210,7 @@ export const current = (): Tool => TOOLS.find((t) => t.id === tool.value)!;
 export function choose(id: ToolId): void {
   batch(() => {
     tool.value = id;
+    posed.value = null;
     picks.value = [];
     hover.value = null;
     if (id !== "select") still();
@@ -212,6 +225,7 @@ let busy: Promise<unknown> = Promise.resolve();
 export function pick(next: Target): void {
   const hand = current();
   if (!hand.asks.length) return;
+  if (posed.value) return;
   const list = [...picks.value];
   const before = list.at(-1);
   const same = before && apart(before.at, next.at) < 1e-9;

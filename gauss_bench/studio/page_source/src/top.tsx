@@ -6,7 +6,7 @@ import { download } from "./download";
 import { Sign } from "./icons";
 import { connected } from "./socket";
 import { copy, dialog, drawn, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
-import { TOOLS, choose, current, finish, picks, tool } from "./tools";
+import { TOOLS, choose, current, finish, picks, posed, tool } from "./tools";
 import { LENGTHS, length, measureIn } from "./units";
 import type { Length } from "./units";
 import { zoom } from "./view";
@@ -147,7 +147,7 @@ export function ViewSwitches(): JSX.Element {
 /** What the tool in hand asks for next, or what was last said; read aloud. */
 export function Prompt(): JSX.Element {
   const hand = current();
-  const ask = hand.asks[Math.min(picks.value.length, hand.asks.length - 1)];
+  const ask = posed.value ? "" : hand.asks[Math.min(picks.value.length, hand.asks.length - 1)];
   const word = said.value;
   const quiet = tool.value === "select" && !scene.value?.links.length ? "" : hand.id === "reshape" ? hand.help : "";
   const text = word ? word.text : (ask ?? quiet);

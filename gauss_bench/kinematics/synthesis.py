@@ -1,0 +1,217 @@
+"""A four-bar whose coupler takes three given poses, and whether it moves through them without being taken apart.
+
+A pin of the coupler has three places; the centre of the circle through them is its fixed pivot. Seen from the coupler it is the
+other way round: a fixed pivot has three places, and the centre of their circle is the pin. If its places lie on a line, the pin
+slides. Places are complex numbers x + i y [m]; a pose is the place and the angle [rad] of the coupler's frame.
+Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
+and Design of Machinery.
+"""
+
+from cmath import phase, rect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+
+Pose = tuple[complex, float]
+NAMES = ("first", "second")  # connections of the coupler to the ground
+ORDER = ("first", "second", "third")  # poses
+LINE = 1e-9  # height of a triangle, in lengths of its longest side, below which its corners lie on a line
+FARTHEST = 100.0  # largest radius of a circle, in lengths of that side: beyond it, the pivot moves by metres for a hair of a pose
+SAME = 1e-6  # smallest distance of two places, in lengths of the coupler or of the way
+DEAD = 1e-6  # sine of the angle between coupler and output at which a pose is at a dead point: it belongs to both branches
+
+
+class NoFourBar(ValueError):
+    """No four-bar follows from these poses and places; the message gives the reason."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """One connection of the coupler to the ground: a bar that turns about a pivot, or a slide.
+
+    Attributes:
+        pin: the pin in the frame of the coupler.
+        places: the pin at each pose.
+        pivot: the fixed pivot; of a slide the pin's first place.
+        direction: the unit vector of a slide's line; None for a bar.
+    """
+
+    pin: complex
+    places: tuple[complex, complex, complex]
+    pivot: complex
+    direction: complex | None = None
+
+    @property
+    def length(self) -> float:
+        """The length of the bar [m]; 0 for a slide."""
+        return abs(self.places[0] - self.pivot)
+
+    def input(self, place: complex) -> float:
+        """Return the angle of the bar [rad], or the distance along the slide [m], with the pin at a place."""
+        along = place - self.pivot
+        return phase(along) if self.direction is None else (along * self.direction.conjugate()).real
+
+    def at(self, value: float) -> complex:
+        """Return the place of the pin at a value of the input."""
+        return self.pivot + (rect(self.length, value) if self.direction is None else self.direction * value)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Whether a four-bar moves through its three poses if one of its connections is driven.
+
+    Attributes:
+        fault: "" if it does; "branch" if it does not get from pose to pose; "order" if it passes the third pose before the second.
+        text: the sentence for the user.
+        way: 1 or -1 if the input grows or falls from pose to pose (1 counter-clockwise); 0 if there is a fault.
+    """
+
+    fault: str
+    text: str
+    way: int = 0
+
+
+@dataclass(frozen=True)
+class FourBar:
+    """A four-bar through three poses: its two connections, and what happens if the first or the second is driven."""
+
+    connections: tuple[Connection, Connection]
+    drives: tuple[Drive, Drive]
+
+
+def four_bar_of_pins(poses: Sequence[Pose], pins: Sequence[complex]) -> FourBar:
+    """Find the fixed pivots, or slides, of two pins given in the coupler's frame.
+
+    Raises:
+        NoFourBar: a pin has no pivot, or the two connections are one.
+    """
+    connections = []
+    for name, pin in zip(NAMES, pins, strict=True):
+        places = tuple(place + rect(1.0, angle) * pin for place, angle in poses)
+        connections.append(connect(pin, (places[0], places[1], places[2]), f"the {name} pin"))
+    return join(connections[0], connections[1])
+
+
+def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> FourBar:
+    """Find the pins of the coupler that turn about two fixed pivots.
+
+    Raises:
+        NoFourBar: a pivot has no pin, or the two connections are one.
+    """
+    connections = []
+    for name, pivot in zip(NAMES, pivots, strict=True):
+        seen = [(pivot - place) * rect(1.0, -angle) for place, angle in poses]  # the pivot in the coupler's frame
+        pin = connect(0j, (seen[0], seen[1], seen[2]), f"the {name} fixed pivot, seen from the coupler,")
+        if pin.direction is not None:
+            raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
+        places = tuple(place + rect(1.0, angle) * pin.pivot for place, angle in poses)
+        connections.append(Connection(pin.pivot, (places[0], places[1], places[2]), pivot))
+    return join(connections[0], connections[1])
+
+
+def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -> Connection:
+    """Return the circle, or the line, through the three places of a pin.
+
+    Raises:
+        NoFourBar: places coincide, or the circle is too large; `name` begins the message.
+    """
+    a, b, c = places
+    sides = sorted((b - a, c - b, a - c), key=abs)
+    longest = abs(sides[2])
+    if abs(sides[0]) <= SAME * longest:
+        raise NoFourBar(f"{name} is at one place in two of the poses: move it, or the poses")
+    height = cross(b - a, c - a) / longest**2
+    if abs(height) < LINE:
+        return Connection(pin, places, a, sides[2] / longest)
+    u, v = b - a, c - a
+    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
+    if abs(centre - a) > FARTHEST * longest:
+        raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
+    return Connection(pin, places, centre)
+
+
+def cross(a: complex, b: complex) -> float:
+    """Return the vector product of two vectors of the plane."""
+    return (a.conjugate() * b).imag
+
+
+def join(first: Connection, second: Connection) -> FourBar:
+    """Return the four-bar of two connections.
+
+    Raises:
+        NoFourBar: it has no coupler or no frame.
+    """
+    if abs(first.pin - second.pin) <= SAME * max(first.length, second.length, abs(first.pin)):
+        raise NoFourBar("both pins are one: the coupler has no length")
+    both_turn = first.direction is None and second.direction is None
+    if both_turn and abs(first.pivot - second.pivot) <= SAME * (first.length + second.length):
+        raise NoFourBar("both fixed pivots are one: the three poses are a rotation about it")
+    for name, one in zip(NAMES, (first, second), strict=True):
+        if one.direction is None and one.length <= SAME * abs(first.pin - second.pin):
+            raise NoFourBar(f"the {name} pin lies on its fixed pivot: the bar between them has no length")
+    return FourBar((first, second), (check_drive(first, second, "first"), check_drive(second, first, "second")))
+
+
+def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
+    """Tell whether the coupler passes the three poses in their order, on one branch, if one connection is driven."""
+    coupler = abs(driven.pin - other.pin)
+    part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
+    sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
+    if {1, -1} <= {*sides}:
+        k = next(i for i, x in enumerate(sides) if x == -next(y for y in sides if y))
+        return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
+    values = [driven.input(x) for x in driven.places]
+    for way, (second, third) in ways(driven, values):
+        if 0 < way * second < way * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
+            turning = {1: "counter-clockwise", -1: "clockwise"}[way] if driven.direction is None else "along it"
+            return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", way)
+    for _, passed in ways(driven, values):
+        ends = min(0.0, *passed), max(0.0, *passed)
+        if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):
+            return Drive("order", f"Driven by {part}, it takes the poses in another order than given.")
+    return Drive("branch", f"Driven by {part}, it does not get from pose to pose: a dead point lies between them.")
+
+
+def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
+    """Return the branch of a pose: 1 or -1, or 0 at a dead point; a and b are the driven and the other pin."""
+    if other.direction is None:
+        sine = cross(b - a, other.pivot - b) / (coupler * other.length)
+    else:
+        sine = ((b - a) * other.direction.conjugate()).real / coupler
+    return 0 if abs(sine) < DEAD else 1 if sine > 0 else -1
+
+
+def ways(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
+    """Return the ways from the first pose: direction, and the travel of the input to the second and third pose."""
+    second, third = (x - values[0] for x in values[1:])
+    if driven.direction is not None:
+        return [(1, (second, third)), (-1, (second, third))]
+    forward = second % (2 * pi), third % (2 * pi)
+    # an arc through the first pose reaches the others on the same side, or one on each side
+    back = forward[0] - 2 * pi, forward[1] - 2 * pi
+    return [(1, forward), (-1, back), (1, (forward[0], back[1])), (1, (back[0], forward[1]))]
+
+
+def stays_closed(driven: Connection, other: Connection, coupler: float, start: float, end: float) -> bool:
+    """Tell whether the coupler reaches the other connection at every input from `start` to the larger `end`.
+
+    What decides is the distance of the driven pin from the other pivot or line: its extremes are at the ends, or where the pin is
+    nearest to it or farthest from it.
+    """
+    tried = [start, end]
+    if driven.direction is None:
+        towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
+        tried += [x for k in range(-4, 5) if start < (x := towards + k * pi) < end]
+    elif other.direction is None:
+        nearest = driven.input(other.pivot)
+        tried += [nearest] if start < nearest < end else []
+    slack = SAME * coupler
+    for value in tried:
+        at = driven.at(value)
+        if other.direction is not None:
+            is_reached = abs(cross(other.direction, at - other.pivot)) <= coupler + slack
+        else:
+            is_reached = abs(coupler - other.length) - slack <= abs(at - other.pivot) <= coupler + other.length + slack
+        if not is_reached:
+            return False
+    return True

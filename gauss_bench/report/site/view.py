@@ -1,0 +1,156 @@
+"""A page that draws the linkage which its own address carries, and the text that such an address holds after the # sign.
+
+The text is `v1.` and base64url of zlib of JSON: the linkage file, the links' points in their own frames, and sampled poses as whole
+numbers of `unit` [m] and 1/`ANGLES` rad, of which only second differences are kept, because those of a smooth motion are small. The
+page draws the poses and computes no motion. Because anybody may make an address, it checks everything against `LIMITS`.
+"""
+
+import base64
+import hashlib
+import json
+import zlib
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, SpringDamper
+from gauss_bench.report.palette import COLOURS, DARK
+from gauss_bench.terms import Array
+
+VIEW = "view.html"
+VERSION = "v1."  # of the text after the # sign
+INTERVALS = 192  # of a motion: one more pose, and still whole numbers of intervals if it is halved six times
+FINENESS = 8192  # units of length in the longer side of the motion: a tenth of a pixel
+ANGLES = 4096  # units of angle in a radian
+LIMITS = {  # largest number of
+    "fragment": 16_000,  # characters after the # sign; with the address of a page before it, less than 16 kB
+    "unpacked": 400_000,  # bytes of JSON
+    "links": 300,
+    "places": 2000,  # points, bars, pins, slides, ties and paths together
+    "poses": 200,  # of a link
+    "name": 200,  # characters
+    "number": 1_000_000_000,  # magnitude
+}
+
+
+class TooLarge(ValueError):
+    """A linkage does not fit into an address."""
+
+
+def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
+    """Return the text after the # sign, and its number of poses.
+
+    If it becomes too long, every second pose is left out, again and again.
+
+    Args:
+        text: the linkage file.
+        q: (k, n) positions of the links of `mechanism.whole`, at equal intervals of time.
+        end: time of the last position [s].
+
+    Raises:
+        TooLarge: the linkage file alone is too long, or there are too many links.
+    """
+    named = {"name": mechanism.name, "scenario": mechanism.scenario}
+    linkage = {key: name[: LIMITS["name"]] for key, name in named.items()} | {"title": mechanism.title, "file": text}
+    shape = describe_shape(mechanism)
+    if len(shape["links"]) > LIMITS["links"] or count_places(shape) > LIMITS["places"]:
+        raise TooLarge(f"a link to look at has at most {LIMITS['links']} links with {LIMITS['places']} points")
+    stride, last = 1, max(len(q) - 1, 0)
+    while True:
+        kept = q[::stride]
+        passed = last // stride * stride  # intervals up to the last pose that is kept
+        motion = {"end": end * passed / last if last else 0.0} | pack_poses(kept)
+        fragment = compress(linkage | shape | motion)
+        if len(fragment) <= LIMITS["fragment"]:
+            return fragment, len(kept)
+        if len(kept) == 1:
+            raise TooLarge(
+                f"the linkage takes {len(fragment)} characters of an address, which holds {LIMITS['fragment']}: share the file"
+            )
+        stride *= 2
+
+
+def compress(content: dict[str, Any]) -> str:
+    """Return an object as characters that an address may contain.
+
+    Raises:
+        TooLarge: it has more bytes than the page reads.
+    """
+    packed = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8")
+    if len(packed) > LIMITS["unpacked"]:
+        raise TooLarge(f"the linkage takes {len(packed)} bytes; a link to look at holds {LIMITS['unpacked']}: share the file")
+    return VERSION + base64.urlsafe_b64encode(zlib.compress(packed, 9)).decode("ascii").rstrip("=")
+
+
+def count_places(shape: dict[str, Any]) -> int:
+    """Count the points, bars, pins, slides, ties and paths of a shape."""
+    return sum(len(x["points"]) + len(x["bars"]) for x in shape["links"]) + sum(
+        len(shape[k]) for k in ("pins", "slides", "ties", "paths")
+    )
+
+
+def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
+    """Return links, pins, slides, observed points, and ties: springs and cylinders between two points.
+
+    Each place is in the frame of its link's centre of mass; link -1 is the ground.
+    """
+    whole = mechanism.whole
+    links = []
+    for i, link in enumerate(whole.links):
+        order = {name: k for k, name in enumerate(link.points)}
+        points = [round_place(x - link.com) for x in link.points.values()]
+        bars = [[order[a], order[b]] for a, b in link.bars]
+        links.append({"name": link.name[: LIMITS["name"]], "points": points, "bars": bars, "crank": i == whole.crank})
+    slides = [
+        [x.guide.link, *round_place(x.guide.local), round(x.angle, 5), x.block.link, *round_place(x.block.local)]
+        for x in whole.slides
+    ]
+    pins = {place_of(end): None for pin in whole.pins for end in pin.ends}  # a joint of three links has the same end twice
+    stretched = [x for x in (*whole.drivers, *whole.forces) if isinstance(x, (LengthDriver, SpringDamper))]
+    ties = [[*place_of(x.a), *place_of(x.b)] for x in stretched]
+    paths = [place_of(x) for x in whole.observed_points]
+    return {"links": links, "pins": [*pins], "slides": slides, "ties": ties, "paths": paths}
+
+
+def place_of(point: Point) -> tuple[float, ...]:
+    """Return link, x, y of a point."""
+    return point.link, *round_place(point.local)
+
+
+def round_place(at: Array) -> list[float]:
+    """Round a place to five digits."""
+    return [float(f"{x:.5g}") for x in at]
+
+
+def pack_poses(q: Array) -> dict[str, Any]:
+    """Return the unit of length, and for x, y and angle of each link the second differences of its whole numbers of units."""
+    places = np.delete(q, np.s_[2::3], axis=1)
+    unit = float(f"{max(float(np.ptp(places)), 1e-6) / FINENESS:.3g}")
+    units = np.tile([unit, unit, 1 / ANGLES], q.shape[1] // 3)
+    whole = np.rint(q / units).astype(np.int64)
+    return {"unit": unit, "poses": np.diff(whole, n=2, axis=0, prepend=np.zeros((2, q.shape[1]), np.int64)).T.tolist()}
+
+
+def view_page() -> tuple[str, str]:
+    """Return the page and its content security policy, which allows its own script and style and nothing else."""
+    assets = files("gauss_bench.report.site") / "assets"
+    read = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
+    script = read["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))
+    style = read["view.css"].replace("/*light*/", variables(COLOURS)).replace("/*dark*/", variables(DARK))
+    policy = (
+        f"default-src 'none'; script-src '{digest(script)}'; style-src '{digest(style)}'; img-src data:; base-uri 'none'; "
+        "form-action 'none'"
+    )
+    page = read[VIEW].replace("/*policy*/", policy)
+    return page.replace("/*style*/", style).replace("/*script*/", script), policy
+
+
+def variables(colours: dict[str, str]) -> str:
+    """Return colours as CSS variables."""
+    return "".join(f"--{name}:{colour};" for name, colour in colours.items())
+
+
+def digest(text: str) -> str:
+    """Return the digest by which a policy allows a script or style of the page itself."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}"

@@ -1,0 +1,78 @@
+"""A four-bar of three poses of its coupler: what follows from poses and places that the page has, and its drawing."""
+
+import math
+from cmath import phase, rect
+from typing import Any
+
+from gauss_bench.kinematics.synthesis import Connection, FourBar, NoFourBar, Pose, four_bar_of_pins, four_bar_of_pivots
+from gauss_bench.studio.edits.drawing import SAME, Drawing, owner, pair
+from gauss_bench.studio.edits.geometry import add_bar, add_point, add_slide
+from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Message, number, place
+
+
+def read_poses(message: Message) -> tuple[Pose, Pose, Pose]:
+    """Return the three poses of a message, which gives [x, y, degrees] of each.
+
+    Raises:
+        Refused: there are not three poses of finite numbers.
+    """
+    given = message.get("poses")
+    if not isinstance(given, list) or len(given) != 3 or not all(isinstance(x, list) and len(x) == 3 for x in given):
+        raise Refused("three poses [x, y, degrees] are needed", field="poses")
+    first, second, third = ((place(x[:2], "poses"), math.radians(number({"poses": x[2]}, "poses"))) for x in given)
+    return first, second, third
+
+
+def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
+    """Return the four-bar of three poses and two `pins`, placed at the first pose, or two fixed `pivots`; and the first pose.
+
+    Raises:
+        Refused: there is none; the message gives the reason.
+    """
+    poses = read_poses(message)
+    key = "pivots" if "pivots" in message else "pins"
+    given = message.get(key)
+    if not isinstance(given, list) or len(given) != 2:
+        raise Refused(f"two {key} [x, y] are needed", field=key)
+    places = [place(x, key) for x in given]
+    origin, angle = poses[0]
+    try:
+        if key == "pivots":
+            return four_bar_of_pivots(poses, places), poses[0]
+        return four_bar_of_pins(poses, [(x - origin) * rect(1.0, -angle) for x in places]), poses[0]
+    except NoFourBar as error:
+        raise Refused(str(error), field=key) from error
+
+
+def describe_four_bar(message: Message) -> dict[str, Any]:
+    """Return the four-bar that `synthesize` would draw, with a sentence for each connection that could be driven."""
+    found, _ = find_four_bar(message)
+    return {
+        "connections": [describe_connection(x) for x in found.connections],
+        "drives": [{"fault": x.fault, "text": x.text, "way": x.way} for x in found.drives],
+    }
+
+
+def describe_connection(one: Connection) -> dict[str, Any]:
+    """Return the places of a pin, its fixed pivot, and the direction [degrees] if it slides."""
+    degrees = None if one.direction is None else math.degrees(phase(one.direction))
+    return {"places": [pair(x) for x in one.places], "pivot": pair(one.pivot), "slide_deg": degrees}
+
+
+def synthesize(d: Drawing, message: Message) -> None:
+    """Draw the four-bar at the first pose; the origin of the pose is observed unless it is a pin."""
+    found, (origin, _) = find_four_bar(message)
+    first, second = (x.places[0] for x in found.connections)
+    add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})
+    coupler = d.made[0].removeprefix("links.")
+    pins = [x.id for x in d.pins.values() if coupler in map(owner, x.members)]
+    for pin, one in zip(pins, found.connections, strict=True):
+        if one.direction is None:
+            add_bar(d, {"from": {"at": pair(one.pivot), "ground": True}, "to": {"pin": pin}})
+        else:
+            add_slide(
+                d, {"pin": pin, "guide": "ground", "through": pair(one.pivot), "angle_deg": math.degrees(phase(one.direction))}
+            )
+    if min(abs(origin - first), abs(origin - second)) > SAME:
+        add_point(d, {"link": coupler, "at": pair(origin), "observe": True})

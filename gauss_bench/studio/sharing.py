@@ -1,0 +1,33 @@
+"""A link to look at: the drawing's file and its motion in the address of a page that needs no installation."""
+
+from typing import Any
+
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.mechanism.coordinates import spread
+from gauss_bench.report.site.view import INTERVALS, VIEW, TooLarge, pack_view
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.motion import move
+from gauss_bench.studio.reading import Reading, of_links
+
+
+def share_view(text: str, reading: Reading) -> dict[str, Any]:
+    """Return page and fragment of the address, the number of poses in it, and the reason if it has only the drawing.
+
+    Raises:
+        Refused: nothing is drawn, or it does not fit into an address.
+    """
+    if reading.mechanism is None:
+        raise Refused("nothing is drawn yet")
+    mechanism, q, end, note = reading.mechanism, of_links(reading.mechanism, reading.q)[None], 0.0, None
+    try:
+        driven, x, note = move(text, reading, {"samples": INTERVALS})
+        if len(x.t):
+            mechanism, q, end = driven, spread(driven, x).q, float(x.t[-1])
+    except (Refused, LinkageError, ChoiceError) as error:
+        note = str(error)  # what cannot be moved is shared as it is drawn
+    try:
+        fragment, poses = pack_view(text, mechanism, q, end)
+    except TooLarge as error:
+        raise Refused(str(error)) from error
+    return {"page": VIEW, "fragment": fragment, "poses": poses, "note": note}

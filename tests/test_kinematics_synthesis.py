@@ -1,0 +1,183 @@
+"""Four-bars through three poses: against known linkages, and for branch and order against a walk along the motion."""
+
+from cmath import phase, rect
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench.kinematics.synthesis import Drive, NoFourBar, Pose, four_bar_of_pins, four_bar_of_pivots
+
+CRANK_ROCKER = (0.10, 0.28, 0.24, 0.30)  # input, coupler, output, frame
+DOUBLE_CRANK = (0.30, 0.20, 0.28, 0.10)
+TRIPLE_ROCKER = (0.24, 0.20, 0.26, 0.45)
+
+
+def pose_of(lengths: tuple[float, ...], angle: float, side: int = 1) -> Pose | None:
+    """The coupler with the input at an angle, on one of two branches; None where it does not reach. Pivots at 0 and `frame`."""
+    a, b, c, d = lengths
+    pin = rect(a, angle)
+    way = d - pin
+    along = (b * b - c * c + abs(way) ** 2) / (2 * abs(way))
+    if abs(along) > b:
+        return None
+    return pin, phase(way) + side * float(np.arccos(along / b))
+
+
+def poses(lengths: tuple[float, ...], angles: tuple[float, ...], sides: tuple[int, ...] = (1, 1, 1)) -> list[Pose]:
+    found = [pose_of(lengths, x, s) for x, s in zip(angles, sides, strict=True)]
+    return [x for x in found if x is not None]
+
+
+def drive(lengths: tuple[float, ...], angles: tuple[float, ...], sides: tuple[int, ...] = (1, 1, 1)) -> Drive:
+    return four_bar_of_pins(poses(lengths, angles, sides), [0j, lengths[1] + 0j]).drives[0]
+
+
+@pytest.mark.parametrize("lengths", [CRANK_ROCKER, DOUBLE_CRANK, TRIPLE_ROCKER])
+def test_pins_give_the_known_pivots_and_pivots_the_known_pins(lengths: tuple[float, ...]) -> None:
+    given = poses(lengths, (0.4, 0.7, 0.95))
+    pins = [0j, lengths[1] + 0j]
+    found = four_bar_of_pins(given, pins)
+    assert [x.pivot for x in found.connections] == pytest.approx([0, lengths[3]], abs=1e-9)
+    assert [x.length for x in found.connections] == pytest.approx([lengths[0], lengths[2]])
+    back = four_bar_of_pivots(given, [0j, lengths[3] + 0j])
+    assert [x.pin for x in back.connections] == pytest.approx(pins, abs=1e-9)
+
+
+def test_a_pin_whose_places_lie_on_a_line_slides_and_a_pin_that_nearly_does_is_refused() -> None:
+    """A crank-slider: the second pin on the line y = 0.02."""
+
+    def slid(rise: float = 0.0) -> list[Pose]:
+        found = []
+        for k, angle in enumerate((0.3, 0.9, 1.4)):
+            pin = rect(0.1, angle)
+            height = 0.02 + rise * (k == 1) - pin.imag
+            found.append((pin, float(np.arcsin(height / 0.3))))
+        return found
+
+    found = four_bar_of_pins(slid(), [0j, 0.3 + 0j])
+    first, second = found.connections
+    assert first.pivot == pytest.approx(0, abs=1e-9)
+    assert second.direction is not None
+    assert abs(second.direction.imag) < 1e-9
+    assert [x.imag for x in second.places] == pytest.approx([0.02] * 3)
+    assert found.drives[0].fault == "" == found.drives[1].fault
+    with pytest.raises(NoFourBar, match="the second pin moves almost along a line"):
+        four_bar_of_pins(slid(1e-6), [0j, 0.3 + 0j])
+
+
+def test_poses_without_a_four_bar_are_refused_with_the_reason() -> None:
+    given = poses(CRANK_ROCKER, (0.4, 0.9, 1.5))
+    with pytest.raises(NoFourBar, match="both pins are one"):
+        four_bar_of_pins(given, [0.1 + 0j, 0.1 + 0j])
+    turned = [(rect(0.2, x), x) for x in (0.1, 0.5, 1.2)]  # a rotation about the origin
+    with pytest.raises(NoFourBar, match="both fixed pivots are one"):
+        four_bar_of_pins(turned, [0j, 0.1 + 0j])
+    with pytest.raises(NoFourBar, match="the first pin is at one place in two"):
+        four_bar_of_pins([given[0], (given[0][0], 1.0), given[2]], [0j, 0.28 + 0j])
+    shifted = [(0j, 0.2), (0.1 + 0j, 0.2), (0.3 + 0j, 0.2)]  # a straight translation: every fixed pivot goes along a line
+    with pytest.raises(NoFourBar, match="the first fixed pivot has no pin"):
+        four_bar_of_pivots(shifted, [0j, 0.3 + 0j])
+
+
+@pytest.mark.parametrize("angles", [*permutations((0.5, 2.0, 4.0))])
+def test_a_crank_takes_any_order_one_way_round(angles: tuple[float, ...]) -> None:
+    way = 1 if np.mod(angles[1] - angles[0], 2 * np.pi) < np.mod(angles[2] - angles[0], 2 * np.pi) else -1
+    for lengths in (CRANK_ROCKER, DOUBLE_CRANK):
+        found = drive(lengths, angles)
+        assert (found.fault, found.way) == ("", way)
+
+
+def test_poses_of_two_branches_are_said_to_be() -> None:
+    found = drive(CRANK_ROCKER, (0.5, 2.0, 4.0), (1, 1, -1))
+    assert found.fault == "branch"
+    assert "the third is on the other branch" in found.text
+    assert "the second is on" in drive(CRANK_ROCKER, (0.5, 2.0, 4.0), (-1, 1, -1)).text
+
+
+@pytest.mark.parametrize("angles", [(0.5, 0.8, 1.0), (0.5, 1.0, 0.8), (0.8, 0.5, 1.0), (1.0, 0.8, 0.5)])
+def test_a_rocker_that_turns_back_meets_an_order_defect(angles: tuple[float, ...]) -> None:
+    first, second, third = angles
+    fault = "" if (second - first) * (third - second) > 0 else "order"
+    assert drive(TRIPLE_ROCKER, angles).fault == fault
+
+
+@pytest.mark.slow
+def test_faults_agree_with_a_walk_along_the_motion() -> None:
+    """Inputs of random linkages, stepped from pose to pose in both ways as long as the coupler reaches."""
+    rng, seen = np.random.default_rng(4), []
+    for _ in range(200):
+        lengths = tuple(rng.uniform(0.1, 0.5, 4))
+        angles, sides = tuple(rng.uniform(-np.pi, np.pi, 3)), tuple(int(x) for x in rng.choice([1, 1, 1, -1], 3))
+        if len(given := poses(lengths, angles, sides)) < 3:
+            continue
+        try:
+            found = four_bar_of_pins(given, [0j, lengths[1] + 0j]).drives[0]
+        except NoFourBar:
+            continue
+        passed = [
+            walk(lengths, angles[0], way, [(x, s == sides[0]) for x, s in zip(angles[1:], sides[1:], strict=True)])
+            for way in (1, -1)
+        ]
+        if [0, 1] in passed:
+            expected = ""
+        elif {*passed[0], *passed[1]} == {0, 1}:
+            expected = "order"
+        else:
+            expected = "branch"
+        assert found.fault == expected, (lengths, angles, sides, passed)
+        seen.append(expected)
+    assert min(seen.count(x) for x in ("", "order", "branch")) > 5
+
+
+def walk(lengths: tuple[float, ...], start: float, way: int, goals: list[tuple[float, bool]]) -> list[int]:
+    """The goals on the first pose's branch, in the order in which the input passes them before it turns fully or gets stuck."""
+    steps = 2000
+    ahead = [np.mod(way * (x - start), 2 * np.pi) for x, _ in goals]
+    end = 2 * np.pi
+    for k in range(steps):
+        if pose_of(lengths, start + way * 2 * np.pi * k / steps) is None:
+            end = 2 * np.pi * k / steps
+            break
+    return sorted((i for i, (_, same) in enumerate(goals) if same and ahead[i] < end), key=lambda i: ahead[i])
+
+
+@pytest.mark.slow
+def test_the_studio_draws_it_as_one_step_that_takes_all_poses(tmp_path: Path) -> None:
+    """The drawn linkage, pulled to each pose by its own kinematics, and undone at once; a slide is drawn as one."""
+    pytest.importorskip("tomlkit")
+    from tests.studio import Pen
+
+    pen = Pen(tmp_path)
+    given = poses(CRANK_ROCKER, (0.5, 1.2, 2.0))
+    message = {"poses": [[x.real, x.imag, float(np.degrees(t))] for x, t in given], "pivots": [[0, 0], [0.3, 0]]}
+    told = pen.ask("four_bar", **message)
+    assert [x["pivot"] for x in told["connections"]] == [[0, 0], [0.3, 0]]
+    assert told["drives"][0]["fault"] == ""
+    assert not pen.now["links"]
+    made = pen.ask("synthesize", **message)["made"]
+    now = pen.now
+    assert (now["status"]["dof"], now["status"]["loops"]) == (1, 1)
+    assert now["status"]["assembles"]
+    assert sum(x.startswith("links.") for x in made) == 3
+    reached = {tuple(np.round(p["at"], 6)) for p in now["pins"]}
+    first = given[0][0]
+    assert (round(first.real, 6), round(first.imag, 6)) in reached
+    crank = [x.removeprefix("links.") for x in made if x.startswith("links.")][::-1][1]
+    coupler = [x.removeprefix("links.") for x in made if x.startswith("links.")][::-1][0]
+    start = next(x["pose"][2] for x in now["links"] if x["name"] == coupler)
+    for (_, turn), angle in zip(given, (0.5, 1.2, 2.0), strict=True):
+        pen.ask("set_angle", link=crank, value_deg=float(np.degrees(angle)))
+        moved = next(x["pose"][2] for x in pen.now["links"] if x["name"] == coupler)
+        assert np.remainder(moved - start - (turn - given[0][1]) + np.pi, 2 * np.pi) == pytest.approx(np.pi, abs=1e-6)
+        if turn != given[0][1]:
+            pen.ask("undo")
+    pen.ask("undo")
+    assert not pen.now["links"]
+    assert "three poses" in pen.refused("synthesize", poses=[[0, 0, 0]])
+    assert "one" in pen.refused("synthesize", **(message | {"pivots": [[0, 0], [0, 0]]}))
+    straight = {"poses": [[0, 0, 0], [0.1, 0, 20], [0.3, 0, 50]], "pins": [[0, 0], [0.2, 0]]}
+    pen.ask("synthesize", **straight)
+    assert len(pen.now["slides"]) == 1
+    assert pen.now["status"]["dof"] == 1
