@@ -12,11 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class, not_installed
+from gauss_bench.engines import (
+    COMPILED,
+    DERIVED,
+    FOREIGN,
+    OWN,
+    RIVALS,
+    UnknownEngine,
+    all_names,
+    environment_of,
+    get,
+    is_class,
+    not_installed,
+)
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
 from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.worker import Worker, WorkerFailure, keep
+from gauss_bench.runs.worker import MEMORY, Interpreter, Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
 from gauss_bench.untrusted import BadInput
 
@@ -153,6 +165,14 @@ def is_isolated(name: str) -> bool:
     return name not in (*OWN, *COMPILED)
 
 
+def interpreter_of(name: str) -> Interpreter:
+    """Return the interpreter under which an engine runs: that of its own environment, or this process's."""
+    environment = environment_of(name)
+    if environment is None:
+        return Interpreter()
+    return Interpreter(environment.python, environment.memory or MEMORY)
+
+
 _known: dict[str, Offer] = {}
 _asking = threading.Lock()
 
@@ -191,7 +211,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 def _ask(worker: Worker, name: str) -> Offer:
     try:
-        return _read_offer(name, worker.call(_describe, (name,), LIMIT))
+        return _read_offer(name, worker.under(interpreter_of(name)).call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
         return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
 
