@@ -5,6 +5,8 @@ or lacks a member has an offer with the reason, and raises no exception.
 """
 
 import math
+import platform
+import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -62,6 +64,7 @@ class Offer:
         soft: settings and variants that keep J a = gamma only approximately -> cause.
         unfinished: variants whose solver stops before it has converged -> cause.
         native_loop, python_loop: as in engines.base.
+        environment: the interpreter that runs it and its version, where it lives in an environment of its own; else empty.
         status, reason: OK, or the reason why it cannot be used.
     """
 
@@ -78,6 +81,7 @@ class Offer:
     unfinished: dict[str, str] = field(default_factory=dict)
     native_loop: bool = False
     python_loop: bool = False
+    environment: str = ""
     status: Status = Status.OK
     reason: str = ""
 
@@ -213,12 +217,15 @@ def _ask(worker: Worker, name: str) -> Offer:
     try:
         return _read_offer(name, worker.under(interpreter_of(name)).call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
-        return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
+        environment = environment_of(name)
+        where = environment.python if environment else ""
+        return Offer(name, "cannot be used", environment=where, status=failure.status, reason=str(failure))
 
 
 def _describe(name: str) -> dict[str, Any]:
     """Return the result of `describe` as plain data, which a worker can send."""
-    return asdict(describe(name))
+    where = f"Python {platform.python_version()} at {sys.executable}" if environment_of(name) else ""
+    return asdict(replace(describe(name), environment=where))
 
 
 def _read_offer(name: str, answer: object) -> Offer:
@@ -229,7 +236,15 @@ def _read_offer(name: str, answer: object) -> Offer:
         offer = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:
         return _reject(name, TypeError("it does not describe itself"))
-    words = (offer.version, offer.reason, *offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive)
+    words = (
+        offer.version,
+        offer.reason,
+        offer.environment,
+        *offer.settings,
+        *offer.integrators,
+        *offer.stabilizations,
+        *offer.adaptive,
+    )
     if odd := next((word for word in words if not word.isprintable()), ""):
         return _reject(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):

@@ -7,7 +7,7 @@ from gauss_bench.bench.conformance import conformance
 from gauss_bench.linkage.load import built_in, document_of, load
 from gauss_bench.runs.offers import offers
 
-OFFERED = ("version", "settings", "integrators", "stabilizations", "status", "reason")
+OFFERED = ("version", "settings", "integrators", "stabilizations", "environment", "status", "reason")
 
 
 def list_all() -> Answer:
