@@ -87,6 +87,11 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
         count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
 
 
+def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
+    """Return a block of accelerations of a model at one state q, v (n,), each called from Python."""
+    return lasting(entry, partial(model.acceleration, 0.0, q, v))
+
+
 def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
     """Return a block of runs over sample times (k,) [s], which are the part `share` of a whole run; it lasts BLOCK seconds.
 
