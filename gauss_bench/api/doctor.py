@@ -155,7 +155,8 @@ def _try_engine(offer: Offer) -> Finding:
         return Finding(offer.name, offer.version, "missing" if missing else "broken", offer.reason)
     run = simulate(TRIED, offer.name, step=STEP, at=[0.0, DURATION], limit=ENGINE_LIMIT)
     status = {Status.OK: "ok", Status.INVALID: "invalid", Status.SKIP: "missing"}.get(run.status, "broken")
-    return Finding(offer.name, offer.version, status, "" if status == "ok" else run.message)
+    lives = "; ".join(filter(None, (offer.version, offer.environment)))
+    return Finding(offer.name, lives, status, "" if status == "ok" else run.message)
 
 
 def _list_broken(findings: tuple[Finding, ...], engines: tuple[Finding, ...]) -> list[str]:

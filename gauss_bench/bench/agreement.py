@@ -11,16 +11,16 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from gauss_bench.bench.measure import accelerations
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, Probe, changes, probe
 from gauss_bench.bench.subject import DURATION, PLAIN, STEP, Check, Subject
-from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import LEAST_WORDS
-from gauss_bench.integrate.fixed_step import STEPS
+from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.linkage.load import document_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import absolute_motion
 from gauss_bench.runs.one_run import Run, nothing
+from gauss_bench.runs.questions import accelerations, follow_accelerations
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -228,7 +228,7 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
     title = f"a run ({name_choice(choice)}; {mechanism.name} {scenario})"
     unfinished = choice.settings in subject.offer.unfinished
     soft = choice.settings in subject.offer.soft and not unfinished
-    question = partial(own_motion, mechanism.q0, mechanism.v0) if soft else nothing
+    question = partial(follow_accelerations, dop853_tableau(), TIMES, mechanism.q0, mechanism.v0) if soft else nothing
     tried = _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive)
     runs = [subject.perform(mechanism, x, TIMES, question, len(LEVELS) * len(TIMES) * mechanism.n, again=True) for x in tried]
     for run in runs:
@@ -265,18 +265,6 @@ def _compare(true: Array, given: Array, fine: Array, words: tuple[str, ...]) -> 
         if not x <= RATIO * y + ROUNDING:
             return "", f"{word} are off by {x:.1e} of the largest; a finer run changes them by {y:.1e}"
     return f"within {off[0]:.1e} of the way that it goes; a finer run changes it by {moved[0]:.1e}", ""
-
-
-def own_motion(q0: Array, v0: Array, model: Model) -> Array:
-    """The motion (3, k, n) at TIMES by a model's own accelerations; asked in the worker."""
-    step, count = STEPS["dop853_fixed"], 5
-    q, v, samples = q0, v0, []
-    for k, t in enumerate(TIMES.tolist()):
-        samples.append((q, v, model.acceleration(t, q, v)))
-        h = (TIMES[min(k + 1, len(TIMES) - 1)] - t) / count
-        for i in range(count if h else 0):
-            q, v = step(model.acceleration, t + i * h, q, v, h)
-    return np.array(samples).transpose(1, 0, 2)
 
 
 @lru_cache(maxsize=16)

@@ -21,20 +21,22 @@ import math
 import random
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
 
 from gauss_bench.engines import not_installed
-from gauss_bench.engines.base import Model
+from gauss_bench.runs.blocks import BLOCK as BLOCK
+from gauss_bench.runs.blocks import MOTION as MOTION
+from gauss_bench.runs.blocks import Block as Block
+from gauss_bench.runs.blocks import BlockElsewhere
+from gauss_bench.runs.blocks import lasting as lasting
+from gauss_bench.runs.blocks import stepping as stepping
 from gauss_bench.runs.one_run import measure_seconds as measure_seconds
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-BLOCK = 2e-3  # [s] shortest block, long compared with the resolution of the clock and of the scheduler, 1 ms
-MOTION = 1.0  # [s] longest run in a block: drift would change the work of a longer one
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] slower blocks run in the first rounds only: all rounds would take minutes
 CERTAIN = 0.99  # chance that a second race falls within a spread
 RESAMPLES = 200  # of the rounds, for the spread of a ratio
@@ -51,65 +53,6 @@ class Key(NamedTuple):
     settings: str = "default"
     integrator: str = "rk4"
     stabilization: str = "none"
-
-
-@dataclass
-class Block:
-    """The work of one entry of a race.
-
-    Attributes:
-        ready: prepares the work; not timed.
-        go: does the work; timed.
-        count: how many repetitions, or which part of one, a call of `go` does.
-        again: how often `ready` and `go` are called in one block.
-        facts: returns further columns of the entry, after the race.
-    """
-
-    entry: Hashable
-    ready: Callable[[], object]
-    go: Callable[[], object]
-    count: float
-    again: int = 1
-    facts: Callable[[], Row] = dict
-
-    def seconds(self) -> float:
-        """Return the time of one repetition [s], averaged over the block."""
-        whole = 0.0
-        for _ in range(self.again):
-            self.ready()
-            whole += measure_seconds(self.go)
-        return whole / (self.count * self.again)
-
-
-def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
-    """Return a block that repeats a call without preparation for BLOCK seconds; each call counts as `work` repetitions."""
-    call()
-    count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
-
-    def calls() -> None:
-        for _ in range(count):
-            call()
-
-    return Block(entry, lambda: None, calls, count * work)
-
-
-def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
-    """Return a block of steps of a model, called from Python or in its own loop.
-
-    The block lasts BLOCK seconds. Its motion covers MOTION seconds at most; a shorter block repeats that motion.
-
-    Raises:
-        RunFailure: the engine cannot run the mechanism.
-    """
-    most, count = max(1, round(MOTION / step)), 1
-    while True:
-        block = Block(entry, partial(model.prepare, step * np.arange(2.0) * count, native=native), model.run, count)
-        block.ready()
-        elapsed = measure_seconds(block.go)
-        if elapsed >= BLOCK or count >= most:
-            block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
-            return block
-        count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
 
 
 def interleave(
@@ -215,6 +158,10 @@ class Race:
         samples: dict[Hashable, list[float]] = {block.entry: [] for block in self.blocks}
         for block, _, seconds in interleave(self.blocks, rounds, watch=self.watch):
             samples[block.entry].append(seconds)
+        for block in self.blocks:
+            if isinstance(block, BlockElsewhere) and block.failure:
+                self.failed[block.entry] = Missing(block.failure.status, str(block.failure))
+                samples.pop(block.entry)
         return Measured({key: pad([np.array(x)]) for key, x in samples.items()}, self.failed)
 
 

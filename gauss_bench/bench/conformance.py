@@ -12,12 +12,12 @@ from functools import partial
 import numpy as np
 
 from gauss_bench.bench.agreement import MEASURED
-from gauss_bench.bench.measure import accelerations, mechanism_of
+from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.bench.subject import EVERY_STEP, PLAIN, STEP, Check, Subject
-from gauss_bench.engines.base import Model
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import offers
 from gauss_bench.runs.one_run import Asked, nothing
+from gauss_bench.runs.questions import accelerations, run_before
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -108,7 +108,10 @@ def lateness(slope: Array, reported: Array) -> float:
 def _same_again(subject: Subject) -> Iterator[Check]:
     """Check that a repeated run returns the same bits."""
     for linkage, scenario in PLAIN[:1]:
-        runs = [subject.whole[linkage], *(subject.run(linkage, scenario, EVERY_STEP, ask) for ask in (nothing, run_before))]
+        runs = [
+            subject.whole[linkage],
+            *(subject.run(linkage, scenario, EVERY_STEP, ask) for ask in (nothing, partial(run_before, EVERY_STEP))),
+        ]
         first, second, third = (run.trajectory for run in runs)
         if first is None or second is None or third is None:
             fault = next(run.message for run in runs if run.trajectory is None)
@@ -149,13 +152,6 @@ def _steps(subject: Subject) -> Iterator[Check]:
 def asking(m: Mechanism) -> Asked:
     """A question for the acceleration at the start of a linkage, which is asked in the worker: (1, n)."""
     return partial(accelerations, np.zeros(1), m.q0[None], m.v0[None])
-
-
-def run_before(model: Model) -> None:
-    """Let a model run once before it is measured; asked in the worker."""
-    model.prepare(EVERY_STEP)
-    model.run()
-    model.read()
 
 
 def _equal(one: Trajectory, other: Trajectory) -> bool:

@@ -13,7 +13,6 @@ from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.poses import poses
 from gauss_bench.bench.tasks import CASE_LIMIT
-from gauss_bench.engines.base import Model
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, judge, remark
 from gauss_bench.linkage.load import load
@@ -24,6 +23,7 @@ from gauss_bench.reference.store import load_stored
 from gauss_bench.runs.apart import Alteration, Request, is_unaltered, run_of
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.one_run import Run, sampling
+from gauss_bench.runs.questions import accelerations
 from gauss_bench.runs.scrutiny import LONGEST, at_samples, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Status, Trajectory
@@ -126,11 +126,6 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
         return None, "it was not repeated: no time is left"
     again = run_of(repeat_finer(request, offered, run.seconds, run.trajectory.t, longest), mechanism, limit - spent)
     return at_samples(again, run.trajectory.t), ""
-
-
-def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
-    """Ask a model for accelerations (k, n) at states t (k,), q, v (k, n)."""
-    return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
 
 
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:

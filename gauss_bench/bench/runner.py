@@ -30,7 +30,7 @@ from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.runs.apart import Alteration, is_unaltered
-from gauss_bench.runs.offers import offers
+from gauss_bench.runs.offers import Offer, offers
 from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table, write_text
@@ -121,10 +121,17 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
         "baseline_engine": BASELINE,
         "own_engines": list(AUTHORED),
         "gates": LIMITS,
-        "engines": {x.name: {"version": x.version, "settings": x.settings} for x in offers([*engines])},
+        "engines": {x.name: _describe_engine(x) for x in offers([*engines])},
         "left_out": [rule.model_dump(exclude_defaults=True) for rule in suite.left_out],
         "linkages": own_files(suite),
     }
+
+
+def _describe_engine(offer: Offer) -> dict[str, Any]:
+    """Return version and settings of an engine, and the Python of the environment in which it lives, if that is its own."""
+    described: dict[str, Any] = {"version": offer.version, "settings": offer.settings}
+    # without the path, which is of this machine
+    return described | ({"environment": offer.environment.partition(" at ")[0]} if offer.environment else {})
 
 
 def own_files(suite: Suite) -> dict[str, str]:

@@ -4,28 +4,26 @@ The searches are `measurements/search.py` and `../advice`.
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from gauss_bench.bench.clock import BLOCK, Block, stepping
 from gauss_bench.bench.tasks import CASE_LIMIT
-from gauss_bench.engines import get
+from gauss_bench.engines import environment_of, get
 from gauss_bench.engines.base import Choice, Model, Variant
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
 from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import Request, run_of
+from gauss_bench.runs.blocks import Block, Work, block_elsewhere, leading, running, share_of, stepping
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
-from gauss_bench.runs.one_run import measure_seconds as processor_time
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
 
 BEATS = (50, 40, 30, 20, 10)  # parts of a run; the first number is used for which the reference has samples at all ends of parts
-FIRST = 20  # steps from which the time of the others is extrapolated
 ROUGH_ROUNDS = 8  # rounds of the estimate of a step, which must be right within `search.NEAR`
 
 
@@ -125,10 +123,21 @@ def build_model(run: Run, way: Way, models: Models) -> Model:
     return cast(Model, models[variant])
 
 
+def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
+    """Return the block, without its entry, of some work of a way: here, or in the environment in which its engine lives.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism.
+    """
+    if environment_of(way.engine) is None:
+        return work(build_model(run, way, models))
+    return block_elsewhere(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until), work)
+
+
 def one_step(run: Run, way: Way, steps: int, models: Models) -> Block:
     """Return a block of steps; if the integrator chooses its steps, the block is a whole run of `steps` repetitions."""
     if not is_adaptive(way):
-        return stepping(way, build_model(run, way, models), way.size, native=True)
+        return block_of(run, way, models, partial(stepping, None, step=way.size, native=True))
     block = whole_run(run, way, steps, 0.0, math.inf, models)
     block.count = max(1, steps)
     return block
@@ -140,13 +149,10 @@ def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float, model
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    model, share = build_model(run, way, models), 1.0 if is_adaptive(way) else share_of(seconds, lead, steps)
-    return _repeat(run, way, model, np.array([0.0, share * run.until]), share)
-
-
-def share_of(seconds: float, lead: float, steps: int) -> float:
-    """The part of a run at equal steps, in whole steps, that takes `lead` [s]; 1 where all of it takes no longer."""
-    return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
+    adaptive = is_adaptive(way)
+    share = 1.0 if adaptive else share_of(seconds, lead, steps)
+    choice = choice_of(way, adaptive, run.until)
+    return block_of(run, way, models, partial(running, None, choice, np.array([0.0, share * run.until]), share))
 
 
 def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: Models) -> Block:
@@ -157,32 +163,7 @@ def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    model = build_model(run, way, models)
-    if is_adaptive(way):
-        return _repeat(run, way, model, np.linspace(0.0, run.until, samples + 1), 1.0)
-    first = min(steps, FIRST) / steps
-    block = _block(run, way, model, np.array([0.0, first * run.until]), first)
-    block.ready()
-    share = share_of(max(processor_time(model.run), 1e-9) / first, lead, steps)
-    return _repeat(run, way, model, np.array([0.0, share * run.until]), share)
-
-
-def _block(run: Run, way: Way, model: Any, times: Array, share: float) -> Block:
-    """Return a block that runs over the sample times, which are the part `share` of a whole run."""
     choice = choice_of(way, is_adaptive(way), run.until)
-
-    def ready() -> None:
-        model.choice = choice
-        model.prepare(times)
-
-    return Block(way, ready, model.run, share)
-
-
-def _repeat(run: Run, way: Way, model: Model, times: Array, share: float) -> Block:
-    """Return the block of `_block`, repeated for BLOCK seconds."""
-    block = _block(run, way, model, times, share)
-    block.ready()
-    taken = processor_time(block.go)
-    model.read()  # raises RunFailure if the run failed: it must not race
-    block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
-    return block
+    if is_adaptive(way):
+        return block_of(run, way, models, partial(running, None, choice, np.linspace(0.0, run.until, samples + 1), 1.0))
+    return block_of(run, way, models, partial(leading, None, choice, run.until, steps, lead))

@@ -1,15 +1,29 @@
-"""All engines by name: the suite's formulations and the adapters to foreign libraries, each imported when it is first used.
+"""All engines by name: the suite's formulations, adapters to foreign libraries, plug-ins, and engines of other environments.
 
-If a library is missing, the message names the extra of this package that installs it.
+Adapters are imported when they are first used. If a library is missing, the message names the extra of this package that brings it.
+
+An engine whose library does not go together with those of this environment lives in one of its own. A file of the user's names such
+engines, each by a table:
+
+    [opensim]
+    class = "gb_opensim:OpenSim"                 # MODULE:CLASS, as it is imported there
+    python = "/home/me/opensim/bin/python"       # the interpreter of the environment
+    memory = 8                                   # GiB that a process may have, where the usual limit does not do
+
+It is `gauss-bench/engines.toml` in the user's folder of settings, or the file that GAUSS_BENCH_ENGINES names. The environment needs
+Python >= 3.11 and numpy >= 2 besides the engine's library; it need not have this package.
 """
 
+import os
 from collections.abc import Iterable
+from dataclasses import dataclass
 from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
 from gauss_bench.engines.base import Engine
-from gauss_bench.untrusted import BadInput
+from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 
 FOREIGN = {
     "pinocchio": "gauss_bench.engines.pinocchio.adapter:Pinocchio",
@@ -42,9 +56,34 @@ EXTRAS = {  # library -> the extra of the package that brings it
     "tomlkit": "studio",
 }
 
+FILE = "GAUSS_BENCH_ENGINES"  # environment variable
+LARGEST = 1 << 16  # bytes of the file
+KEYS: dict[str, type | tuple[type, ...]] = {"class": str, "python": str, "memory": (int, float)}
+LEAST, MOST = 0.5, 1024.0  # [GiB] of memory that can be asked for
+
 
 class UnknownEngine(BadInput, KeyError):
     """No engine has that name; the message lists the names that exist."""
+
+
+class EnvironmentFault(BadInput, ValueError):
+    """The file of engines has a fault; the message names file, table and key."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The environment of an engine.
+
+    Attributes:
+        engine: name of the engine; class_name: MODULE:CLASS of its adapter.
+        python: path of the interpreter.
+        memory: bytes that a process may have; 0 for the usual limit.
+    """
+
+    engine: str
+    class_name: str
+    python: str
+    memory: int = 0
 
 
 def is_class(name: str) -> bool:
@@ -54,13 +93,25 @@ def is_class(name: str) -> bool:
 
 
 def names() -> list[str]:
-    """List all engines: formulations, compiled and derived ones, foreign ones, then those of installed plug-ins."""
-    return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *(point.name for point in _plug_ins())]
+    """List all engines: formulations, compiled and derived ones, foreign ones, then plug-ins, then those of other environments."""
+    others = [*(point.name for point in _plug_ins()), *read_environments()]
+    return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *dict.fromkeys(others)]
 
 
 def all_names() -> list[str]:
     """List the engines of `names` and the rivals that suites leave out."""
     return [*names(), *RIVALS]
+
+
+def environment_of(name: str) -> Environment | None:
+    """Return the environment of its own in which an engine lives; None for an engine of this environment."""
+    return None if name in _registered() or is_class(name) else read_environments().get(name)
+
+
+def _registered() -> dict[str, str]:
+    """Return engine of this package -> MODULE:CLASS."""
+    own = dict.fromkeys(OWN, OWN_CLASS) | dict.fromkeys(COMPILED, COMPILED_CLASS)
+    return own | DERIVED | FOREIGN | RIVALS
 
 
 def get(name: str) -> Engine:
@@ -75,6 +126,8 @@ def get(name: str) -> Engine:
     registered = {**DERIVED, **FOREIGN, **RIVALS}
     if name in registered or is_class(name):
         return resolve_name(registered.get(name, name))()  # type: ignore[no-any-return]
+    if environment := environment_of(name):  # in a process of that environment
+        return resolve_name(environment.class_name)()  # type: ignore[no-any-return]
     for point in _plug_ins():
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]
@@ -109,3 +162,59 @@ def require(library: str) -> None:
     """
     if find_spec(library) is None:
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)
+
+
+def file_of_engines() -> Path:
+    """Return the path of the user's file of engines, which need not exist."""
+    if named := os.environ.get(FILE):
+        return Path(named)
+    base = os.environ.get("XDG_CONFIG_HOME", "")
+    home = Path(base) if os.path.isabs(base) else Path.home() / ".config"
+    return home / "gauss-bench" / "engines.toml"
+
+
+def read_environments() -> dict[str, Environment]:
+    """Return engine -> environment, in the order of the user's file; empty where there is no file.
+
+    Raises:
+        EnvironmentFault: the file has a fault.
+        OSError: it cannot be read.
+    """
+    path = file_of_engines()
+    try:
+        content = read_bytes(path, LARGEST)
+    except FileNotFoundError:
+        return {}
+    try:
+        tables = parse_toml(content.decode())
+    except ValueError as error:
+        raise EnvironmentFault(f"{path}: {error}") from error
+    if taken := next((x for x in tables if x in _registered()), None):
+        raise EnvironmentFault(f"{path}: {taken}: is an engine of this package; take another name")
+    return {name: _read_table(path, name, table) for name, table in tables.items()}
+
+
+def _read_table(path: Path, name: str, table: Any) -> Environment:
+    """Return the environment that a table describes."""
+
+    def fault(key: str, reason: str) -> EnvironmentFault:
+        return EnvironmentFault(f"{path}: {'.'.join(filter(None, (name, key)))}: {reason}")
+
+    if not isinstance(table, dict):
+        raise fault("", "must be a table with class and python")
+    if not name.replace("_", "").replace("-", "").replace(".", "").isalnum():
+        raise fault("", "an engine's name has letters, digits and - _ . alone")
+    if unknown := next((key for key in table if key not in KEYS), None):
+        raise fault(unknown, f"no such key; there are {', '.join(KEYS)}")
+    for key, kind in KEYS.items():
+        if key in table and (not isinstance(table[key], kind) or isinstance(table[key], bool)):
+            raise fault(key, "must be a number" if key == "memory" else "must be a text")
+    if not is_class(table.get("class", "")):
+        raise fault("class", "must be MODULE:CLASS")
+    python = os.path.expanduser(table.get("python", ""))
+    if not os.path.isabs(python) or "\0" in python:
+        raise fault("python", "must be the absolute path of an interpreter")
+    memory = float(table.get("memory", 0.0))
+    if memory and not LEAST <= memory <= MOST:
+        raise fault("memory", f"must be {LEAST:g} to {MOST:g} GiB, not {memory:g}")
+    return Environment(name, table["class"], python, int(memory * 2**30))

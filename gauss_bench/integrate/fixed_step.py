@@ -18,6 +18,7 @@ NEWTON_STEPS, CONVERGED = 20, 1e-13  # and the relative change of velocities at 
 ROUNDING = 4 * np.finfo(float).eps  # relative: two times this close are the same
 Acceleration = Callable[[float, Array, Array], Array]
 Step = Callable[[Acceleration, float, Array, Array, float], tuple[Array, Array]]
+Tableau = tuple[list[float], list[Array], Array]  # nodes, rows of A, weights
 
 
 def rk4(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
@@ -40,7 +41,12 @@ def semi_implicit_euler(acceleration: Acceleration, t: float, q: Array, v: Array
 
 def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """Take a step with the twelve stages of DOP853, without its error estimate: order 8."""
-    nodes, rows, weights = dop853_tableau()
+    return explicit_step(dop853_tableau(), acceleration, t, q, v, h)
+
+
+def explicit_step(tableau: Tableau, acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+    """Take a step of the explicit Runge-Kutta method with these coefficients."""
+    nodes, rows, weights = tableau
     n, y = len(q), np.concatenate([q, v])
     rates = np.empty((len(weights), 2 * n))
     for k, (node, row) in enumerate(zip(nodes, rows, strict=True)):
@@ -50,7 +56,7 @@ def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: fl
     return y[:n], y[n:]
 
 
-def tableau(name: str) -> tuple[list[float], list[Array], Array]:
+def tableau(name: str) -> Tableau:
     """Return nodes, rows of A and weights of rk4 or dop853_fixed, as `dop853_tableau` does."""
     if name == "rk4":
         rows = [np.array(row) for row in ([], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0])]
@@ -59,7 +65,7 @@ def tableau(name: str) -> tuple[list[float], list[Array], Array]:
 
 
 @cache
-def dop853_tableau() -> tuple[list[float], list[Array], Array]:
+def dop853_tableau() -> Tableau:
     """Return scipy's coefficients of DOP853: nodes (s,), rows of A (as many entries as stages before), weights (s,) of the step."""
     from scipy.integrate import DOP853  # imported here because it takes longer than most runs
 

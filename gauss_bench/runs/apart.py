@@ -15,7 +15,7 @@ import numpy as np
 from gauss_bench.engines import FOREIGN, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.offers import is_isolated
+from gauss_bench.runs.offers import interpreter_of, is_isolated
 from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
@@ -83,9 +83,9 @@ def run_apart(
         longest: [s] of elapsed time after which the run is stopped too.
     """
     try:
-        answer = worker.call(
-            perform_again if again else perform_there, (request, mechanism), limit, request.largest(mechanism.n), longest
-        )
+        at_home = worker.under(interpreter_of(request.engine))
+        perform = perform_again if again else perform_there
+        answer = at_home.call(perform, (request, mechanism), limit, request.largest(mechanism.n), longest)
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
     return receive(outcome_of(answer), request.wanted, mechanism.n)

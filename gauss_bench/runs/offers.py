@@ -5,6 +5,8 @@ or lacks a member has an offer with the reason, and raises no exception.
 """
 
 import math
+import platform
+import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -12,11 +14,23 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, RIVALS, UnknownEngine, all_names, get, is_class, not_installed
+from gauss_bench.engines import (
+    COMPILED,
+    DERIVED,
+    FOREIGN,
+    OWN,
+    RIVALS,
+    UnknownEngine,
+    all_names,
+    environment_of,
+    get,
+    is_class,
+    not_installed,
+)
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
 from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.worker import Worker, WorkerFailure, keep
+from gauss_bench.runs.worker import MEMORY, Interpreter, Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, in_a_sentence
 from gauss_bench.untrusted import BadInput
 
@@ -50,6 +64,7 @@ class Offer:
         soft: settings and variants that keep J a = gamma only approximately -> cause.
         unfinished: variants whose solver stops before it has converged -> cause.
         native_loop, python_loop: as in engines.base.
+        environment: the interpreter that runs it and its version, where it lives in an environment of its own; else empty.
         status, reason: OK, or the reason why it cannot be used.
     """
 
@@ -66,6 +81,7 @@ class Offer:
     unfinished: dict[str, str] = field(default_factory=dict)
     native_loop: bool = False
     python_loop: bool = False
+    environment: str = ""
     status: Status = Status.OK
     reason: str = ""
 
@@ -153,6 +169,14 @@ def is_isolated(name: str) -> bool:
     return name not in (*OWN, *COMPILED)
 
 
+def interpreter_of(name: str) -> Interpreter:
+    """Return the interpreter under which an engine runs: that of its own environment, or this process's."""
+    environment = environment_of(name)
+    if environment is None:
+        return Interpreter()
+    return Interpreter(environment.python, environment.memory or MEMORY)
+
+
 _known: dict[str, Offer] = {}
 _asking = threading.Lock()
 
@@ -191,14 +215,17 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 def _ask(worker: Worker, name: str) -> Offer:
     try:
-        return _read_offer(name, worker.call(_describe, (name,), LIMIT))
+        return _read_offer(name, worker.under(interpreter_of(name)).call(_describe, (name,), LIMIT))
     except WorkerFailure as failure:
-        return Offer(name, "cannot be used", status=failure.status, reason=str(failure))
+        environment = environment_of(name)
+        where = environment.python if environment else ""
+        return Offer(name, "cannot be used", environment=where, status=failure.status, reason=str(failure))
 
 
 def _describe(name: str) -> dict[str, Any]:
     """Return the result of `describe` as plain data, which a worker can send."""
-    return asdict(describe(name))
+    where = f"Python {platform.python_version()} at {sys.executable}" if environment_of(name) else ""
+    return asdict(replace(describe(name), environment=where))
 
 
 def _read_offer(name: str, answer: object) -> Offer:
@@ -209,7 +236,15 @@ def _read_offer(name: str, answer: object) -> Offer:
         offer = TypeAdapter(Offer).validate_python(answer)
     except ValidationError:
         return _reject(name, TypeError("it does not describe itself"))
-    words = (offer.version, offer.reason, *offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive)
+    words = (
+        offer.version,
+        offer.reason,
+        offer.environment,
+        *offer.settings,
+        *offer.integrators,
+        *offer.stabilizations,
+        *offer.adaptive,
+    )
     if odd := next((word for word in words if not word.isprintable()), ""):
         return _reject(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):

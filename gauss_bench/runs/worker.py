@@ -10,7 +10,9 @@ alarm that no library can block. Waits for a processor do not count, so that eng
 
 The processes that a task starts end with its worker. They are found by a mark in their environment and, on Linux, as descendants of
 the worker, which becomes the parent of orphans. A process without the mark survives if its worker crashed or was killed before.
-No process may use more memory than MEMORY.
+No process may use more memory than MEMORY, or than its interpreter is given.
+
+A worker runs under the interpreter of this process, or under that of an engine's environment (`elsewhere.py`).
 """
 
 import atexit
@@ -31,6 +33,8 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -46,6 +50,7 @@ BACKSTOP = 20.0  # times the limit: a task is stopped then even if it only waits
 MEMORY = 6 << 30  # bytes of a process: engines need one or two
 ROUNDS = 100  # attempts to find and end the processes of a worker
 MARK = "GAUSS_BENCH_WORKER"  # environment variable of a worker, which the processes that it starts inherit
+MOST_MEMORY = "GAUSS_BENCH_MEMORY"  # environment variable of a worker: bytes that it may use
 SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of Linux's prctl
 GRACE = 5.0  # [s] by which the worker's own alarm comes after the parent's limit
 LENGTH = struct.Struct("<Q")  # length of the JSON
@@ -71,11 +76,32 @@ class WorkerFailure(RuntimeError):
         return {"status": str(self.status), "message": str(self)}
 
 
+@dataclass(frozen=True)
+class Interpreter:
+    """The Python under which a worker runs.
+
+    Attributes:
+        python: path of the program.
+        memory: bytes that each of its processes may use.
+    """
+
+    python: str = sys.executable
+    memory: int = MEMORY
+
+    @property
+    def command(self) -> list[str]:
+        """The command that starts a worker; under another interpreter it sees this package alone of what is installed here."""
+        if self.python == sys.executable:
+            return [self.python, "-m", "gauss_bench.runs.worker"]
+        return [self.python, "-I", str(Path(__file__).with_name("elsewhere.py"))]
+
+
 class Worker:
     """One process, started when first needed and again after it has died."""
 
     def __init__(self) -> None:
         self.process: subprocess.Popen[bytes] | None = None
+        self.interpreter = Interpreter()
         # the mark of a worker within a worker begins with that of the outer one, so that both end together
         self.mark = "/".join(filter(None, (os.environ.get(MARK), os.urandom(16).hex())))
         self.log = tempfile.TemporaryFile()
@@ -87,19 +113,35 @@ class Worker:
         self.stop()
         self.log.close()
 
+    def under(self, interpreter: Interpreter) -> "Worker":
+        """Return this worker, whose next task runs under an interpreter; a process of another one is ended."""
+        if interpreter != self.interpreter:
+            self.stop()
+            self.interpreter = interpreter
+        return self
+
     def start(self) -> subprocess.Popen[bytes]:
-        """Start the process, or return the one that runs."""
+        """Start the process, or return the one that runs.
+
+        Raises:
+            WorkerFailure: its interpreter cannot be started.
+        """
         process = self.process  # which another thread may take away meanwhile
         if process is None or process.poll() is not None:
-            environment = os.environ | dict.fromkeys(THREADS, "1") | {MARK: self.mark}
-            process = self.process = subprocess.Popen(
-                [sys.executable, "-m", "gauss_bench.runs.worker"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=self.log,
-                env=environment,
-                start_new_session=True,
-            )
+            environment = os.environ | dict.fromkeys(THREADS, "1")
+            environment |= {MARK: self.mark, MOST_MEMORY: str(self.interpreter.memory)}
+            try:
+                process = self.process = subprocess.Popen(
+                    self.interpreter.command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=self.log,
+                    env=environment,
+                    start_new_session=True,
+                )
+            except OSError as error:
+                reason = f"the interpreter {self.interpreter.python} cannot be started: {error.strerror}"
+                raise WorkerFailure(Status.SKIP, reason) from error
         return process
 
     def stop(self) -> None:
@@ -132,7 +174,7 @@ class Worker:
 
         Raises:
             WorkerFailure: the worker crashed, was stopped by another thread, exceeded `limit` seconds (in which it ran or slept,
-                not those in which it waited for a processor), or the function raised.
+                not those in which it waited for a processor), or the function raised; or its interpreter is unfit.
         """
         process = self.start()
         assert process.stdin is not None
@@ -158,6 +200,8 @@ class Worker:
             code = self._exit_code(process)
             printed = self._last_words()
             self.stop()
+            if code == os.EX_CONFIG:
+                raise WorkerFailure(Status.SKIP, printed.removeprefix(": ")) from error
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             raise WorkerFailure(Status.CRASHED, f"the process died with {how}{printed}") from error
         match answer:
@@ -341,13 +385,13 @@ def _adopt() -> None:
 
 
 def _limit() -> None:
-    """Limit memory to MEMORY or the machine's, so that an array too large fails here instead of ending other processes."""
+    """Limit memory to that of the interpreter or the machine, so that an array too large fails here and ends no other process."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
         whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        most = min(whole, MEMORY)
+        most = min(whole, int(os.environ.get(MOST_MEMORY, MEMORY)))
         resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
 
 

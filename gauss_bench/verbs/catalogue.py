@@ -36,6 +36,7 @@ class ListedEngine:
         settings: names of its settings; the first is the default.
         integrators: names; the first is the default.
         stabilizations: "none" and others.
+        environment: the interpreter that runs it and its version, where it lives in an environment of its own; else empty.
         status, reason: "ok", or the reason why it cannot be used.
     """
 
@@ -43,6 +44,7 @@ class ListedEngine:
     settings: tuple[str, ...]
     integrators: tuple[str, ...]
     stabilizations: tuple[str, ...]
+    environment: str
     status: Status
     reason: str
 
@@ -145,7 +147,8 @@ def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
     documents = {name: document_of(name)[0] for name in built_in()}
     linkages = {k: ListedLinkage(x.get("title", ""), tuple(x["scenarios"])) for k, x in documents.items()}
     engines = {
-        x.name: ListedEngine(x.version, tuple(x.settings), x.integrators, x.stabilizations, x.status, x.reason) for x in offers()
+        x.name: ListedEngine(x.version, tuple(x.settings), x.integrators, x.stabilizations, x.environment, x.status, x.reason)
+        for x in offers()
     }
     return Answer(Catalogue(linkages, engines))
 

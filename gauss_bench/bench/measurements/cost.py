@@ -23,10 +23,11 @@ from gauss_bench.bench.clock import Block, Key, Measured, gather_rounds, key_of,
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import LIMIT, Context, Rows, Tables, Task, patient, place_of
-from gauss_bench.engines import get, names
+from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.blocks import accelerating, block_elsewhere
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.runs.worker import Worker, WorkerFailure
@@ -84,7 +85,11 @@ def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make
         for chosen in variants(offered, part.integrators, name in part.plain):
             choice = Choice(*chosen, part.step)
             if choice.integrator not in offered.adaptive:
-                for quantity, make in quantities(get(name), mechanism, choice, part):
+                here = environment_of(name) is None
+                timed = (
+                    quantities(get(name), mechanism, choice, part) if here else quantities_elsewhere(name, mechanism, choice, part)
+                )
+                for quantity, make in timed:
                     yield Key(quantity, name, *chosen), make
     if part.processor:
         yield from processor()
@@ -105,7 +110,7 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
 
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
         yield BUILD, lambda: lasting(None, lambda: first_step(engine, mechanism, choice))
-        yield ACCELERATION, lambda: lasting(None, partial(model().acceleration, 0.0, *start))
+        yield ACCELERATION, lambda: accelerating(None, *start, model())
         if engine.name in part.bare:
             yield BARE, lambda: lasting(None, model().bare_calls()[0])
             yield EMPTY, lambda: lasting(None, model().bare_calls()[1])
@@ -115,6 +120,17 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
         yield STEP, lambda: stepping(None, model(), part.step, native=False)
     if offered.native_loop:
         yield NATIVE, lambda: stepping(None, model(), part.step, native=True)
+
+
+def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
+    """Yield the quantities that are timed of an engine of another environment: accelerations and steps."""
+    offered, make = offer(name), partial(block_elsewhere, name, mechanism, choice)
+    if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
+        yield ACCELERATION, partial(make, partial(accelerating, None, mechanism.q0, mechanism.v0))
+    if offered.python_loop:
+        yield STEP, partial(make, partial(stepping, None, step=part.step, native=False))
+    if offered.native_loop:
+        yield NATIVE, partial(make, partial(stepping, None, step=part.step, native=True))
 
 
 def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:

@@ -37,7 +37,7 @@ from gauss_bench.bench.ways import (
     space,
     whole_run,
 )
-from gauss_bench.engines import OWN, all_names, get
+from gauss_bench.engines import OWN, all_names, environment_of, get
 from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -139,6 +139,7 @@ def complete(suite: Suite, tables: Tables) -> None:
         tables["search_knobs"] = [
             {"engine": x, "knob": k.name, "meaning": k.meaning, "source": k.source}
             for x in engines
+            if environment_of(x) is None  # the knobs of others are known in their environment alone
             for k in getattr(get(x), "knobs", {}).values()  # an engine without a file of variants has no knobs
         ]
 

@@ -14,6 +14,9 @@ def section(run: Run) -> Section:
     """Return the table of the run's facts and the versions of its packages."""
     facts = {name.replace("_", " "): _print_fact(name, run.environment.get(name)) for name in FACTS}
     facts |= dict(sorted(run.environment.get("versions", {}).items()))
+    for name, engine in sorted(run.environment.get("engines", {}).items()):
+        if where := engine.get("environment"):
+            facts[name] = f"{engine['version']}, in an environment of its own: {where}"
     rows = [{"what": name, "value": value} for name, value in facts.items() if value is not None]
     return Section("Environment", "environment", blocks_of("environment", rows))
 

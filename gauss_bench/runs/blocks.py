@@ -1,0 +1,196 @@
+"""Blocks of timed work: steps, whole runs or calls, which a race times in turn.
+
+A block is timed inside the process that does the work. An engine of another environment has its blocks in one process there, which
+the race asks for one block at a time; such a process may have numpy alone, so that nothing here imports more.
+"""
+
+import gc
+import math
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice, Model
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.offers import interpreter_of
+from gauss_bench.runs.one_run import measure_seconds
+from gauss_bench.runs.worker import WorkerFailure, keep
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure
+
+BLOCK = 2e-3  # [s] shortest block, long compared with the resolution of the clock and of the scheduler, 1 ms
+MOTION = 1.0  # [s] longest run in a block: drift would change the work of a longer one
+FIRST = 20  # steps from which the time of the others is extrapolated
+LONGEST = 600.0  # [s] of one block elsewhere
+
+
+@dataclass
+class Block:
+    """The work of one entry of a race.
+
+    Attributes:
+        ready: prepares the work; not timed.
+        go: does the work; timed.
+        count: how many repetitions, or which part of one, a call of `go` does.
+        again: how often `ready` and `go` are called in one block.
+        facts: returns further columns of the entry, after the race.
+    """
+
+    entry: Hashable
+    ready: Callable[[], object]
+    go: Callable[[], object]
+    count: float
+    again: int = 1
+    facts: Callable[[], dict[str, Any]] = dict
+
+    def seconds(self) -> float:
+        """Return the time of one repetition [s], averaged over the block."""
+        whole = 0.0
+        for _ in range(self.again):
+            self.ready()
+            whole += measure_seconds(self.go)
+        return whole / (self.count * self.again)
+
+
+def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
+    """Return a block that repeats a call without preparation for BLOCK seconds; each call counts as `work` repetitions."""
+    call()
+    count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
+
+    def calls() -> None:
+        for _ in range(count):
+            call()
+
+    return Block(entry, lambda: None, calls, count * work)
+
+
+def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
+    """Return a block of steps of a model, called from Python or in its own loop.
+
+    The block lasts BLOCK seconds. Its motion covers MOTION seconds at most; a shorter block repeats that motion.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism.
+    """
+    most, count = max(1, round(MOTION / step)), 1
+    while True:
+        block = Block(entry, partial(model.prepare, step * np.arange(2.0) * count, native=native), model.run, count)
+        block.ready()
+        elapsed = measure_seconds(block.go)
+        if elapsed >= BLOCK or count >= most:
+            block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
+            return block
+        count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
+
+
+def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
+    """Return a block of accelerations of a model at one state q, v (n,), each called from Python."""
+    return lasting(entry, partial(model.acceleration, 0.0, q, v))
+
+
+def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
+    """Return a block of runs over sample times (k,) [s], which are the part `share` of a whole run; it lasts BLOCK seconds.
+
+    Raises:
+        RunFailure: the run fails.
+    """
+    block = _run_once(entry, choice, times, share, model)
+    block.ready()
+    taken = measure_seconds(block.go)
+    model.read()  # raises RunFailure if the run failed: it must not race
+    block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
+    return block
+
+
+def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
+    """Return a block as `running` does, of the part of a run of equal steps that takes `lead` [s] by its first steps."""
+    first = min(steps, FIRST) / steps
+    block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
+    block.ready()
+    share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)
+    return running(entry, choice, np.array([0.0, share * until]), share, model)
+
+
+def share_of(seconds: float, lead: float, steps: int) -> float:
+    """The part of a run at equal steps, in whole steps, that takes `lead` [s]; 1 where all of it takes no longer."""
+    return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
+
+
+def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
+    """Return a block of one run over the sample times, which are the part `share` of a whole run."""
+
+    def ready() -> None:
+        model.choice = choice
+        model.prepare(times)
+
+    return Block(entry, ready, model.run, share)
+
+
+Work = Callable[[Model], Block]  # one of the functions above with all arguments but the model
+
+
+@dataclass
+class BlockElsewhere(Block):
+    """A block in a process of another environment.
+
+    Attributes:
+        timed: asks for the time of one repetition [s].
+        failure: why it has no further times: the process ended, or its work failed.
+    """
+
+    timed: Callable[[], float] = field(default=lambda: math.nan)
+    failure: RunFailure | None = None
+
+    def seconds(self) -> float:
+        """Return the time of one repetition [s], taken there; NaN once it has failed."""
+        if self.failure is None:
+            try:
+                return self.timed()
+            except RunFailure as failure:
+                self.failure = failure
+        return math.nan
+
+
+def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> BlockElsewhere:
+    """Return the block of some work of an engine, in the one process that its environment has for this one's races.
+
+    Raises:
+        RunFailure: the engine cannot run the mechanism, or the process gave no answer.
+    """
+    interpreter = interpreter_of(engine)
+    worker = keep(f"races in {interpreter.python}").under(interpreter)
+
+    def ask(function: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return worker.call(function, arguments, LONGEST)
+        except WorkerFailure as failure:
+            raise RunFailure(failure.status, str(failure)) from failure
+
+    number, count, again = ask(make_there, engine, mechanism, choice, work)
+    return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask, time_there, number))
+
+
+_blocks: list[Block] = []  # of this process, for `time_there`
+_models: dict[Any, Any] = {}
+
+
+def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
+    """Make a block in this process; return its number, its count and how often it is repeated."""
+    made, key = get(engine), (engine, mechanism.sha256, choice.settings, choice.integrator, choice.stabilization)
+    if key not in _models or not getattr(made, "resizable", False):
+        _models[key] = made.build(mechanism, choice)
+    _blocks.append(work(_models[key]))
+    return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
+
+
+def time_there(number: int) -> float:
+    """Return the time of one repetition of a block of this process [s]; the garbage collector is off meanwhile."""
+    gc.disable()
+    try:
+        return _blocks[number].seconds()
+    finally:
+        gc.enable()

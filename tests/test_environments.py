@@ -1,0 +1,135 @@
+"""Engines in environments of their own: what they see, what they are asked, and what is said of those that are not fit."""
+
+import json
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench.cli import main
+from gauss_bench.engines import FILE, EnvironmentFault, environment_of, get, names, read_environments
+
+STAND_IN = """
+from gauss_bench.engines.interpreted import Interpreted
+from importlib.util import find_spec
+import platform
+
+class Twin(Interpreted):
+    integrators, stabilizations = ("rk4",), ("none",)
+    def __init__(self):
+        super().__init__("udwadia_kalaba")  # which needs numpy alone
+    def version(self):
+        there = [x for x in ("scipy", "pydantic", "casadi") if find_spec(x)]
+        return f"twin on {platform.python_version()} with {', '.join(there) or 'numpy alone'}"
+
+class Greedy(Twin):
+    def build(self, mechanism, choice):
+        import numpy
+        self.much = numpy.ones(1 << 28)  # 2 GiB
+        return super().build(mechanism, choice)
+"""
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of an environment that has numpy and the stand-in, and nothing else."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=False)
+    (site,) = folder.glob("lib/python*/site-packages")
+    for part in ("numpy", "numpy.libs"):
+        if (there := Path(np.__file__).parents[1] / part).exists():
+            (site / part).symlink_to(there)
+    (site / "stand_in.py").write_text(STAND_IN)
+    return folder / "bin" / "python"
+
+
+@pytest.fixture
+def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's file of engines."""
+    path = tmp_path / "engines.toml"
+    monkeypatch.setenv(FILE, str(path))
+    return path
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """`gauss-bench ARGUMENTS` in a process, which asks every engine anew."""
+    line = [sys.executable, "-m", "gauss_bench", *arguments]
+    return subprocess.run(line, capture_output=True, text=True, timeout=300, check=False, env=dict(os.environ))
+
+
+def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_one(python: Path, engines: Path) -> None:
+    engines.write_text(f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
+    assert "twin" in names()
+    listed = json.loads(command("list", "--json").stdout)["engines"]["twin"]
+    assert listed["version"].endswith("with numpy alone")
+    runs = [
+        json.loads(command("simulate", "four_bar", "--engine", x, "--at", "0,0.5", "--json").stdout) for x in ("twin", "lagrange")
+    ]
+    assert runs[0]["status"] == "ok", runs[0]["message"]
+    here, there = (np.array(run["links"]["coupler"]["x"]) for run in runs)
+    assert np.abs(here - there).max() < 1e-12
+
+
+@pytest.mark.slow
+def test_an_environment_with_numpy_alone_answers_every_question_of_conformance(python: Path, engines: Path) -> None:
+    engines.write_text(f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
+    told = command("conformance", "twin", "--json")
+    assert told.returncode == 0, told.stdout
+    assert len(json.loads(told.stdout)["checks"]) >= 20
+
+
+def test_an_environment_may_have_another_limit_of_memory(python: Path, engines: Path) -> None:
+    engines.write_text(f'[greedy]\nclass = "stand_in:Greedy"\npython = "{python}"\nmemory = 1\n')
+    run = json.loads(command("simulate", "four_bar", "--engine", "greedy", "--at", "0.01", "--json").stdout)
+    assert run["status"] != "ok"
+    assert "MemoryError" in run["message"] or "allocate" in run["message"]
+
+
+def test_an_interpreter_that_is_not_fit_is_told_in_one_sentence(tmp_path: Path, engines: Path) -> None:
+    bare = tmp_path / "bare"
+    venv.create(bare, with_pip=False)
+    for python, words in ((bare / "bin" / "python", "needs numpy >= 2"), (tmp_path / "none", "cannot be started")):
+        engines.write_text(f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
+        listed = json.loads(command("list", "--json").stdout)["engines"]["twin"]
+        assert (listed["version"], listed["status"]) == ("cannot be used", "skip")
+        assert words in listed["reason"]
+
+
+def test_an_engine_of_this_package_keeps_its_environment(engines: Path) -> None:
+    engines.write_text('[gauss]\nclass = "other:Gauss"\npython = "/usr/bin/python3"\n')
+    with pytest.raises(EnvironmentFault, match="gauss: is an engine of this package"):
+        names()
+    assert environment_of("gauss") is None
+    assert get("gauss").name == "gauss"
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("x", "engines.toml: "),
+        ("a = 1", "a: must be a table"),
+        ('["a b"]\nclass = "m:C"\npython = "/p"', "a b: an engine's name"),
+        ('[a]\npython = "/p"', "a.class: must be MODULE:CLASS"),
+        ('[a]\nclass = "m"\npython = "/p"', "a.class: must be MODULE:CLASS"),
+        ('[a]\nclass = "m:C"', "a.python: must be the absolute path"),
+        ('[a]\nclass = "m:C"\npython = "p"', "a.python: must be the absolute path"),
+        ('[a]\nclass = "m:C"\npython = "/p"\nmemory = "x"', "a.memory: must be a number"),
+        ('[a]\nclass = "m:C"\npython = "/p"\nmemory = 1e9', "a.memory: must be 0.5 to 1024 GiB"),
+        ('[a]\nclass = "m:C"\npython = "/p"\nwheel = 1', "a.wheel: no such key; there are class, python, memory"),
+        ("#" * 70000, "larger than"),
+    ],
+)
+def test_a_fault_in_the_file_of_engines_is_bad_input(
+    text: str, where: str, engines: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    engines.write_text(text)
+    with pytest.raises((EnvironmentFault, OSError)):
+        read_environments()
+    assert main(["list"]) == 2
+    told = capsys.readouterr().err
+    assert str(engines) in told
+    assert where in told
