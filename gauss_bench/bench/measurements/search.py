@@ -137,10 +137,10 @@ def complete(suite: Suite, tables: Tables) -> None:
     if engines:
         tables["search_space"] = [space_row(x, variant) for x in engines.values() for variant in space(x)]
         tables["search_knobs"] = [
-            {"engine": x, "knob": k.name, "meaning": k.meaning, "source": k.source}
+            {"engine": x, "knob": name, "meaning": knob.meaning, "source": knob.source}
             for x in engines
             if environment_of(x) is None  # the knobs of others are known in their environment alone
-            for k in getattr(get(x), "knobs", {}).values()  # an engine without a file of variants has no knobs
+            for name, knob in getattr(get(x), "knobs", {}).items()  # an engine without a file of variants has no knobs
         ]
 
 
