@@ -576,3 +576,14 @@ def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:
     assert 0.5e-3 * mechanism.links[2].mass < errors.max() < 10e-3 * mechanism.links[2].mass
     locked = load("parallelogram", "torque")
     assert np.isnan(joint_force_errors(Evaluator(locked), *(2 * [build_reference(locked, 0.02)]))).all()
+
+
+def test_every_option_that_a_search_changes_is_in_the_table_of_knobs() -> None:
+    """The table says where each is documented."""
+    tables: Tables = {}
+    measured.complete(read_suite("full"), tables)
+    documented = {(r["engine"], r["knob"]) for r in tables["search_knobs"] if r["meaning"] and r["source"]}
+    changed = {(name, knob) for name in ("minimal", "pinocchio") for x in get(name).variants.values() for knob in x.options}  # type: ignore[attr-defined]
+    assert len(changed) > 5
+    assert changed <= documented
+    assert all(row_of(TABLES["search_knobs"], r) for r in tables["search_knobs"])

@@ -17,7 +17,7 @@ import pytest
 from gauss_bench.api.kinematics import Kinematics, kinematics
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.report.site.view import ANGLES, INTERVALS, LIMITS, VERSION, TooLarge, pack_view, view_page
+from gauss_bench.report.site.view import ANGLES, INTERVALS, LIMITS, VERSION, TooLarge, pack_poses, pack_view, view_page
 
 LINKAGES = ("four_bar", "jansen", "shaper", "excavator")
 
@@ -103,6 +103,15 @@ def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
         pack_view(chance.randbytes(12_000).hex(), made.model, made.trajectory.q, 2.0)
     with pytest.raises(TooLarge, match="share the file"):
         pack_view("a" * LIMITS["unpacked"], made.model, made.trajectory.q, 2.0)
+
+
+@pytest.mark.parametrize("place", [(0.5, 0.5), (3e3, 3e3)])
+def test_a_drawing_far_from_the_origin_has_numbers_that_the_page_takes(place: tuple[float, float]) -> None:
+    """A link that hardly moves has no size that could be the unit."""
+    q = np.array([[*place, 0.0], [place[0] + 1e-7, place[1], 0.1]])
+    numbers = np.array(pack_poses(q)["poses"])
+    assert np.abs(np.cumsum(numbers, axis=1)).max() <= LIMITS["number"]
+    assert np.abs(numbers).max() <= LIMITS["number"]
 
 
 def test_a_motion_that_ends_between_two_kept_poses_ends_at_the_last_kept_one() -> None:
