@@ -123,7 +123,7 @@ def test_the_first_screen_takes_the_cheapest_that_holds(run: Run) -> None:
     passing = ladder[ladder.position_error <= 1e-4]
     assert ((passing.settings == one.settings) & np.isclose(passing.step, one.step)).any()
     rivals = [x for x in settings if x.engine == "mujoco" and x.position <= 1e-4]
-    assert one.seconds == min(x.seconds for x in rivals)
+    assert one.seconds == min(x.seconds for x in rivals if math.isfinite(x.seconds))
     assert not cheapest(settings, 0.0)
 
 
@@ -206,9 +206,11 @@ def test_each_finding_is_one_sentence_and_opens_rows_with_the_same_numbers(run: 
     for title in ("Failed cases", "Ran, but not valid"):
         number, one = counted[title]
         assert number == len(one.behind[0].rows)
-    missed, one = counted["Targets of the kernel"]
-    assert missed == sum(row[-1].text == "no" for row in one.behind[0].rows)
-    assert f"of {len(one.behind[0].rows)} targets" in sentence_of(one)
+    (targets,) = (x for x in all_findings(run) if x.title == "Targets of the kernel")
+    rows = targets.behind[0].rows
+    missed = sum(row[-1].text == "no" for row in rows)
+    start = f"{missed} of {len(rows)} targets" if missed else f"All {len(rows)} targets"
+    assert sentence_of(targets).startswith(start)
 
 
 def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
@@ -491,7 +493,7 @@ def test_every_link_of_the_site_and_its_documentation_leads_somewhere(whole: tup
 def test_no_page_of_the_documentation_is_wider_than_its_window(
     browser: Any, whole: tuple[Path, float], width: int, scheme: str
 ) -> None:
-    pages = sorted((whole[0] / "docs").glob("*.html"))
+    pages = sorted({*(whole[0] / "docs").glob("*.html")} - {whole[0] / "docs" / "404.html"})  # its addresses begin at the root
     assert len(pages) > 10
     for path in pages:
         look = {"viewport": {"width": width, "height": 800}, "color_scheme": scheme}

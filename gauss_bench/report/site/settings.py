@@ -169,6 +169,13 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
     return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
 
 
+@lru_cache(maxsize=2)
+def _settings_by_place(run: Run) -> dict[tuple[Any, ...], Setting]:
+    """Return `place_of` a setting -> the first setting there; looking it up among thousands took half of the site's time."""
+    every = [x for settings in all_settings(run).values() for x in settings]
+    return {place_of(vars(x)): x for x in reversed(every)}
+
+
 def _search(run: Run) -> Iterator[Setting]:
     """Yield the settings of the searched linkages, each with its raced or estimated time."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
@@ -220,7 +227,7 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
     for row in with_number(run.table("search_winners"), "seconds"):
         asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
         if asked and row["mechanism"] == mechanism and row["status"] == "ok":
-            same = next((x for x in settings if place_of(row) == place_of(vars(x))), None)
+            same = _settings_by_place(run).get(place_of(row))
             more = {"force": same.force, "until": same.until} if same else {}
             leaders[row["engine"]] = make_setting(row, **race_time(row), **more, position=number(row, "error"))
     return leaders
