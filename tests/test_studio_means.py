@@ -140,9 +140,9 @@ class Keys(Hand):
 
     def choose(self, label: str, option: str) -> None:
         field = self.page.get_by_label(label, exact=True)
-        text = field.locator(f'option[value="{option}"]').inner_text()
+        options = {x.get_attribute("value") or x.inner_text(): x.inner_text() for x in field.locator("option").all()}
         field.focus()
-        self.page.keyboard.type(text)
+        self.page.keyboard.type(options[option])
 
     def delete(self) -> None:
         self.sheet.canvas.focus()
@@ -386,7 +386,7 @@ def lock(part: str, name: str) -> Edit:
 
 CRANK = "Is the crank, whose angle is the motion's phase"
 EDITS = [
-    Edit("pivot", draw("Ground pivot", (0.5, 0.35)), there("ground", "points", "7")),
+    Edit("pivot", draw("Ground pivot", (0.5, 0.35)), there("ground", "points", "7"), is_quick=True),
     Edit("bar", draw("Bar", (0.5, 0.35), (0.6, 0.25)), there("links", "bar5"), is_quick=True),
     Edit("slider", draw("Slider", (0.6, 0.25), (0.55, 0.15)), there("joints", "slide2")),
     Edit("link", draw("Link", (0.1, -0.05), (0.2, -0.1), (0.3, -0.05), end=True), there("links", "plate1")),
@@ -439,7 +439,7 @@ EDITS = [
     Edit(
         "another place",
         drag("Reshape", (0.2, -0.1), (0.0, 0.05)),
-        lambda x: any(np.hypot(p["at"][0] - 0.2, p["at"][1] + 0.05) < 1e-9 for p in x.scene["pins"]),
+        lambda x: any(np.hypot(p["at"][0] - 0.2, p["at"][1] + 0.05) < 1e-6 for p in x.scene["pins"]),
     ),
     Edit(
         "on the ground",
@@ -465,7 +465,10 @@ State = tuple[Saved, dict[str, Any]]  # of the file and of the page
 
 def seen(hand: Hand) -> dict[str, Any]:
     """What the page shows: where the pins are, the ids of all other parts, and how many are locked."""
-    found: dict[str, Any] = {"pins": hand.sheet.stands_at(), "locked": hand.page.locator("#canvas .padlock").count()}
+    window, pins = None, {}
+    while window != (hand.sheet.scale(), hand.sheet.origin()):  # a note below the drawing may move it meanwhile
+        window, pins = (hand.sheet.scale(), hand.sheet.origin()), hand.sheet.stands_at()
+    found: dict[str, Any] = {"pins": pins, "locked": hand.page.locator("#canvas .padlock").count()}
     for kind in ("link", "slide", "force"):
         found[kind] = sorted(str(x.get_attribute(f"data-{kind}")) for x in hand.page.locator(f"#canvas [data-{kind}]").all())
     return found
