@@ -30,7 +30,7 @@ mujoco = needs("mujoco")
 FILES = [str(file) for file in built_in().values()] + [str(file) for file in sorted(DATA.glob("*.toml"))]
 MOTORS = [x for x in FILES if any(word in Path(x).read_text(encoding="utf-8") for word in ('"torque"', '"force"'))]
 NOT_MJCF = ("everything", "friction", "all_kinds", "dyads", "excavator_arm")  # their scenarios with motors, for other parts of them
-CARTS = DATA / "carts.toml"
+CARTS = DATA / "motors" / "carts.toml"
 
 
 def exported(mechanism: Mechanism, folder: Path) -> tuple[Any, Any]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, SpringDamper
+from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.report.palette import COLOURS, DARK
 from gauss_bench.terms import Array
 
@@ -125,11 +126,12 @@ def round_place(at: Array) -> list[float]:
 
 def pack_poses(q: Array) -> dict[str, Any]:
     """Return the unit of length, and for x, y and angle of each link the second differences of its whole numbers of units."""
-    places = np.delete(q, np.s_[2::3], axis=1)
+    at = places(q)
     # a small drawing far from the origin has coarser units, so that its whole numbers stay below the limit of the page
-    extent = max(float(np.ptp(places)), 1e-4 * float(np.abs(places).max()), 1e-6)
+    extent = max(float(np.ptp(at)), 1e-4 * float(np.abs(at).max()), 1e-6)
     unit = float(f"{extent / FINENESS:.3g}")
-    units = np.tile([unit, unit, 1 / ANGLES], q.shape[1] // 3)
+    units = np.empty_like(q)
+    places(units)[...], angles(units)[...] = unit, 1 / ANGLES
     whole = np.rint(q / units).astype(np.int64)
     return {"unit": unit, "poses": np.diff(whole, n=2, axis=0, prepend=np.zeros((2, q.shape[1]), np.int64)).T.tolist()}
 
