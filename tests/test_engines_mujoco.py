@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gauss_bench.engines.base import Choice
 from gauss_bench.engines import tree_loads
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco import forces
 from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, configure, verify
 from gauss_bench.engines.mujoco.draft import Draft
