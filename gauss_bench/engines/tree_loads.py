@@ -47,13 +47,18 @@ class Steady:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """Force k (rest - L) - c dL/dt on L = row . y + constant, where row (n,) has entries of 0 and +-1."""
+    """Force k (rest - L) - c dL/dt on L = row . y + constant, where row (n,) has entries of 0 and +-1.
+
+    Attributes:
+        name: force of the linkage that makes it.
+    """
 
     row: Array
     constant: float
     k: float
     c: float
     rest: float
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +151,7 @@ def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad
     if law.bias:
         found.append(Steady(row, law.bias, (name,)))
     if law.k or law.c:
-        found.append(OnJoints(row, constant, law.k, law.c, law.rest))
+        found.append(OnJoints(row, constant, law.k, law.c, law.rest, name))
     return found
 
 

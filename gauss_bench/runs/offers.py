@@ -20,12 +20,12 @@ from gauss_bench.engines import (
     FOREIGN,
     OWN,
     RIVALS,
-    UnknownEngine,
     all_names,
     environment_of,
     get,
     is_class,
     not_installed,
+    unknown,
 )
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
 from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
@@ -201,7 +201,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         wanted = there if wanted is None else wanted
         for name in wanted:
             if name not in there and not is_class(name):
-                raise UnknownEngine(f"unknown engine {name!r}; there are {', '.join(there)}")
+                raise unknown(name)
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})
