@@ -18,7 +18,7 @@ from gauss_bench.engines.opensim.translate import refusal
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import load
 from gauss_bench.reference.certificate import certificate_path, read_certificate
-from gauss_bench.runs.offers import offers
+from gauss_bench.runs.offers import NOT_TOLD, in_python, offers
 from tests.conftest import everything
 
 needs_opensim = pytest.mark.skipif(environment_of("opensim") is None, reason="there is no environment of OpenSim here")
@@ -124,6 +124,10 @@ def test_without_its_environment_the_engine_is_not_listed_and_told_how_to_instal
     (tmp_path / "engines.toml").write_text('[opensim]\npython = "/nowhere/python"\n')  # which needs no class
     assert "opensim" in names()
     assert isinstance(get("opensim"), OpenSim)
+    mechanism = load("four_bar")
+    assert in_python("opensim", mechanism, Choice()) == ""
+    (tmp_path / "engines.toml").write_text('[opensim]\nclass = "my_engine:Other"\npython = "/nowhere/python"\n')
+    assert in_python("opensim", mechanism, Choice()) == NOT_TOLD  # and that class is not imported here
 
 
 def test_outside_its_room_one_line_of_python_names_the_engine() -> None:

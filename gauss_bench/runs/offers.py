@@ -17,6 +17,7 @@ import numpy as np
 from gauss_bench.engines import (
     COMPILED,
     DERIVED,
+    ELSEWHERE,
     FOREIGN,
     OWN,
     RIVALS,
@@ -160,7 +161,9 @@ class Offer:
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
     """Return in words which code of the suite runs in Python within an engine's time; NOT_TOLD for plug-ins."""
-    describe_python = getattr(get(name), "in_python", None) if name in SAFE else None  # an adapter need not have it
+    environment = environment_of(name)
+    safe = name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name))
+    describe_python = getattr(get(name), "in_python", None) if safe else None  # an adapter need not have it
     return str(describe_python(mechanism, choice)) if describe_python else NOT_TOLD
 
 

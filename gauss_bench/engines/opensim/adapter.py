@@ -17,7 +17,6 @@ from gauss_bench.engines.shared import (
     joint_tree,
     open_tree,
     require_agreement,
-    size,
     tree_states,
     unsteady,
     with_accelerations,
@@ -61,6 +60,9 @@ class OpenSim:
         reason = beyond_a_tree(mechanism, "OpenSim") or unsteady(mechanism, "OpenSim")
         return reason or refusal(mechanism, joint_tree(mechanism, VARIANTS.options(choice.settings)))
 
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return ""
+
     def build(self, mechanism: Mechanism, choice: Choice) -> "OpenSimModel":
         return OpenSimModel(mechanism, choice)
 
@@ -90,8 +92,8 @@ class OpenSimModel:
             own, state = open_tree(evaluator, self.tree, y, dy), self._state(opened, 0.0, y, dy)
             forces = own.mass @ self._tree_acceleration(opened, state)
             pairs = {
-                "forces of the open tree": (forces, own.forces, max(own.load, size(own.forces))),
-                "gaps of open pins": (gaps(opened, state), own.gaps, size(own.gaps)),
+                "forces of the open tree": (forces, own.forces, own.load or 1.0),
+                "gaps of open pins": (gaps(opened, state), own.gaps, float(np.abs(own.q).max())),
             }
             require_agreement(pairs, AGREEMENT)
 

@@ -191,7 +191,7 @@ class Builder:
         a, b = self._place(law.coordinate.a), self._place(law.coordinate.b)
         if law.c or law.bias:
             # OpenSim's force draws the points together, a law pushes them apart; ddot is OpenSim's name of the rate of d
-            text = f"{float(law.k)!r}*(d-{float(law.rest)!r})+{float(law.c)!r}*ddot-{float(law.bias)!r}"
+            text = f"{float(law.k)!r}*(d-({float(law.rest)!r}))+{float(law.c)!r}*ddot-({float(law.bias)!r})"
             ends = a[0].getName(), a[1], b[0].getName(), b[1]
             self._add_force(self.opensim.ExpressionBasedPointToPointForce(*ends, text))
         else:
