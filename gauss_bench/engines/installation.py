@@ -224,9 +224,9 @@ def _run(command: Sequence[str], failure: str, told: Told) -> None:
     )
     lines: list[str] = []
     try:
-        for line in process.stdout or ():
-            lines.append(line.strip())
-            told(lines[-1])
+        for line in filter(None, map(str.strip, process.stdout or ())):
+            lines.append(line)
+            told(line)
         code = process.wait()
     except BaseException:
         with contextlib.suppress(ProcessLookupError):
@@ -234,7 +234,7 @@ def _run(command: Sequence[str], failure: str, told: Told) -> None:
         process.wait()
         raise
     if code:
-        errors = [line for line in lines if line.startswith("ERROR")] or [line for line in lines if line]
+        errors = [line for line in lines if line.startswith("ERROR")] or lines
         reason = "its message stands above" if at_terminal else " ".join(errors[-LAST_LINES:])
         raise InstallationFault(f"{failure}: {reason}")
 
@@ -272,15 +272,15 @@ def _write_file(text: str, tables: dict[str, object]) -> None:
         InstallationFault: the text does not hold them, and the file is left alone.
     """
     path = Path(os.path.realpath(file_of_engines()))  # which may be a link
-    if not text.strip():
-        path.unlink(missing_ok=True)
-        return
     try:
         same = parse_toml(text) == tables
     except ValueError:
         same = False
     if not same:
         raise InstallationFault(f"{path} cannot be changed here; please do it by hand, and leave its other tables as they are")
+    if not text.strip():
+        path.unlink(missing_ok=True)
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, unfinished = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
     try:
