@@ -52,6 +52,7 @@ FOREIGN = {
     "pinocchio": "engines/pinocchio/",
     "exudyn": "engines/exudyn/adapter.py",
     "mujoco": "engines/mujoco/",
+    "opensim": "engines/opensim/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gauss_bench.engines import tree_loads
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mujoco import forces
 from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, configure, verify
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.tree import spanning_tree
@@ -190,3 +192,9 @@ def test_a_feature_that_a_model_uses_stays_on(monkeypatch):
         assert model.opt.disableflags & bits.mjDSBL_ISLAND
     configured = ENGINE.build(load("four_bar"), Choice("default")).model.opt.disableflags
     assert configured == bits.mjDSBL_AUTORESET  # as shipped, but for that
+
+
+@pytest.mark.parametrize("name", forces.MOVED)
+def test_names_of_loads_on_a_tree_are_found_under_their_former_module_with_a_warning(name: str) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"engines\.tree_loads\.{name}"):
+        assert getattr(forces, name) is getattr(tree_loads, name)

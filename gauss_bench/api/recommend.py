@@ -13,7 +13,7 @@ from gauss_bench.api.in_worker import tell_plainly
 from gauss_bench.api.program_error import describe_error, describe_reference
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
-from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, all_names
+from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet
 from gauss_bench.linkage.load import built_in, find, load
@@ -247,7 +247,7 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
         return f"No setting holds half of {limit} within the budget; {nearest.engine} is nearest with {came}: {more}."
     errors = " and ".join(f"{best.errors[k]:.1e} {UNITS[k]}" for k in wanted)
     takes = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
-    others = [x for x in answers if x is not best and x.engine in FOREIGN and x.ratio is not None]
+    others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
     than = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
     return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}."
 

@@ -5,9 +5,9 @@ Adapters are imported when they are first used. If a library is missing, the mes
 An engine whose library does not go together with those of this environment lives in one of its own. A file of the user's names such
 engines, each by a table:
 
-    [opensim]
-    class = "gb_opensim:OpenSim"                 # MODULE:CLASS, as it is imported there
-    python = "/home/me/opensim/bin/python"       # the interpreter of the environment
+    [heun]
+    class = "my_engine:Heun"                     # MODULE:CLASS, as it is imported there; an engine of ELSEWHERE needs none
+    python = "/home/me/heun/bin/python"          # the interpreter of the environment
     memory = 8                                   # GiB that a process may have, where the usual limit does not do
 
 It is `gauss-bench/engines.toml` in the user's folder of settings, or the file that GAUSS_BENCH_ENGINES names. The environment needs
@@ -37,6 +37,9 @@ DERIVED = {  # further equations of the suite's own, compiled; like a library, t
 RIVALS = {  # used by searches and by users who name them, but not by suites: they need a C compiler, or fit few linkages
     "by_hand": "gauss_bench.engines.by_hand.adapter:ByHand",
     "pinocchio_casadi": "gauss_bench.engines.pinocchio.symbolic:PinocchioCasadi",
+}
+ELSEWHERE = {  # adapters of this package whose library needs an environment of its own; not listed without one
+    "opensim": "gauss_bench.engines.opensim.adapter:OpenSim",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
@@ -131,7 +134,14 @@ def get(name: str) -> Engine:
     for point in _plug_ins():
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]
-    raise UnknownEngine(f"unknown engine {name!r}; there are {', '.join(all_names())}")
+    raise unknown(name)
+
+
+def unknown(name: str) -> UnknownEngine:
+    """Return the error of a name that no engine has."""
+    if name in ELSEWHERE:
+        return UnknownEngine(f"the engine {name} is not installed; `gauss-bench engines install {name}` installs it")
+    return UnknownEngine(f"unknown engine {name!r}; there are {', '.join(all_names())}")
 
 
 def _plug_ins() -> Iterable[Any]:
@@ -209,7 +219,8 @@ def _read_table(path: Path, name: str, table: Any) -> Environment:
     for key, kind in KEYS.items():
         if key in table and (not isinstance(table[key], kind) or isinstance(table[key], bool)):
             raise fault(key, "must be a number" if key == "memory" else "must be a text")
-    if not is_class(table.get("class", "")):
+    class_name = table.get("class", ELSEWHERE.get(name, ""))
+    if not is_class(class_name):
         raise fault("class", "must be MODULE:CLASS")
     python = os.path.expanduser(table.get("python", ""))
     if not os.path.isabs(python) or "\0" in python:
@@ -217,4 +228,4 @@ def _read_table(path: Path, name: str, table: Any) -> Environment:
     memory = float(table.get("memory", 0.0))
     if memory and not LEAST <= memory <= MOST:
         raise fault("memory", f"must be {LEAST:g} to {MOST:g} GiB, not {memory:g}")
-    return Environment(name, table["class"], python, int(memory * 2**30))
+    return Environment(name, class_name, python, int(memory * 2**30))

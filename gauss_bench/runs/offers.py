@@ -17,15 +17,16 @@ import numpy as np
 from gauss_bench.engines import (
     COMPILED,
     DERIVED,
+    ELSEWHERE,
     FOREIGN,
     OWN,
     RIVALS,
-    UnknownEngine,
     all_names,
     environment_of,
     get,
     is_class,
     not_installed,
+    unknown,
 )
 from gauss_bench.engines.base import CHOSEN, Choice, Variant
 from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
@@ -160,7 +161,9 @@ class Offer:
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
     """Return in words which code of the suite runs in Python within an engine's time; NOT_TOLD for plug-ins."""
-    describe_python = getattr(get(name), "in_python", None) if name in SAFE else None  # an adapter need not have it
+    environment = environment_of(name)
+    safe = name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name))
+    describe_python = getattr(get(name), "in_python", None) if safe else None  # an adapter need not have it
     return str(describe_python(mechanism, choice)) if describe_python else NOT_TOLD
 
 
@@ -201,7 +204,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         wanted = there if wanted is None else wanted
         for name in wanted:
             if name not in there and not is_class(name):
-                raise UnknownEngine(f"unknown engine {name!r}; there are {', '.join(there)}")
+                raise unknown(name)
     with _asking:
         others = [name for name in wanted if name not in _known and name not in SAFE]
         _known.update({name: describe(name) for name in wanted if name not in _known and name in SAFE})

@@ -10,9 +10,10 @@ from typing import Any, assert_never
 
 import numpy as np
 
-from gauss_bench.engines.mujoco.forces import AtSite, Native, OnJoints, Steady, Tendon, native_forces
+from gauss_bench.engines.mujoco.forces import AtSite, Native, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.engines.tree import Branch, Tree
+from gauss_bench.engines.tree_loads import OnJoints, Steady
 from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.model import GROUND, LengthDriver, Link, Mechanism, Point
 from gauss_bench.terms import Array

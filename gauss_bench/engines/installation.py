@@ -1,0 +1,294 @@
+"""Environments of the engines of ELSEWHERE, installed into a folder of the user's data, and removed from it.
+
+An environment is made by venv and pip from the engine's `requirements.txt`, whose hashes pip checks. It is built in a hidden folder
+beside, which is renamed when pip has succeeded, and is then entered in the user's file of engines. An installation that fails or is
+interrupted leaves nothing. A killed one leaves its hidden folder, which the next call removes. Any other folder is removed only if
+it holds the file MADE, and tables of the user's own in the file of engines are left alone.
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gauss_bench.engines import ELSEWHERE, KEYS, LARGEST, UnknownEngine, file_of_engines, read_environments
+from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
+
+ROOMS = Path(__file__).parent
+MADE = "made-by-gauss-bench"  # file in every folder that is made here
+HIDDEN = re.compile(r"\.[\w.-]+\.part-\w+")  # name of a folder in which an environment is built or deleted
+LAST_LINES = 3  # of a program's output that are quoted when it fails
+
+Told = Callable[[str], None]
+
+
+class InstallationFault(BadInput):
+    """An environment that cannot be installed or removed; the message says why."""
+
+
+@dataclass(frozen=True)
+class Offered:
+    """An environment as the engine's file `environment.toml` describes it.
+
+    Attributes:
+        library: name and version; licence: of all that is installed.
+        download, installed: size [MB].
+        pythons: interpreters and machines for which there are wheels.
+    """
+
+    library: str
+    licence: str
+    download: float
+    installed: float
+    pythons: str
+
+
+def read_offered(name: str) -> Offered:
+    """Return the description of an engine's environment.
+
+    Raises:
+        UnknownEngine: it is not among those that can be installed.
+    """
+    if name not in ELSEWHERE:
+        raise UnknownEngine(f"{name!r} is no engine that can be installed; there are {', '.join(ELSEWHERE)}")
+    return Offered(**parse_toml((ROOMS / name / "environment.toml").read_text(encoding="utf-8")))
+
+
+def home() -> Path:
+    """Return the folder of all environments, which need not exist."""
+    base = os.environ.get("XDG_DATA_HOME", "")
+    data = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "share"
+    return data / "gauss-bench" / "engines"
+
+
+def interpreter_in(folder: Path) -> Path:
+    """Return the path of the interpreter of an environment."""
+    return folder / "bin" / "python"
+
+
+def is_installed_here(name: str) -> bool:
+    """Tell whether an engine has an environment that `install` made and that the user's file of engines names."""
+    environment = read_environments().get(name)
+    return environment is not None and Path(environment.python) == interpreter_in(home() / name) and _is_ours(home() / name)
+
+
+def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
+    """Install the environment of an engine and enter it in the user's file of engines.
+
+    Args:
+        why_unusable: is asked at the end for the reason why the engine cannot be used; empty if it can.
+
+    Raises:
+        InstallationFault: it cannot be installed, or the engine cannot be used.
+    """
+    offered, place = read_offered(name), home() / name
+    home().mkdir(parents=True, exist_ok=True)
+    with _alone():
+        require_free(name)
+        unfinished = _make_hidden(name)
+        try:
+            told(f"{name}: making an environment of Python {sys.version_info[0]}.{sys.version_info[1]} in {place}")
+            _run([sys.executable, "-I", "-m", "venv", str(unfinished)], "the environment cannot be made", told)
+            told(f"{name}: installing {offered.library}, {offered.download:g} MB to download")
+            _run(_pip(name, unfinished), f"{offered.library} cannot be installed (there are wheels for {offered.pythons})", told)
+            if place.exists():  # of an installation that was killed before it was entered, or that another file of engines names
+                _delete(place)
+            unfinished.rename(place)
+            _enter(name, interpreter_in(place))
+            if reason := why_unusable(name):
+                raise InstallationFault(f"{name} was installed and cannot be used, so it was removed: {reason}")
+        except BaseException:
+            if unfinished.exists():
+                shutil.rmtree(unfinished, ignore_errors=True)
+            else:  # it was renamed
+                _undo(name)
+            raise
+
+
+def remove(name: str) -> None:
+    """Remove an environment that `install` made, and its entry in the user's file of engines.
+
+    Raises:
+        InstallationFault: there is none.
+    """
+    read_offered(name)
+    place = home() / name
+    if not _is_ours(place):
+        listed = read_environments().get(name)
+        where = f"; its environment is named in {file_of_engines()}, from which you can take it" if listed else ""
+        raise InstallationFault(f"{name} was not installed by `gauss-bench engines install`{where}")
+    with _alone():
+        _undo(name)
+
+
+def _undo(name: str) -> None:
+    """Take an engine out of the file of engines, if it is named there with our environment, and delete that environment."""
+    if is_installed_here(name):
+        _take_out(name)
+    _delete(home() / name)
+
+
+def remove_leftovers() -> None:
+    """Remove what killed installations left, unless an installation is running."""
+    if home().is_dir():
+        with contextlib.suppress(InstallationFault), _alone():
+            pass
+
+
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """Hold the folder of environments for this process alone, cleared of what killed installations left.
+
+    Raises:
+        InstallationFault: another process holds it.
+    """
+    folder = os.open(home(), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InstallationFault("another process installs or removes an engine; try again when it has ended") from error
+        for path in home().iterdir():
+            if HIDDEN.fullmatch(path.name):
+                shutil.rmtree(path, ignore_errors=True)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _is_ours(folder: Path) -> bool:
+    """Tell whether a folder was made here."""
+    return not folder.is_symlink() and (folder / MADE).is_file()
+
+
+def _make_hidden(name: str) -> Path:
+    """Return a new hidden folder, marked as made here; no pip of a killed installation writes into it."""
+    folder = Path(tempfile.mkdtemp(prefix=f".{name}.part-", dir=home()))
+    (folder / MADE).touch()
+    return folder
+
+
+def _delete(place: Path) -> None:
+    """Delete an environment; if this is interrupted, the next call deletes the rest."""
+    doomed = _make_hidden(place.name)
+    place.rename(doomed / place.name)
+    shutil.rmtree(doomed)
+
+
+def require_free(name: str) -> None:
+    """Check that neither the file of engines nor a folder of the user's own is in the way of an installation.
+
+    Raises:
+        InstallationFault: one of them is.
+    """
+    place = home() / name
+    if is_installed_here(name):
+        raise InstallationFault(f"{name} is installed, in {place}; `gauss-bench engines remove {name}` removes it")
+    if listed := read_environments().get(name):
+        raise InstallationFault(f"{file_of_engines()} names an environment of {name} already, {listed.python}; take it out first")
+    if place.is_symlink() or (place.exists() and not _is_ours(place)):
+        raise InstallationFault(f"{place} was not made by gauss-bench; move it away first")
+
+
+def _pip(name: str, folder: Path) -> list[str]:
+    """Return the command that installs an engine's requirements; it takes nothing from the environment of this process."""
+    options = ["--require-hashes", "--only-binary", ":all:", "--no-input", "--disable-pip-version-check"]
+    requirements = str(ROOMS / name / "requirements.txt")
+    return [str(interpreter_in(folder)), "-I", "-m", "pip", "install", *options, "-r", requirements]
+
+
+def _run(command: Sequence[str], failure: str, told: Told) -> None:
+    """Run a program to its end; its output goes to the terminal, or is told line by line where there is none.
+
+    Raises:
+        InstallationFault: it fails.
+    """
+    at_terminal = sys.stderr.isatty()
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=sys.stderr.fileno() if at_terminal else subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        start_new_session=True,  # so that an interrupt of the terminal reaches this process alone, which then ends the program
+    )
+    lines: list[str] = []
+    try:
+        for line in filter(None, map(str.strip, process.stdout or ())):
+            lines.append(line)
+            told(line)
+        code = process.wait()
+    except BaseException:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        raise
+    if code:
+        errors = [line for line in lines if line.startswith("ERROR")] or lines
+        reason = "its message stands above" if at_terminal else " ".join(errors[-LAST_LINES:])
+        raise InstallationFault(f"{failure}: {reason}")
+
+
+def _read_file() -> str:
+    """Return the text of the user's file of engines; empty if there is none."""
+    try:
+        return read_bytes(file_of_engines(), LARGEST).decode()
+    except FileNotFoundError:
+        return ""
+
+
+def _enter(name: str, python: Path) -> None:
+    """Add the table of an engine to the end of the user's file of engines."""
+    before = _read_file()
+    gap = "\n" if before.endswith("\n") or not before else "\n\n"
+    table = {"class": ELSEWHERE[name], "python": str(python)}
+    lines = [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    text = f"{before}{gap if before else ''}" + "\n".join(lines) + "\n"
+    _write_file(text, parse_toml(before) | {name: table})
+
+
+def _take_out(name: str) -> None:
+    """Take the table of an engine out of the user's file of engines, with the empty line before it."""
+    before = _read_file()
+    table = rf'(?m)(^[ \t]*\n)?^[ \t]*\[[ \t]*"?{re.escape(name)}"?[ \t]*\].*\n?(^[ \t]*({"|".join(KEYS)})[ \t]*=.*\n?)*'
+    others = {key: x for key, x in parse_toml(before).items() if key != name}
+    _write_file(re.sub(table, "", before, count=1), others)
+
+
+def _write_file(text: str, tables: dict[str, object]) -> None:
+    """Replace the user's file of engines by a text that holds these tables; without text there is no file.
+
+    Raises:
+        InstallationFault: the text does not hold them, and the file is left alone.
+    """
+    path = Path(os.path.realpath(file_of_engines()))  # which may be a link
+    try:
+        same = parse_toml(text) == tables
+    except ValueError:
+        same = False
+    if not same:
+        raise InstallationFault(f"{path} cannot be changed here; please do it by hand, and leave its other tables as they are")
+    if not text.strip():
+        path.unlink(missing_ok=True)
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, unfinished = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        if path.exists():
+            shutil.copymode(path, unfinished)
+        os.replace(unfinished, path)
+    except BaseException:
+        Path(unfinished).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,213 @@
+"""A linkage as an OpenSim model: links hang in a tree of joints, and a PointConstraint closes each pin that the tree leaves open.
+
+The tree coordinates y are also OpenSim's. Frames of links lie at their centres of mass. Only what OpenSim's elements express
+exactly is translated; anything else is refused by name:
+
+    constant generalised force                     CoordinateActuator, whose actuation is overridden by the force
+    spring and damper on one tree coordinate       SpringGeneralizedForce
+    spring between points                          PointToPointSpring
+    damper or constant force between points        ExpressionBasedPointToPointForce
+    force at a point, fixed in the world or link   PrescribedForce
+    prescribed angle or slide at constant speed    prescribed coordinate, with a LinearFunction
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.shared import closing_pins, driven_coordinates, jointed, spatial
+from gauss_bench.engines.tree import Branch, Tree, Turning, turning
+from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, sort_loads
+from gauss_bench.mechanism.coordinates import rotate
+from gauss_bench.mechanism.model import GROUND, Distance, Law, LengthDriver, Mechanism, PointForce
+from gauss_bench.terms import Array
+
+FAR = 1e9  # [rad, m] end of a coordinate's range: OpenSim's own ends at some turns
+
+
+def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
+    """Return the reason why OpenSim's elements cannot express a driver or a force, or None if they can."""
+    if None in driven_coordinates(mechanism, tree):
+        return "OpenSim prescribes coordinates of the tree of joints, and the driven angle is none"
+    for driver in mechanism.drivers:
+        if isinstance(driver, LengthDriver):
+            return f"OpenSim prescribes coordinates of joints, not the length {driver.name}"
+        if driver.law.name != "constant":
+            return f"OpenSim is given no motion law {driver.law.name} here"
+    turns = turning(tree)
+    refusals = (load_refusal(load, turns) for load in sort_loads(mechanism, tree))
+    return next(filter(None, refusals), None)
+
+
+def load_refusal(load: TreeLoad, turns: Turning) -> str | None:
+    """Return the reason why no element of OpenSim expresses a load, or None if one does."""
+    match load:
+        case Steady():
+            return None
+        case OnJoints(row, name=name):
+            return f"OpenSim has no spring or damper on a sum of coordinates ({name})" if np.count_nonzero(row) > 1 else None
+        case OtherLoad(name, PointForce(frame=frame, point=point)):
+            fixed = turns.together(frame, GROUND) or turns.together(frame, point.link)
+            return None if fixed else f"OpenSim cannot turn the force {name} with a third link"
+        case OtherLoad(name, Law(coordinate=Distance())):
+            return None
+    return f"OpenSim has no spring or damper along an axis that is not a slide's ({load.name})"
+
+
+@dataclass(eq=False)
+class Built:
+    """An OpenSim model.
+
+    Attributes:
+        model, coordinates: of OpenSim; start: a state of the model, from which others are copied.
+        pins: for each closing pin, OpenSim's body and the point in it, of both sides.
+        elements: Python's references to joints and forces, without which OpenSim would lose them.
+    """
+
+    model: Any
+    coordinates: list[Any]
+    start: Any
+    pins: list[tuple[tuple[Any, Any], tuple[Any, Any]]]
+    elements: list[Any]
+
+
+class Builder:
+    """Builds the OpenSim model of a mechanism; `whole` is false for the open tree without drivers."""
+
+    def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, whole: bool = True):
+        self.opensim, self.mechanism, self.tree, self.whole = opensim, mechanism, tree, whole
+        self.model = opensim.Model()
+        self.model.setUseVisualizer(False)
+        self.model.setGravity(self._vector(mechanism.gravity))
+        self.bodies: dict[int, Any] = {GROUND: self.model.getGround()}
+        self.coordinates: dict[int, Any] = {}
+        self.elements: list[Any] = []
+        self.motors: list[tuple[Any, float]] = []
+
+    def build(self) -> Built:
+        """Return the model with all its parts."""
+        opensim, mechanism = self.opensim, self.mechanism
+        for i, link in enumerate(mechanism.links):
+            inertia = opensim.Inertia(*[link.inertia] * 3)  # only the last moment of inertia acts
+            self.bodies[i] = opensim.Body(f"link{i}", link.mass, opensim.Vec3(0), inertia)
+            self.model.addBody(self.bodies[i])
+        for branch in self.tree.branches:
+            self._add_joint(branch)
+        pins = [(self._place(a), self._place(b)) for a, b in closing_pins(self.tree)]
+        turns = turning(self.tree)
+        for load in sort_loads(mechanism, self.tree):
+            self._add_load(load, turns)
+        if self.whole:
+            for a, b in pins:
+                self.model.addConstraint(opensim.PointConstraint(*a, *b))
+            self._prescribe()
+        self.model.finalizeConnections()
+        start = self.model.initSystem()
+        for motor, force in self.motors:
+            motor.overrideActuation(start, True)
+            motor.setOverrideActuation(start, force)
+        coordinates = [self.model.getCoordinateSet().get(f"y{k}") for k in range(self.tree.n)]
+        return Built(self.model, coordinates, start, pins, [self.bodies, self.coordinates, self.elements])
+
+    def _vector(self, x: Any) -> Any:
+        return self.opensim.Vec3(*spatial(x))
+
+    def _place(self, point: Any) -> tuple[Any, Any]:
+        """Return the body of a point, and the point in it."""
+        return self.bodies[point.link], self._vector(point.local)
+
+    def _add_joint(self, b: Branch) -> None:
+        """Add the joint of a branch, and name its coordinates."""
+        opensim, name = self.opensim, f"joint{b.at}"
+        if b.kind == "prismatic":  # OpenSim slides along x of both frames
+            direction = float(np.arctan2(b.axis[1], b.axis[0]))
+            joint = opensim.SliderJoint(name, *self._frames(b, direction))
+        else:
+            joint = (opensim.PinJoint if b.kind == "revolute" else opensim.PlanarJoint)(name, *self._frames(b))
+        if b.kind == "free":
+            kinds = (joint.Coord_TranslationX, joint.Coord_TranslationY, joint.Coord_RotationZ)
+            coordinates = [joint.updCoordinate(kind) for kind in kinds]
+        else:
+            coordinates = [joint.updCoordinate()]
+        self.model.addJoint(joint)
+        self.elements.append(joint)
+        for k, coordinate in enumerate(coordinates, start=b.at):
+            coordinate.setName(f"y{k}")
+            coordinate.set_clamped(False)
+            coordinate.set_range(0, -FAR)
+            coordinate.set_range(1, FAR)
+            self.coordinates[k] = coordinate
+
+    def _frames(self, b: Branch, direction: float = 0.0) -> tuple[Any, ...]:
+        """Return body, origin and angles of a joint's frame on both sides; x of the frames has a direction [rad] in the parent."""
+        near = self._vector(b.parent_anchor + b.base), self.opensim.Vec3(0, 0, direction)
+        far = self._vector(b.anchor), self.opensim.Vec3(0, 0, direction - b.turn)
+        return self.bodies[b.parent], *near, self.bodies[b.link], *far
+
+    def _add_load(self, load: TreeLoad, turns: Turning) -> None:
+        """Add the elements of a load."""
+        match load:
+            case Steady():
+                for at in np.flatnonzero(load.force):
+                    motor = self._add_force(self.opensim.CoordinateActuator(f"y{at}"))
+                    motor.setOptimalForce(1.0)
+                    self.motors.append((motor, load.value * float(load.force[at])))
+            case OnJoints():
+                self._add_joint_spring(load)
+            case OtherLoad(_, PointForce() as force):
+                self._add_point_force(force, turns)
+            case OtherLoad(_, Law() as law):
+                self._add_law_between(law)
+
+    def _add_force(self, element: Any) -> Any:
+        element.setName(f"force{len(self.elements)}")
+        self.model.addForce(element)
+        self.elements.append(element)
+        return element
+
+    def _add_joint_spring(self, load: OnJoints) -> None:
+        """Add a spring and damper on L = row . y + constant, where the row has at most one entry, 1 or -1."""
+        for at in np.flatnonzero(load.row):
+            spring = self._add_force(self.opensim.SpringGeneralizedForce(f"y{at}"))
+            spring.setStiffness(float(load.k))
+            spring.setViscosity(float(load.c))
+            spring.setRestLength(float((load.rest - load.constant) * load.row[at]))
+
+    def _add_point_force(self, force: PointForce, turns: Turning) -> None:
+        """Add a force that is fixed in the world or in the link of its point."""
+        in_world = turns.together(force.frame, GROUND)
+        fixed_in = GROUND if in_world else force.point.link
+        value = rotate(force.value, turns.constants[force.frame] - turns.constants[fixed_in])
+        element = self._add_force(self.opensim.PrescribedForce("", self.bodies[force.point.link]))
+        element.setForceFunctions(*map(self.opensim.Constant, spatial(value)))
+        element.setForceIsInGlobalFrame(in_world)
+        element.setPointFunctions(*map(self.opensim.Constant, spatial(force.point.local)))
+        element.setPointIsInGlobalFrame(False)
+
+    def _add_law_between(self, law: Law) -> None:
+        """Add a law on a distance; a plain spring has an element that needs no expression."""
+        assert isinstance(law.coordinate, Distance)
+        a, b = self._place(law.coordinate.a), self._place(law.coordinate.b)
+        if law.c or law.bias:
+            # OpenSim's force draws the points together, a law pushes them apart; ddot is OpenSim's name of the rate of d
+            text = f"{float(law.k)!r}*(d-({float(law.rest)!r}))+{float(law.c)!r}*ddot-({float(law.bias)!r})"
+            ends = a[0].getName(), a[1], b[0].getName(), b[1]
+            self._add_force(self.opensim.ExpressionBasedPointToPointForce(*ends, text))
+        else:
+            self._add_force(self.opensim.PointToPointSpring(*a, *b, float(law.k), float(law.rest)))
+
+    def _prescribe(self) -> None:
+        """Prescribe the driven coordinates."""
+        driven = driven_coordinates(self.mechanism, self.tree)
+        for at, driver in zip(driven, jointed(self.mechanism), strict=True):
+            assert at is not None
+            speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
+            self.coordinates[at].setPrescribedFunction(self.opensim.LinearFunction(speed, start))
+            self.coordinates[at].setDefaultIsPrescribed(True)
+
+
+def gaps(built: Built, state: Any) -> Array:
+    """Return point b minus point a of every closing pin (pins, 2) [m], by OpenSim's own kinematics."""
+    places = [[body.findStationLocationInGround(state, point) for body, point in pin] for pin in built.pins]
+    return np.array([[b.get(i) - a.get(i) for i in range(2)] for a, b in places]).reshape(-1, 2)

@@ -1,0 +1,314 @@
+"""`gauss-bench engines`: environments that are installed and removed, and what is left if that fails, is refused or interrupted.
+
+Nothing is downloaded: pip gets a folder with one small wheel, or an index that never answers.
+"""
+
+import base64
+import fcntl
+import hashlib
+import io
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench.cli import main
+from gauss_bench.engines import ELSEWHERE, FILE, environment_of, installation, read_environments
+from tests.test_environments import STAND_IN
+
+OWN = '# engines of mine\n[heun]  # a trial\nclass = "my_engine:Heun"\npython = "/home/me/heun/bin/python"\n'
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's file of engines; the folder for environments lies beside it."""
+    path = tmp_path / "settings" / "engines.toml"
+    path.parent.mkdir()
+    path.write_text(OWN)
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    return path
+
+
+@pytest.fixture
+def twin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The room of an engine that can be installed: `stand_in:Twin`, whose wheel pip finds in a folder."""
+    links, room = tmp_path / "wheels", tmp_path / "rooms" / "twin"
+    for folder in (links, room):
+        folder.mkdir(parents=True)
+    wheel = write_wheel(links, tmp_path)
+    digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
+    (room / "requirements.txt").write_text(f"twin==1.0 --hash=sha256:{digest}\n")
+    (room / "environment.toml").write_text(
+        'library = "Twin 1.0"\nlicence = "none of anybody"\ndownload = 0.1\ninstalled = 0.2\npythons = "every Python"\n'
+    )
+    for name in ELSEWHERE.copy():
+        monkeypatch.delitem(ELSEWHERE, name)
+    monkeypatch.setitem(ELSEWHERE, "twin", "stand_in:Twin")
+    monkeypatch.setattr(installation, "ROOMS", room.parent)
+    for variable, value in {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(links), "PIP_CONFIG_FILE": os.devnull}.items():
+        monkeypatch.setenv(variable, value)
+    return room
+
+
+def write_wheel(folder: Path, tmp_path: Path) -> Path:
+    """Write a wheel of the stand-in, which also makes the numpy of this environment importable, and that alone."""
+    there = tmp_path / "numpy alone"
+    there.mkdir()
+    for part in ("numpy", "numpy.libs"):
+        if (source := Path(np.__file__).parents[1] / part).exists():
+            (there / part).symlink_to(source)
+    about = "twin-1.0.dist-info"
+    files = {
+        "stand_in.py": STAND_IN,
+        "numpy_alone.pth": f"{there}\n",
+        f"{about}/METADATA": "Metadata-Version: 2.1\nName: twin\nVersion: 1.0\n",
+        f"{about}/WHEEL": "Wheel-Version: 1.0\nGenerator: a test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }
+    path = folder / "twin-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(path, "w") as wheel:
+        record = f"{about}/RECORD,,\n"
+        for name, text in files.items():
+            digest = base64.urlsafe_b64encode(hashlib.sha256(text.encode()).digest()).rstrip(b"=").decode()
+            record += f"{name},sha256={digest},{len(text.encode())}\n"
+            wheel.writestr(name, text)
+        wheel.writestr(f"{about}/RECORD", record)
+    return path
+
+
+def left() -> list[str]:
+    """Names of all that lies in the folder of environments."""
+    return sorted(x.name for x in installation.home().iterdir()) if installation.home().exists() else []
+
+
+@pytest.mark.slow
+def test_an_engine_is_installed_used_and_removed_and_other_entries_stay(
+    engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["engines", "install", "twin", "--yes"]) == 0
+    said = capsys.readouterr()
+    assert "with numpy alone" in said.out
+    for words in ("none of anybody", "0.1 MB to download", "Successfully installed twin-1.0"):
+        assert words in said.err
+    assert engines.read_text().startswith(OWN)
+    assert [*read_environments()] == ["heun", "twin"]
+    assert left() == ["twin"]
+    assert main(["engines", "install", "twin", "--yes"]) == 2
+    assert "twin is installed" in capsys.readouterr().err
+    assert main(["engines", "remove", "twin"]) == 0
+    assert (engines.read_text(), left()) == (OWN, [])
+
+
+@pytest.mark.slow
+def test_what_pip_refuses_or_cannot_find_leaves_nothing(
+    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    requirements = (twin / "requirements.txt").read_text()
+    (twin / "requirements.txt").write_text(f"twin==1.0 --hash=sha256:{'0' * 64}\n")
+    assert main(["engines", "install", "twin", "--yes"]) == 2
+    assert "hash" in capsys.readouterr().err.lower().rpartition("error: twin 1.0 cannot be installed")[2]
+    (twin / "requirements.txt").write_text(requirements)
+    monkeypatch.setenv("PIP_FIND_LINKS", os.devnull)
+    assert main(["engines", "install", "twin", "--yes"]) == 2
+    assert "error: Twin 1.0 cannot be installed (there are wheels for every Python): ERROR: " in capsys.readouterr().err
+    assert (engines.read_text(), left()) == (OWN, [])
+
+
+@pytest.mark.slow
+def test_an_engine_that_cannot_be_used_is_removed_again(
+    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(ELSEWHERE, "twin", "stand_in:Nobody")
+    assert main(["engines", "install", "twin", "--yes"]) == 2
+    assert "cannot be used" in capsys.readouterr().err
+    assert (engines.read_text(), left()) == (OWN, [])
+
+
+@pytest.fixture
+def silent_index(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+    """An index that accepts connections and never answers."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        monkeypatch.setenv("PIP_INDEX_URL", f"http://127.0.0.1:{server.getsockname()[1]}/simple")
+        monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+        monkeypatch.delenv("PIP_FIND_LINKS", raising=False)
+        server.settimeout(60.0)
+        yield server
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_an_interrupted_installation_leaves_nothing_and_a_killed_one_nothing_after_the_next_call(
+    end: signal.Signals, code: int, engines: Path, silent_index: socket.socket
+) -> None:
+    name = next(iter(ELSEWHERE))
+    command = [sys.executable, "-m", "gauss_bench", "engines", "install", name, "--yes"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        connection, _ = silent_index.accept()  # pip asks for the library
+        with connection:
+            assert connection.recv(1 << 16)
+            assert left() != []
+            process.send_signal(end)
+            assert process.wait(30) == code
+            if end is signal.SIGINT:
+                assert connection.recv(1) == b""  # pip has ended
+    if end is signal.SIGKILL:
+        assert left() != []
+        silent_index.close()  # or pip would ask again
+        time.sleep(1.0)
+        assert main(["engines"]) == 0
+    assert (engines.read_text(), left()) == (OWN, [])
+
+
+@pytest.mark.parametrize("step", ["_run", "_enter", "after"])
+def test_an_interrupt_at_any_step_leaves_nothing(
+    step: str, engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(installation, "_run", lambda *_: None)
+    if step != "after":
+        monkeypatch.setattr(installation, step, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        installation.install("twin", interrupt, lambda _: None)
+    assert (engines.read_text(), left()) == (OWN, [])
+
+
+def test_an_installation_killed_before_it_was_entered_is_replaced(
+    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(installation, "_run", lambda *_: None)
+    old = installation.home() / "twin"
+    old.mkdir(parents=True)
+    (old / installation.MADE).touch()
+    (old / "half").touch()
+    installation.install("twin", lambda _: "", lambda _: None)
+    assert installation.is_installed_here("twin")
+    assert (left(), (old / "half").exists()) == (["twin"], False)
+
+
+def test_without_a_terminal_nothing_is_installed_unless_yes_is_given(
+    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
+    assert main(["engines", "install", "twin"]) == 2
+    assert "--yes installs without" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdin", Terminal("\n"))
+    assert main(["engines", "install", "twin"]) == 1
+    said = capsys.readouterr()
+    assert "nothing is installed" in said.out
+    assert "none of anybody" in said.err
+    assert "Install twin? [y/N]" in said.err
+    assert (engines.read_text(), left()) == (OWN, [])
+
+
+def test_what_was_not_installed_here_is_neither_removed_nor_replaced(
+    engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = installation.home() / "twin"
+    folder.mkdir(parents=True)
+    (folder / "of mine").touch()
+    assert main(["engines", "remove", "twin"]) == 2
+    assert main(["engines", "install", "twin", "--yes"]) == 2
+    assert "was not made by gauss-bench" in capsys.readouterr().err
+    assert (folder / "of mine").exists()
+    folder.rename(folder.with_name("elsewhere"))
+    entry = OWN + '[twin]\npython = "/home/me/twin/bin/python"\n'
+    engines.write_text(entry)
+    assert main(["engines", "remove", "twin"]) == 2
+    assert main(["engines", "install", "twin", "--yes"]) == 2
+    assert str(engines) in capsys.readouterr().err
+    assert (engines.read_text(), left()) == (entry, ["elsewhere"])
+
+
+def test_two_installations_at_once_are_refused(engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    installation.home().mkdir(parents=True)
+    other = os.open(installation.home(), os.O_RDONLY)
+    try:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert main(["engines", "install", "twin", "--yes"]) == 2
+        assert "another process installs" in capsys.readouterr().err
+        assert main(["engines"]) == 0
+    finally:
+        os.close(other)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["install"], ["remove"], ["list", "twin"], ["install", "nobody", "--yes"], ["remove", "../x"]]
+)
+def test_a_wrong_name_is_bad_usage(arguments: list[str], engines: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["engines", *arguments]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_a_faulty_file_of_engines_stops_an_installation_before_it_begins(
+    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(installation, "_run", lambda *_: pytest.fail("it began"))
+    engines.write_text("[heun]\n")
+    assert main(["engines", "install", "twin", "--yes"]) == 2
+    assert str(engines) in capsys.readouterr().err
+    assert engines.read_text() == "[heun]\n"
+
+
+PYTHON = Path('/home/me/it\'s "here"/bin/python')
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("", ""),
+        (OWN, OWN),
+        (OWN.rstrip("\n"), OWN),
+        ("# nothing yet\n", "# nothing yet\n"),
+        (OWN + "\n# an end\n", OWN + "\n# an end\n"),
+    ],
+)
+def test_an_entry_comes_and_goes_and_the_rest_of_the_file_stays(before: str, after: str, engines: Path, twin: Path) -> None:
+    engines.write_text(before) if before else engines.unlink()
+    installation._enter("twin", PYTHON)
+    environment = environment_of("twin")
+    assert environment is not None
+    assert (environment.python, environment.class_name) == (str(PYTHON), "stand_in:Twin")
+    assert before in engines.read_text()
+    installation._take_out("twin")
+    assert (engines.read_text() if engines.exists() else "") == after
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text + "\n# later\n" + OWN.replace("heun", "later"),
+        lambda text: text.replace("[twin]", '  [ "twin" ]  # moved'),
+        lambda text: text.replace("python = ", "memory = 3\npython = ", 1) if "memory" not in text else text,
+    ],
+)
+def test_an_entry_that_the_user_has_edited_goes_alone(change: Callable[[str], str], engines: Path, twin: Path) -> None:
+    installation._enter("twin", PYTHON)
+    engines.write_text(change(engines.read_text()))
+    others = {name: x for name, x in read_environments().items() if name != "twin"}
+    installation._take_out("twin")
+    assert read_environments() == others
+    assert "# engines of mine" in engines.read_text()
+
+
+def test_an_entry_that_cannot_be_taken_out_by_itself_is_left(engines: Path, twin: Path) -> None:
+    text = OWN + '[twin]\nclass = "stand_in:Twin"\n# mine\npython = "/p"\n'
+    engines.write_text(text)
+    with pytest.raises(installation.InstallationFault, match="by hand"):
+        installation._take_out("twin")
+    assert engines.read_text() == text
