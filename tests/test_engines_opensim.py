@@ -19,9 +19,23 @@ from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import load
 from gauss_bench.reference.certificate import certificate_path, read_certificate
 from gauss_bench.runs.offers import NOT_TOLD, in_python, offers
+from gauss_bench.runs.worker import keep
 from tests.conftest import everything
 
-needs_opensim = pytest.mark.skipif(environment_of("opensim") is None, reason="there is no environment of OpenSim here")
+ENVIRONMENT = environment_of("opensim")
+
+
+@pytest.fixture
+def opensim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The adapter of this package, in the environment of OpenSim that the user's file of engines names."""
+    if ENVIRONMENT is None:
+        pytest.skip("there is no environment of OpenSim here")
+    path = tmp_path / "engines.toml"
+    path.write_text(f'[opensim]\npython = "{ENVIRONMENT.python}"\n', encoding="utf-8")
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    keep("opensim").stop()  # its process may have another file of engines
+
 
 # crank error after 1 s in steps of 1 ms [rad]; with equal steps and redundant rows (the parallelogram) the default is noise
 MEASURED = [
@@ -33,8 +47,8 @@ MEASURED = [
 ]
 
 
-@needs_opensim
 @pytest.mark.slow
+@pytest.mark.usefixtures("opensim")
 @pytest.mark.parametrize(("name", "scenario", "settings", "most"), MEASURED)
 def test_the_crank_is_off_the_certificate_by_no_more_than_was_measured(
     name: str, scenario: str, settings: str, most: float
@@ -52,7 +66,7 @@ def test_the_crank_is_off_the_certificate_by_no_more_than_was_measured(
     assert 0.5 * most < error < 1.2 * most
 
 
-@needs_opensim
+@pytest.mark.usefixtures("opensim")
 @pytest.mark.parametrize("name", ["crank_slider", "four_bar"])
 def test_a_crank_at_constant_speed_is_prescribed(name: str) -> None:
     run = gauss_bench.simulate(name, "opensim", "driven", at=[0.0, 0.1])
@@ -61,7 +75,7 @@ def test_a_crank_at_constant_speed_is_prescribed(name: str) -> None:
     assert run.links["crank"]["omega"][-1] == pytest.approx(2 * np.pi, abs=1e-12)
 
 
-@needs_opensim
+@pytest.mark.usefixtures("opensim")
 def test_steps_that_opensim_chooses_are_counted_and_follow_the_tolerance() -> None:
     few, many = (
         gauss_bench.simulate("four_bar", "opensim", integrator="rk_merson_adaptive", tolerance=x, at=[0.0, 0.2])
