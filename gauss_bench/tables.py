@@ -234,7 +234,7 @@ def key_of(table: Table, row: Row) -> tuple[str, ...]:
 
 
 def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], path: Path) -> None:
-    """Write typed rows as Parquet, with the format in its metadata; all digits are kept but those of curves."""
+    """Write typed rows as Parquet, with the format in its metadata. Numbers keep all digits, points of curves CURVE_BITS bits."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -172,7 +172,7 @@ def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
 
 
 def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]:
-    """Return error, drift and energy over time, about SERIES points of a run; empty without a reference."""
+    """Return error, drift and energy over time, thinned to fewer than 2 SERIES points; empty without a reference."""
     drift, errors = evidence.drift, evidence.errors
     if errors is None:
         return []

@@ -454,16 +454,19 @@ class Case:
             return Answer(Cause.STALE, old.sentence, [old])
         c = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        if (c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows) or self._constraints_yield():
+        # soft: gaps that follow the closing forces as a spring does, or accelerations that say so
+        gap_is_elastic = c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows
+        if gap_is_elastic or self._constraints_yield():
             gap = f"the loops open by {c.closure[0]:.1e} (m, rad) at {c.closure_joint}"
             said = f"soft constraints, which these settings tie to the step: {gap}, following the force there"
             return Answer(Cause.SOFTNESS, f"{said} ({c.compliance:.1e} m/N); it {falls}")
-        mended = self._share_after_projection() if c.closure_share > MEANT and c.grows else 1.0
+        may_drift = c.closure_share > MEANT and c.grows
+        mended = self._share_after_projection() if may_drift else 1.0  # a further run, with projection
         if mended < MENDS:
             gap = f"the loops open, by {c.closure_early:.1e} early and {c.closure_late:.1e} (m, rad) late"
             left = f"with steps projected {mended:.0%} of the error is left"
             return Answer(Cause.DRIFT, f"drift off the constraints: {gap}; {left}; it {falls}")
-        share = self.by_step / max(self.by_step, self.whole)
+        share = self.by_step / max(self.by_step, self.whole)  # by_step is extrapolated and may exceed the whole error
         return Answer(Cause.INTEGRATOR, f"the integrator: {share:.0%} of the error {falls}{self._name_hidden_fault()}")
 
     def _loses_order(self) -> bool:

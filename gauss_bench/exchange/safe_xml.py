@@ -126,15 +126,14 @@ def refuse_bulk(root: Element, path: Path) -> None:
 
 def _count_elements(root: Element, path: Path) -> float:
     """Return the number of elements with all copies of <replicate>; more than ELEMENTS are refused."""
-    elements, waiting = 0.0, [(root, 1.0)]
+    elements, waiting = 0.0, [(root, 1.0)]  # (element, its copies), as floats: a file may ask for any count
     while waiting:
         node, copies = waiting.pop()
         elements += copies
-        if node.tag == "replicate":
-            copies *= _largest(node, "count")
-        if max(elements, copies) > ELEMENTS:
+        copies_inside = copies * (_largest(node, "count") if node.tag == "replicate" else 1.0)
+        if max(elements, copies_inside) > ELEMENTS:  # at the <replicate>, before its first child
             raise ExchangeError(f"{path}: {describe(node)}: more than {ELEMENTS} elements, copies counted, are not read")
-        waiting += ((child, copies) for child in reversed(node))
+        waiting += ((child, copies_inside) for child in reversed(node))  # taken from the end: in the order of the file
     return elements
 
 

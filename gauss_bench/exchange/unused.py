@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-SHOWN = 20  # names in a sentence: a linkage file, whose head repeats the sentences, is at most 1 MiB long
+SHOWN = 20  # names in a sentence, and sentences: a linkage file, whose head repeats the sentences, is at most 1 MiB long
 LONGEST = 60  # characters of a name
 FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))["unused"]
 
@@ -50,12 +50,12 @@ def _list_sections(root: Element) -> Iterator[str]:
 
 
 def list_ignored(root: Element, used: Mapping[str, Iterable[str]]) -> list[str]:
-    """List the elements of a URDF that are not read.
+    """Return sentences on the elements of a URDF that are not read, one for each tag; SHOWN at most, then how many are left.
 
     Args:
         used: tag of an element that is read -> tags of the elements in it that are read too.
     """
-    ignored: dict[str, list[str]] = {}
+    ignored: dict[str, list[str]] = {}  # tag -> names of its elements; "of OWNER" for one without a name
 
     def look(node: Element, owner: str) -> None:
         for child in node:

@@ -54,7 +54,7 @@ class Singular:
 
     @property
     def crank(self) -> float:
-        """Angle of the crank at the position [rad]; NaN if the driving coordinate is no angle."""
+        """Angle of the crank at the position [rad]; NaN if the driving coordinate is not an angle."""
         return self.input if isinstance(self.driving.coordinate, Angle) else float("nan")
 
 

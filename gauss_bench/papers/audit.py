@@ -49,7 +49,7 @@ class Line:
 
     Attributes:
         texts: cells of its row that are copied from the file.
-        verdict: the verdict that the file claims: ok without a cause, else the kind of the cause.
+        verdict: the verdict that the file claims: "ok" if it names no cause, else the kind of that cause.
         printed, intended: both forms; the same object if the line is right.
         measure: returns the discrepancy of a form from the reference, >= 0.
         tolerance: largest discrepancy of a right form.

@@ -1,4 +1,4 @@
-"""Ratios of steps and right-hand sides between compiled formulations and a rival engine, computed from the races of costs.
+"""Ratios of the times of steps and right-hand sides of compiled formulations and a rival engine, from the races of `cost.py`.
 
 Steps are those in each engine's own loop, of the same length. Their times include forces, springs, the checks of pivots, and the
 call from Python, which is a few per cent of the kernel's time.

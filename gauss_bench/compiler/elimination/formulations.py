@@ -95,7 +95,7 @@ class Motions:
         return [N[j] * amounts[k] for k, N in enumerate(self.N) if j in N and k in amounts]
 
     def _shares(self, x: Right) -> Right:
-        """(N^T N)^-1 N^T x by motion."""
+        """Return (N^T N)^-1 N^T x, free motion -> its share."""
         products = [self.graph.total([N[j] * y for j, y in x.items() if j in N]) for N in self.N]
         return self.lengths.solve({k: y for k, y in enumerate(products) if not y.zero})
 

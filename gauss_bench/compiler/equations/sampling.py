@@ -30,7 +30,7 @@ SPEED = 3.0  # [rad/s, lengths/s] of the fastest coordinate
 
 
 def typical_length(mechanism: Mechanism) -> float:
-    """Return the mean distance [m] of points from the centre of mass of their link: the length that is comparable with 1 rad."""
+    """Return the mean distance [m] of points from the centre of mass of their link; a way of it counts as a turn by 1 rad."""
     arms = [float(np.hypot(*(p - link.com))) for link in mechanism.links for p in link.points.values()]
     arms = [x for x in arms if x > 0]
     return sum(arms) / len(arms) if arms else 1.0

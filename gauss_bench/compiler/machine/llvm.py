@@ -261,7 +261,7 @@ class Writer(Emitter):
         )
 
     def _if(self, s: If) -> None:
-        """Write a branch; phi instructions behind it give the merged leaves their values."""
+        """Write a branch; phi instructions after it give the merged leaves their values."""
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
         self.line(f"  br i1 {condition}, label %{then}, label %{join}")

@@ -135,11 +135,12 @@ class Stepper:
         one.q[...], one.v[...] = q, v
         if len(parameters):
             arrays[1][:] = parameters
-        numbers[0], numbers[1], counts[0], counts[1] = h, t0, n, n or 1
+        numbers[0], numbers[1] = h, t0
+        counts[0], counts[1] = n, n or 1  # steps, and steps between samples: the end is the only sample
         one.run()
-        if report[1]:
+        if report[1]:  # all steps are done
             return arrays[-2].copy()
-        if report[2] and self.further is not None:
+        if report[2] and self.further is not None:  # only the reach was exceeded
             self.extend()
             return self.run_one(q, v, parameters, t0, h, n)
         return Stop(arrays[0].copy(), int(report[0]))

@@ -257,7 +257,7 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
 
 
 def settling(code: Code, plain: bool = False) -> Routine:
-    """Build the routine `settle(y, p, t, out)`, which projects a state onto the rows that a program keeps.
+    """Build the routine `settle(y, p, t, out)`, which projects a state back onto the constraint rows of the program.
 
     It needs code with projection. Positions get as many chord-Newton corrections as a step of the exact reach, then the velocity
     one. `out` has one row more than y, which is 1 if the guards hold and the last correction was at rounding level.

@@ -291,9 +291,13 @@ class System:
         self.mbs.AddObject(spring)
 
     def _add_spring_along(self, along: Along, law: Law) -> None:
-        """Add a law along an axis: the cheaper Cartesian spring if the axis is x or y of the world, else a linear spring."""
+        """Add a law along an axis.
+
+        Along x or y of the world this is a Cartesian spring, which is cheaper but has no constant force; else a linear spring.
+        """
         origin, point, u, items = along.origin, along.point, unit(along.angle, along.across), self.items
-        if origin.link == GROUND and np.abs(u).min() < PARALLEL and law.bias == 0:
+        along_x_or_y = origin.link == GROUND and np.abs(u).min() < PARALLEL
+        if along_x_or_y and law.bias == 0:
             axis = np.abs(u).round()
             spring = items.ObjectConnectorCartesianSpringDamper(
                 markerNumbers=[self._mark_point(origin), self._mark_point(point)],

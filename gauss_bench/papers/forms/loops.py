@@ -92,7 +92,7 @@ def velocities_off(form: Callable[[Matrices, Array], Array]) -> float:
 
 
 def accelerations_off(last: list[str]) -> float:
-    """Return the error of the second rates of angles by (5), with the matrix that `last` names in its last term.
+    """Return the largest relative error of angular accelerations by eq. (5); `last` names the matrix in its last term.
 
     Slides follow from the same rows.
     """

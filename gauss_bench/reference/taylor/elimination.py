@@ -96,7 +96,7 @@ def factorise(entries: Sequence[Entries], order: Order) -> Factors:
 
 
 def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
-    """Return x0 by column, for right-hand sides (m,) of all rows, without the free unknowns."""
+    """Return a particular solution, column -> value, for right-hand sides b (m,); free unknowns are 0 and left out."""
     y = [b[r] for r, _ in factors.order]
     for i, k, factor in factors.steps:
         y[i] = y[i] - factor * y[k]

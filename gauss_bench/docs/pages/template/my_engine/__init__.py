@@ -42,7 +42,7 @@ class Model:
         self.mechanism, self.choice, self.evaluator = mechanism, choice, Evaluator(mechanism)
 
     def acceleration(self, t, q, v):
-        """Return the accelerations (n,) at a given state, which separate errors of the model from errors of the integrator."""
+        """Return the accelerations (n,) at a given state: they tell errors of the model from errors of the integrator."""
         return lagrange(self.evaluator.terms(t, q, v)).a
 
     def prepare(self, times, native=True):
