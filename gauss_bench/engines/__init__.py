@@ -44,6 +44,7 @@ ELSEWHERE = {  # adapters of this package whose library needs an environment of 
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
 OWN_CLASS, COMPILED_CLASS = "gauss_bench.engines.interpreted:Interpreted", "gauss_bench.engines.compiled:Compiled"
+SAFE = (*OWN, *COMPILED, *DERIVED, *FOREIGN, *RIVALS)  # adapters of this package, which import their library only where they build
 AUTHORED = (*OWN, *COMPILED, *DERIVED, "by_hand")  # written by the suite's authors: a comparison with others must say so
 
 EXTRAS = {  # library -> the extra of the package that brings it
@@ -108,13 +109,7 @@ def all_names() -> list[str]:
 
 def environment_of(name: str) -> Environment | None:
     """Return the environment of its own in which an engine lives; None for an engine of this environment."""
-    return None if name in _registered() or is_class(name) else read_environments().get(name)
-
-
-def _registered() -> dict[str, str]:
-    """Return engine of this package -> MODULE:CLASS."""
-    own = dict.fromkeys(OWN, OWN_CLASS) | dict.fromkeys(COMPILED, COMPILED_CLASS)
-    return own | DERIVED | FOREIGN | RIVALS
+    return None if name in SAFE or is_class(name) else read_environments().get(name)
 
 
 def get(name: str) -> Engine:
@@ -199,7 +194,7 @@ def read_environments() -> dict[str, Environment]:
         tables = parse_toml(content.decode())
     except ValueError as error:
         raise EnvironmentFault(f"{path}: {error}") from error
-    if taken := next((x for x in tables if x in _registered()), None):
+    if taken := next((x for x in tables if x in SAFE), None):
         raise EnvironmentFault(f"{path}: {taken}: is an engine of this package; take another name")
     return {name: _read_table(path, name, table) for name, table in tables.items()}
 
