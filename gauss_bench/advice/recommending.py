@@ -116,8 +116,10 @@ class _Engine:
 
 
 def work(integrator: str, trial: Trial) -> float:
-    """Return the number of acceleration evaluations of a run; else steps times evaluations per step."""
-    return float(trial.evaluations or trial.steps * EVALUATIONS.get(integrator, 1))
+    """Return the number of acceleration evaluations of a run; else steps times evaluations per step; infinity if unknown."""
+    if trial.evaluations:
+        return float(trial.evaluations)
+    return math.inf if trial.steps is None else float(trial.steps * EVALUATIONS.get(integrator, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,7 +360,7 @@ class Recommender:
 
     def race(self) -> dict[Way, Array]:
         """Time the accurate settings side by side in one process; return setting -> seconds of a run (rounds,)."""
-        chosen: dict[Way, int] = {}
+        chosen: dict[Way, int | None] = {}
         lists = [choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
             chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines.base import Choice, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import interpreter_of
 from gauss_bench.runs.one_run import measure_seconds
@@ -181,7 +181,7 @@ _models: dict[Any, Any] = {}
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
     """Make a block in this process; return its number, its count and how often it is repeated."""
     made, key = get(engine), (engine, mechanism.sha256, choice.settings, choice.integrator, choice.stabilization)
-    if key not in _models or not getattr(made, "resizable", False):
+    if key not in _models or not ask(made, "resizable"):
         _models[key] = made.build(mechanism, choice)
     _blocks.append(work(_models[key]))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
