@@ -37,7 +37,7 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
 from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
-from gauss_bench.runs.offers import in_python, offer
+from gauss_bench.runs.offers import in_python, interpreter_of, offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -409,8 +409,12 @@ class Recommender:
         Raises:
             WorkerFailure: the call failed or took too long.
         """
-        return self.engines[engine].worker.call(
-            function, arguments, max(1.0, self.budget.remaining(LAST)), longest=max(1.0, self.budget.remaining_wall_time(LAST))
+        return (
+            self.engines[engine]
+            .worker.under(interpreter_of(engine))
+            .call(
+                function, arguments, max(1.0, self.budget.remaining(LAST)), longest=max(1.0, self.budget.remaining_wall_time(LAST))
+            )
         )
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:

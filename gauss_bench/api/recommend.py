@@ -15,11 +15,13 @@ from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, all_names
 from gauss_bench.engines.base import Choice, Variant
-from gauss_bench.exchange.snippets import WRITERS, holds, snippet
+from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
 from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
+from gauss_bench.runs.programs import program_there, read_program, writes_programs
 from gauss_bench.runs.worker import WorkerFailure
+from gauss_bench.trajectory import RunFailure
 
 BUDGET = 60.0  # [s]
 FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators tried first in engines without variants of their own
@@ -131,7 +133,7 @@ def recommend(
 def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     """Add to an answer the program that runs its setting, or the reason why there is none.
 
-    Some programs need the engine's library to be written; these are written in the engine's worker.
+    Programs that need the engine's library to be written, or that the engine writes itself, are written in the engine's worker.
     """
     if answer.status != "ok":
         return answer
@@ -142,11 +144,9 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
         remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
         remarks.append(describe_reference(found.told, max(found.bars["position"], found.bars["angle"])))
     choice = (answer.settings, answer.integrator, answer.stabilization, answer.step or run.until / BEATS, answer.tolerance)
-    arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remarks)
     try:
-        needs_library = answer.engine in WRITERS
-        program = recommender.call_worker(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
-    except WorkerFailure as failure:
+        program = write_program(recommender, answer.engine, choice, remarks)
+    except (WorkerFailure, RunFailure) as failure:
         program = {"refused": str(failure)}
     match program:
         case {"text": str(text)}:
@@ -154,6 +154,24 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
         case {"refused": str(reason)} | {"missing": str(reason)}:
             return replace(answer, message="; ".join(filter(None, (answer.message, reason))))
     return answer
+
+
+def write_program(recommender: Recommender, engine: str, choice: tuple[Any, ...], remarks: list[str]) -> dict[str, Any]:
+    """Return the program of an engine with a choice as {"text": ...}, or the reason why there is none.
+
+    Raises:
+        WorkerFailure: the engine's process failed; RunFailure: the engine writes programs itself, and refused this one.
+    """
+    run = recommender.run
+    if engine not in WRITERS and writes_programs(engine):
+        mechanism = replace(run.mechanism, duration=run.until)
+        answer = recommender.call_worker(engine, program_there, (engine, mechanism, Choice(*choice)))
+        return {"text": with_head(mechanism, read_program(engine, answer), tuple(remarks))}
+    arguments = (run.linkage, run.mechanism.scenario, engine, choice, run.until, remarks)
+    if engine not in WRITERS:
+        return snippet_there(*arguments)
+    written: dict[str, Any] = recommender.call_worker(engine, snippet_there, arguments)
+    return written
 
 
 def snippet_there(
