@@ -27,7 +27,7 @@ from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS
-from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, interpreter_of, offer, offers
+from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, interpreter_of, offer, offers_from_outside
 from gauss_bench.runs.programs import program_there, read_program, writes_programs
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import write_text
@@ -253,7 +253,7 @@ def find_kind(name: str) -> Kind:
         usual = offered.choose(None, equal[0] if equal else None, None, STEP)
         tolerance = None if equal else TOLERANCE
         return Kind("", name, usual.settings, usual.integrator, usual.stabilization, "a Python program", ".py", tolerance)
-    writers = [x.name for x in offers() if "program" in x.methods]
+    writers = [x.name for x in offers_from_outside() if "program" in x.methods]
     raise ChoiceError(f"no export for {name!r}; there are {', '.join([*KINDS, *writers])}, and engines with a method `program`")
 
 

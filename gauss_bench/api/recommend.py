@@ -13,7 +13,7 @@ from gauss_bench.api.in_worker import tell_plainly
 from gauss_bench.api.program_error import describe_error, describe_reference
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
-from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, all_names
+from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, SAFE, all_names
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
 from gauss_bench.linkage.load import built_in, find, load
@@ -237,7 +237,8 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
             ratios = ", ".join(f"{loop} {times:.3g}" for loop, times in x.loops.items())
             sentences.append(f"{x.engine} by who runs its loop, in times of the fastest engine: {ratios}")
         if x.in_python and x.engine not in OWN:
-            sentences.append(f"the time of {x.engine} holds of this suite's own in Python: {x.in_python}")
+            own = "of this suite's own in Python" if x.engine in (*SAFE, *ELSEWHERE) else "in Python, besides its library"
+            sentences.append(f"the time of {x.engine} holds {own}: {x.in_python}")
     short = [x.engine for x in answers if not x.complete]
     if short:
         sentences.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")

@@ -225,6 +225,11 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         return [_known[name] for name in wanted]
 
 
+def offers_from_outside() -> list[Offer]:
+    """Return the offers of plug-ins and of engines of other environments; no library of this environment is imported for them."""
+    return offers([name for name in all_names() if name not in SAFE])
+
+
 def _ask(worker: Worker, name: str) -> Offer:
     try:
         return _read_offer(name, worker.under(interpreter_of(name)).call(_describe, (name,), LIMIT))
