@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from my_trees import library
 
 from gauss_bench.engines.base import LibraryCall
 from gauss_bench.engines.shared import beyond_a_tree, closing_pins, joint_tree, unsteady, with_accelerations
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.model import Along, Angle, Distance, PointForce, loads
+from my_trees import library
 
 VARIANTS = read_variants(Path(__file__).parent)
 PROGRAM = """

@@ -36,14 +36,14 @@ class Tree(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Places (n,) and angles (n,), their derivatives by y (n, n), and the links' accelerations at y'' = 0 (n,); last: the ground."""
+    """The motion of all links, and of the ground as the last one."""
 
-    place: np.ndarray
-    angle: np.ndarray
-    move: np.ndarray
-    turn: np.ndarray
-    spin: np.ndarray
-    bias: np.ndarray
+    place: np.ndarray  # (n + 1,) of centres of mass
+    angle: np.ndarray  # (n + 1,)
+    move: np.ndarray  # (n + 1, n) derivative of place by y
+    turn: np.ndarray  # (n + 1, n) derivative of angle by y
+    spin: np.ndarray  # (n + 1,) rate of angle
+    bias: np.ndarray  # (n + 1,) acceleration of place at y'' = 0
 
 
 def follow(tree, y, dy):
@@ -76,7 +76,8 @@ def measure(x, kind, a, *more):
     if kind == "angle":
         return x.angle[more[0]] - x.angle[a], x.turn[more[0]] - x.turn[a]
     near, b, far, frame, direction = more
-    gap, change = (second - first for first, second in zip(point(x, a, near)[:2], point(x, b, far)[:2]))
+    first, second = point(x, a, near), point(x, b, far)
+    gap, change = second[0] - first[0], second[1] - first[1]
     if kind == "distance":
         return abs(gap), (change * gap.conjugate()).real / abs(gap)
     e = np.exp(1j * (x.angle[frame] + direction))
