@@ -222,7 +222,7 @@ def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused() -> None:
 @pytest.mark.slow
 def test_engines_that_count_no_steps_are_recommended_and_conform(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     engines = [f"{FAULTY}:Chooser", f"{FAULTY}:Uncounted"]
-    found = gauss_bench.recommend("four_bar", position=1e-4, until=0.2, engines=engines, budget=30)
+    found = gauss_bench.recommend("four_bar", position=1e-4, until=0.2, engines=engines, budget=120)
     steps = {x.engine.partition(":")[2]: x.steps for x in found.answers}
     assert all(x.status == "ok" and x.seconds is not None for x in found.answers)
     assert steps["Chooser"] is None
