@@ -1,7 +1,7 @@
 """DART: a skeleton of joints, closed by ball constraints that an LCP on velocities solves; one method, semi-implicit Euler.
 
-A step of size h from y, v ends at velocities that leave the loops as they are where the step began, and open loops are drawn shut by
-a share `erp` of the gap a step:
+A step of size h from y, v ends at velocities v' that keep the loops, as they are where the step began, or draw them shut by a share
+`erp` of their gap:
 
     M (v' - v) = h f + J^T impulse,    J v' = -erp gap / h,    y' = y + h v'
 
@@ -12,34 +12,22 @@ skeleton is compared with the suite's own terms before it is used, at tree state
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.given import GivenForces
 from gauss_bench.engines.dart.messages import Messages
-from gauss_bench.engines.dart.translate import Builder, Built, driven, refusal, select_solver
-from gauss_bench.engines.shared import (
-    beyond_a_tree,
-    finite_acceleration,
-    joint_tree,
-    open_tree,
-    require_agreement,
-    tree_states,
-    with_accelerations,
-)
+from gauss_bench.engines.dart.translate import Builder, Built, refusal, select_pgs
+from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
 
 VARIANTS = read_variants(Path(__file__).parent)
 METHOD = "semi_implicit_euler"
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 INSTANT = 1e-300  # [s] time step in which implicit springs and dampers do nothing
 WATCHED = 100  # steps after which DART's messages are looked at
-SHORT = (4e-4, 2e-4, 1e-4)  # [s] steps by which accelerations are measured
+SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps by which accelerations are measured: rounding leaves 1e-11
 
 
 class Dart:
@@ -73,45 +61,42 @@ class Dart:
         return DartModel(mechanism, choice)
 
 
-class DartModel:
+class DartModel(TreeModel):
     """A mechanism in DART under one choice.
 
     Attributes:
         moving: the world that runs; still: another, in which accelerations are measured.
     """
 
+    library = "DART"
+
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import dartpy
 
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.dartpy: Any = dartpy
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
-        self.tree = joint_tree(mechanism, self.options)
-        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
         self.forces = GivenForces(mechanism, self.tree, self.options["joint_forces"])
-        self.driven = driven(mechanism, self.tree)
+        self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            self._verify(Builder(dartpy, mechanism, self.tree, self.forces, whole=False).build())
-            self.moving, self.still = (Builder(dartpy, mechanism, self.tree, self.forces).build() for _ in range(2))
-            if self.options["lcp"] == "PGS":
-                for built in (self.moving, self.still):
-                    select_solver(dartpy, built, self.options["pgs_iterations"])
+            opened = self._build(whole=False)
+            opened.world.setTimeStep(INSTANT)
+            verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
+            self.moving, self.still = self._build(), self._build()
             messages.check()
 
-    def _verify(self, opened: Built) -> None:
-        """Compare the open tree with the suite's own terms; the anchors of pins are not compared.
+    def _build(self, whole: bool = True) -> Built:
+        """Return a new world; without `whole`, of the open tree without drivers."""
+        built = Builder(self.dartpy, self.mechanism, self.tree, self.forces, whole).build()
+        if self.options["lcp"] == "PGS":
+            select_pgs(self.dartpy, built, self.options["pgs_iterations"])
+        return built
 
-        Raises:
-            RunFailure: its accelerations differ.
-        """
-        evaluator = Evaluator(self.mechanism)
-        opened.world.setTimeStep(INSTANT)
-        for y, dy in tree_states(self.tree, self.y0, self.dy0):
-            own = open_tree(evaluator, self.tree, y, dy)
-            opened.put(y, dy)
-            opened.command(self.forces(0.0, y, dy))
-            opened.skeleton.computeForwardDynamics()
-            forces = own.mass @ opened.skeleton.getAccelerations()[opened.order]
-            require_agreement({"forces of the open tree": (forces, own.forces, own.load or 1.0)}, AGREEMENT)
+    def _describe(self, opened: Built, y: Array, dy: Array) -> OpenModel:
+        """Return the open tree at a tree state y, dy (n,), by DART's own kinematics and dynamics."""
+        opened.put(y, dy)
+        self._push(opened, 0.0)
+        opened.skeleton.computeForwardDynamics()
+        return OpenModel(opened.gaps(), accelerations=opened.skeleton.getAccelerations()[opened.order])
 
     def _restart(self, built: Built, erp: float) -> None:
         """Put a world to its start, with the options of its closures.
@@ -128,12 +113,19 @@ class DartModel:
             closure.setMaxErrorReductionVelocity(self.options["max_error_reduction_velocity"])
             closure.setErrorAllowance(0.0)
 
+    def _push(self, built: Built, t: float) -> None:
+        """Set the forces at time t [s] and the present state of a world."""
+        y, dy = built.y, built.dy
+        built.command(self.forces.on_joints(y, dy))
+        on_links = self.forces.on_links(t, y, dy)
+        if on_links is not None:
+            built.push(on_links)
+
     def _command(self, built: Built, t: float, end: float) -> None:
         """Set the forces at the time t [s] with which a step begins, and the driven speeds at its end."""
-        values = self.forces(t, built.y, built.dy)
-        for at, law in self.driven:
-            values[at] = law(end)[1]
-        built.command(values)
+        self._push(built, t)
+        for at, law in self.laws.items():
+            built.skeleton.setCommand(int(built.order[at]), float(law(end)[1]))
 
     def _measure(self, t: float, y: Array, dy: Array, h: float) -> Array:
         """Return the change of velocities (n,) per second over a step of h [s] from a tree state y, dy (n,).
@@ -152,20 +144,14 @@ class DartModel:
         built.world.step(False)
         return (built.dy - before) / h
 
-    def _accelerate(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations in absolute coordinates (3 links,) at a tree state y, dy (n,)."""
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         with Messages() as messages:
             measured = [self._measure(t, y, dy, h) for h in SHORT]
             messages.check()
-        return finite_acceleration(t, self.tree.absolute(y, dy, extrapolate(SHORT, measured))[2], "DART")
-
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._accelerate(t, *self.tree.relative(q, v))
+        return extrapolate(SHORT, measured)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.times = times
-        self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
-        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
+        super().prepare(times, native)
         self._restart(self.moving, self.options["erp"])
         self._command(self.moving, times[0], times[0])
 
@@ -181,7 +167,7 @@ class DartModel:
         Raises:
             RunFailure: DART prints a message.
         """
-        built, changing = self.moving, self.forces.change or bool(self.driven)
+        built, changing = self.moving, self.forces.change or bool(self.laws)
         step = built.world.step
         for begin, count, size, last, row in self.plan:
             built.world.setTimeStep(size)
@@ -194,20 +180,10 @@ class DartModel:
             if row is not None:
                 self.y[row], self.dy[row] = built.y, built.dy
 
-    def read(self) -> Trajectory:
-        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-
-        def acceleration_of_sample(k: int) -> Array:
-            return self._accelerate(float(self.times[k]), self.y[k], self.dy[k])
-
-        return with_accelerations(self.times, q, v, acceleration_of_sample, sum(stretch.steps for stretch in self.plan))
-
 
 def extrapolate(steps: tuple[float, ...], values: list[Array]) -> Array:
     """Return the limit at step 0 of values (n,) measured at several steps, by the polynomial through them (Aitken and Neville)."""
     row = list(values)
     for order in range(1, len(steps)):
-        row = [
-            (steps[k] * row[k + 1] - steps[k + order] * row[k]) / (steps[k] - steps[k + order]) for k in range(len(row) - 1)
-        ]
+        row = [(steps[k] * row[k + 1] - steps[k + order] * row[k]) / (steps[k] - steps[k + order]) for k in range(len(row) - 1)]
     return row[0]

@@ -1,4 +1,4 @@
-"""A linkage as a DART world: links hang in a skeleton of joints, and a ball constraint closes each pin that the skeleton leaves open.
+"""A linkage as a DART world: links hang in a skeleton of joints, and a ball constraint closes each pin that the tree leaves open.
 
 The tree coordinates y are also DART's, in DART's order. Frames of links lie at their centres of mass. Springs and dampers on one
 coordinate are DART's own, unless a setting wants them explicit; `given.py` computes all other forces. A driven joint has DART's
@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.dart.given import GivenForces
-from gauss_bench.engines.shared import closing_pins, driven_coordinates, jointed, spatial
+from gauss_bench.engines.shared import closing_pins, driven_coordinates, drivers_by_coordinate, spatial
 from gauss_bench.engines.tree import Branch, Tree
-from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, LengthDriver, Mechanism, Point
-from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point
+from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 OUT_OF_PLANE = [0.0, 0.0, 1.0]
@@ -35,16 +34,18 @@ class Built:
 
     Attributes:
         world, skeleton: of DART.
+        bodies: of DART, in the order of the links.
         order: (n,) DART's index of every tree coordinate.
-        pins: the bodies of each closing pin besides the ground, and its place at the start.
+        pins: of each closing pin, the body (None for the ground) and the point in it (3,), of both sides.
         start: (2, n) tree state at the start.
         closures: Python's references to the constraints.
     """
 
     world: Any
     skeleton: Any
+    bodies: list[Any]
     order: Array
-    pins: list[tuple[list[Any], Array]]
+    pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
     start: Array
     closures: list[Any]
 
@@ -60,6 +61,12 @@ class Built:
         ordered = np.empty_like(values)
         ordered[self.order] = values
         self.skeleton.setCommands(ordered)
+
+    def push(self, forces: Array) -> None:
+        """Set the forces and torques on the links (3 links,), at their centres of mass, for the next steps."""
+        for body, force, torque in zip(self.bodies, places(forces), angles(forces), strict=True):
+            body.setExtForce(spatial(force))
+            body.addExtTorque([0.0, 0.0, torque], False)  # False: about the axis of the world
 
     @property
     def y(self) -> Array:
@@ -80,9 +87,15 @@ class Built:
         self.put(*self.start)
         constraints = self.world.getConstraintSolver()
         constraints.removeAllConstraints()
-        self.closures = [constraint.BallJointConstraint(*bodies, place) for bodies, place in self.pins]
-        for closure in self.closures:
-            constraints.addConstraint(closure)
+        self.closures = []
+        for pin in self.pins:
+            bodies = [body for body, _ in pin if body is not None]  # DART takes the ground for a body that is left out
+            self.closures.append(constraint.BallJointConstraint(*bodies, place(*pin[0])))
+            constraints.addConstraint(self.closures[-1])
+
+    def gaps(self) -> Array:
+        """Return point b minus point a of every closing pin (pins, 2) [m], by DART's own kinematics."""
+        return np.array([place(*b) - place(*a) for a, b in self.pins]).reshape(-1, 3)[:, :2]
 
 
 class Builder:
@@ -106,14 +119,15 @@ class Builder:
             self._add_link(branch)
         self._add_springs()
         if self.whole:
-            for at, _ in driven(mechanism, self.tree):
+            for at in drivers_by_coordinate(mechanism, self.tree):
                 joint, _ = self.coordinates[at]
                 joint.setActuatorType(self.dartpy.dynamics.ActuatorType.VELOCITY)
         world.addSkeleton(self.skeleton)
         order = np.array([joint.getIndexInSkeleton(k) for joint, k in (self.coordinates[i] for i in range(self.tree.n))])
-        pins = [self._pin(a, b) for a, b in closing_pins(self.tree)] if self.whole else []
+        pins = [(self._end(a), self._end(b)) for a, b in closing_pins(self.tree)]
         start = np.array(self.tree.relative(mechanism.q0, mechanism.v0))
-        return Built(world, self.skeleton, order, pins, start, [])
+        bodies = [self.bodies[i] for i in range(len(mechanism.links))]
+        return Built(world, self.skeleton, bodies, order, pins, start, [])
 
     def _add_link(self, b: Branch) -> None:
         """Add the joint and the body of a branch."""
@@ -160,24 +174,22 @@ class Builder:
                 joint.setSpringStiffness(k, stiffness[at])
                 joint.setRestPosition(k, preload[at] / stiffness[at])
 
-    def _pin(self, a: Point, b: Point) -> tuple[list[Any], Array]:
-        """Return the bodies of a closing pin besides the ground, and its place at the start."""
-        bodies = [self.bodies[x.link] for x in (a, b) if x.link != GROUND]
-        return bodies, np.array(spatial(position(self.mechanism.q0, a)))
+    def _end(self, point: Point) -> tuple[Any, Array]:
+        """Return the body of a point, None for the ground, and the point in it."""
+        return self.bodies.get(point.link), np.array(spatial(point.local))
 
 
-def select_solver(dartpy: Any, built: Built, iterations: int) -> None:
-    """Let PGS, with so many iterations and no tolerance that would end it earlier, solve for the impulses in place of Dantzig's method.
+def place(body: Any, point: Array) -> Array:
+    """Return the place (3,) [m] in the world of a point of a body."""
+    return point if body is None else np.asarray(body.getTransform().multiply(point))
 
-    DART's solvers have no constructor in Python: a world's second one, for problems on which the first fails, is PGS.
+
+def select_pgs(dartpy: Any, built: Built, iterations: int) -> None:
+    """Let PGS solve for the impulses in place of Dantzig's method, by so many iterations; no tolerance ends it earlier.
+
+    DART's solvers have no constructor in Python. This one is of another world, whose second solver, for problems on which the first
+    fails, is PGS; the world's own would be refused as its first.
     """
-    constraints = built.world.getConstraintSolver()
-    solver = constraints.getSecondaryBoxedLcpSolver()
+    solver = dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
     solver.setOption(dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))
-    constraints.setBoxedLcpSolver(solver)
-
-
-def driven(mechanism: Mechanism, tree: Tree) -> list[tuple[int, MotionLaw]]:
-    """List the driven tree coordinates with their laws."""
-    found = zip(driven_coordinates(mechanism, tree), jointed(mechanism), strict=True)
-    return [(at, driver.law) for at, driver in found if at is not None]
+    built.world.getConstraintSolver().setBoxedLcpSolver(solver)
