@@ -122,8 +122,8 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
 def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
     """Tell whether rates that are late or early are so by a method of first order, from runs with the steps of FINER.
 
-    Then every halving of the step changes the velocities half as much, and at the same samples the rates of the finest run are right.
-    A shift by whole samples stays as it is, and the changes of a method of higher order fall faster.
+    Then every halving of the step changes the velocities half as much, and the rates of the finest run are right at the samples. A
+    shift by whole samples stays as it is, and the changes of a method of higher order fall faster.
     """
     if half is None or quarter is None or rates_fault(quarter)[0]:
         return False

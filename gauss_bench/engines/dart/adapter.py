@@ -9,6 +9,7 @@ So DART has no accelerations. `DartModel.acceleration` measures them as differen
 skeleton is compared with the suite's own terms before it is used, at tree states at which loops are open.
 """
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ VARIANTS = read_variants(Path(__file__).parent)
 METHOD = "semi_implicit_euler"
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 INSTANT = 1e-300  # [s] time step in which implicit springs and dampers do nothing
-WATCHED = 100  # steps after which DART's messages are looked at
+WATCHED = 100  # steps between two looks at DART's messages, at most
+TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # time, tree state, step -> rates after one step and two
 SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps by which accelerations are measured: rounding leaves 1e-11
 
 
@@ -98,20 +100,16 @@ class DartModel(TreeModel):
         opened.skeleton.computeForwardDynamics()
         return OpenModel(opened.gaps(), accelerations=opened.skeleton.getAccelerations()[opened.order])
 
-    def _restart(self, built: Built, erp: float) -> None:
-        """Put a world to its start, with the options of its closures.
+    def _set_options(self, erp: float) -> None:
+        """Set the options of closures.
 
-        Trap: they are static in DART: a closure that is told one changes those of every world in this process.
+        Trap: they are static in DART. All closures of this process have those that were set last, perhaps by another model.
         """
-        built.restart(self.dartpy.constraint)
-        self._set_options(built, erp)
-
-    def _set_options(self, built: Built, erp: float) -> None:
-        for closure in built.closures[:1]:
-            closure.setErrorReductionParameter(erp)
-            closure.setConstraintForceMixing(self.options["cfm"])
-            closure.setMaxErrorReductionVelocity(self.options["max_error_reduction_velocity"])
-            closure.setErrorAllowance(0.0)
+        closures = self.dartpy.constraint.BallJointConstraint
+        closures.setErrorReductionParameter(erp)
+        closures.setConstraintForceMixing(self.options["cfm"])
+        closures.setMaxErrorReductionVelocity(self.options["max_error_reduction_velocity"])
+        closures.setErrorAllowance(0.0)
 
     def _push(self, built: Built, t: float) -> None:
         """Set the forces at time t [s] and the present state of a world."""
@@ -127,39 +125,35 @@ class DartModel(TreeModel):
         for at, law in self.laws.items():
             built.skeleton.setCommand(int(built.order[at]), float(law(end)[1]))
 
-    def _measure(self, t: float, y: Array, dy: Array, h: float) -> Array:
-        """Return the change of velocities (n,) per second over a step of h [s] from a tree state y, dy (n,).
-
-        A step leaves J v' = 0 where it began, so that a step from a state with J v = 0 would give J a = 0 and not gamma. Therefore
-        a step before it begins at y - h dy. Gaps there, of the size h^2, are not drawn shut.
-        """
+    def _rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
+        """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,); gaps are not drawn shut."""
         built = self.still
-        self._restart(built, erp=0.0)
+        built.restart(self.dartpy.constraint)
+        self._set_options(erp=0.0)
         built.world.setTimeStep(h)
-        built.put(y - h * dy, dy)
-        self._command(built, t - h, t)
-        built.world.step(False)
-        before = built.dy
-        self._command(built, t, t + h)
-        built.world.step(False)
-        return (built.dy - before) / h
+        built.put(y, dy)
+        rates = []
+        for begin in (t, t + h):
+            self._command(built, begin, begin + h)
+            built.world.step(False)
+            rates.append(built.dy)
+        return rates[0], rates[1]
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         with Messages() as messages:
-            measured = [self._measure(t, y, dy, h) for h in SHORT]
+            measured = measure_acceleration(self._rates, t, y, dy)
             messages.check()
-        return extrapolate(SHORT, measured)
+        return measured
 
     def prepare(self, times: Array, native: bool = True) -> None:
         super().prepare(times, native)
-        self._restart(self.moving, self.options["erp"])
+        self.moving.restart(self.dartpy.constraint)
         self._command(self.moving, times[0], times[0])
 
     def run(self) -> None:
-        self._set_options(self.moving, self.options["erp"])
+        self._set_options(self.options["erp"])
         with Messages() as messages:
             self._run(messages)
-            messages.check()
 
     def _run(self, messages: Messages) -> None:
         """Take all steps, and store the samples.
@@ -175,13 +169,27 @@ class DartModel(TreeModel):
                 if changing:
                     self._command(built, min(begin + k * size, last), min(begin + (k + 1) * size, last))
                 step(False)  # False: the commands stay
-                if k % WATCHED == 0:
+                if k % WATCHED == WATCHED - 1:
                     messages.check()
+            messages.check()
             if row is not None:
                 self.y[row], self.dy[row] = built.y, built.dy
 
 
-def extrapolate(steps: tuple[float, ...], values: list[Array]) -> Array:
+def measure_acceleration(rates: TwoSteps, t: float, y: Array, dy: Array) -> Array:
+    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), from rates after steps of the sizes SHORT.
+
+    A step leaves J v' = 0, with J where the step began. One that begins at the state with J v = 0 would show J a = 0 and not gamma.
+    Therefore the change of rates is that of a second step, after a first from y - h dy; it tends to the acceleration linearly in h.
+    """
+    changes = []
+    for h in SHORT:
+        before, after = rates(t - h, y - h * dy, dy, h)
+        changes.append((after - before) / h)
+    return extrapolate(SHORT, changes)
+
+
+def extrapolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
     """Return the limit at step 0 of values (n,) measured at several steps, by the polynomial through them (Aitken and Neville)."""
     row = list(values)
     for order in range(1, len(steps)):
