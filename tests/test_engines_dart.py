@@ -157,6 +157,7 @@ def test_what_dart_cannot_have_is_refused(name: str, scenario: str | None, words
 def test_a_driven_link_without_a_hinge_on_the_ground_is_refused() -> None:
     mechanism = load("four_bar", "driven")
     (driver,) = mechanism.drivers
+    assert isinstance(driver, AngleDriver)
     assert Dart().skip(mechanism, Choice()) is None
     coupler = replace(mechanism, drivers=(replace(driver, link=1),))
     assert Dart().skip(coupler, Choice()) == "DART prescribes coordinates of the tree of joints, and the driven angle is none"
