@@ -53,6 +53,4 @@ def run(cfm):
 print("DART", dart.__version__)
 for cfm in (1e-3, 1e-6, 1e-9, 1e-12, 0.0):
     taken, off, opening = run(cfm)
-    print(
-        f"asked for {cfm:.0e}, taken {taken:.0e}: accelerations off by {off:.1e} of the largest, the pin opens with {opening:.1e} m/s^2"
-    )
+    print(f"asked for {cfm:.0e}, taken {taken:.0e}: accelerations off by {off:.1e}, pin opens with {opening:.1e} m/s^2")
