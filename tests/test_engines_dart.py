@@ -5,13 +5,14 @@ What needs DART is skipped without its environment, in CI too.
 
 import os
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.engines import FILE, environment_of
+from gauss_bench.engines import FILE, environment_of, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.adapter import Dart, extrapolate, measure_acceleration
 from gauss_bench.engines.dart.given import EXPLICIT, IMPLICIT, GivenForces, on_one_joint
@@ -144,6 +145,14 @@ def test_what_runs_in_python_is_told() -> None:
     assert dart.in_python(load("parallelogram", "torque"), Choice("default")) == ""
     assert "forces" in dart.in_python(load("crank_slider", "paper"), Choice("explicit"))
     assert dart.in_python(load("four_bar", "cycloid"), Choice("default")).startswith("motion laws")
+
+
+def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(FILE, str(tmp_path / "engines.toml"))
+    point = EntryPoint("dart", "tests.faulty_engines:Sound", "gauss_bench.engines")
+    monkeypatch.setattr("gauss_bench.engines._plug_ins", lambda: [point])
+    assert names().count("dart") == 1
+    assert type(get("dart")).__name__ == "Sound"
 
 
 @pytest.mark.parametrize(
