@@ -14,7 +14,7 @@ import pytest
 import gauss_bench
 from gauss_bench.engines import FILE, environment_of, get, names
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.dart.adapter import Dart, extrapolate, measure_acceleration
+from gauss_bench.engines.dart.adapter import Dart
 from gauss_bench.engines.dart.given import EXPLICIT, IMPLICIT, GivenForces, on_one_joint
 from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.tree import spanning_tree
@@ -170,34 +170,6 @@ def test_a_driven_link_without_a_hinge_on_the_ground_is_refused() -> None:
     assert Dart().skip(mechanism, Choice()) is None
     coupler = replace(mechanism, drivers=(replace(driver, link=1),))
     assert Dart().skip(coupler, Choice()) == "DART prescribes coordinates of the tree of joints, and the driven angle is none"
-
-
-class Bead:
-    """A mass on a ring of radius 1 in the plane, stepped as DART steps: the end of a step keeps the ring where it began."""
-
-    weight = np.array([0.0, -9.81])
-
-    def rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
-        found = []
-        for _ in range(2):
-            dy = dy + h * self.weight
-            dy = dy - (y @ dy) / (y @ y) * y
-            y = y + h * dy
-            found.append(dy)
-        return found[0], found[1]
-
-
-def test_accelerations_are_measured_with_the_term_of_the_turning_constraint() -> None:
-    y, dy = np.array([np.cos(0.3), np.sin(0.3)]), 2.0 * np.array([-np.sin(0.3), np.cos(0.3)])
-    found = measure_acceleration(Bead().rates, 0.0, y, dy)
-    along = np.array([-np.sin(0.3), np.cos(0.3)])
-    np.testing.assert_allclose(found, (along @ Bead.weight) * along - 4.0 * y, rtol=1e-9)
-
-
-def test_values_of_a_parabola_are_extrapolated_to_its_value_at_zero() -> None:
-    steps = (0.4, 0.2, 0.1)
-    values = [np.array([3.0 + 2.0 * h - 5.0 * h * h, h]) for h in steps]
-    np.testing.assert_allclose(extrapolate(steps, values), [3.0, 0.0], atol=1e-14)
 
 
 def test_what_a_library_prints_is_a_failure_with_its_first_line_and_does_not_reach_the_streams(

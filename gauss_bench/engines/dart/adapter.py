@@ -9,7 +9,6 @@ So DART has no accelerations. `DartModel.acceleration` measures them as differen
 skeleton is compared with the suite's own terms before it is used, at tree states at which loops are open.
 """
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from gauss_bench.engines.dart.given import GivenForces
 from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.dart.translate import Builder, Built, refusal, select_pgs
 from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree
-from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -28,7 +27,6 @@ METHOD = "semi_implicit_euler"
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 INSTANT = 1e-300  # [s] time step in which implicit springs and dampers do nothing
 WATCHED = 100  # steps between two looks at DART's messages, at most
-TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # time, tree state, step -> rates after one step and two
 SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps by which accelerations are measured: rounding leaves 1e-11
 
 
@@ -141,7 +139,7 @@ class DartModel(TreeModel):
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         with Messages() as messages:
-            measured = measure_acceleration(self._rates, t, y, dy)
+            measured = acceleration_by_steps(self._rates, t, y, dy, SHORT)
             messages.check()
         return measured
 
@@ -174,24 +172,3 @@ class DartModel(TreeModel):
             messages.check()
             if row is not None:
                 self.y[row], self.dy[row] = built.y, built.dy
-
-
-def measure_acceleration(rates: TwoSteps, t: float, y: Array, dy: Array) -> Array:
-    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), from rates after steps of the sizes SHORT.
-
-    A step leaves J v' = 0, with J where the step began. One that begins at the state with J v = 0 would show J a = 0 and not gamma.
-    Therefore the change of rates is that of a second step, after a first from y - h dy; it tends to the acceleration linearly in h.
-    """
-    changes = []
-    for h in SHORT:
-        before, after = rates(t - h, y - h * dy, dy, h)
-        changes.append((after - before) / h)
-    return extrapolate(SHORT, changes)
-
-
-def extrapolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
-    """Return the limit at step 0 of values (n,) measured at several steps, by the polynomial through them (Aitken and Neville)."""
-    row = list(values)
-    for order in range(1, len(steps)):
-        row = [(steps[k] * row[k + 1] - steps[k + order] * row[k]) / (steps[k] - steps[k + order]) for k in range(len(row) - 1)]
-    return row[0]
