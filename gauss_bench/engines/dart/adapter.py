@@ -54,7 +54,7 @@ class Dart:
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         options = VARIANTS.options(choice.settings)
         forces = GivenForces(mechanism, joint_tree(mechanism, options), options["joint_forces"])
-        told = ["motion laws"] * bool(mechanism.drivers) + ["the forces for which DART has no element"] * forces.change
+        told = ["motion laws"] * bool(mechanism.drivers) + ["forces that are none of DART's own"] * forces.change
         return f"{' and '.join(told)}, once a step" if told else ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DartModel":
