@@ -1,6 +1,6 @@
-"""Drake: a constraint with the world ends the process at the first step. Needs pydrake alone; every case runs in a process of its own.
+"""Drake: a constraint with the world ends the process at the first step. This script needs pydrake alone.
 
-python drake_world_constraint.py              all cases, and how each process ended
+python drake_world_constraint.py              all cases, each in a process of its own, and how it ended
 python drake_world_constraint.py ball world   one case in this process
 """
 

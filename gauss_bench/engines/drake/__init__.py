@@ -1,4 +1,4 @@
-"""The adapter to Drake (pydrake), whose multibody plants take steps of their own or are integrated. It has an environment of its own.
+"""The adapter to Drake (pydrake): its discrete plants, and its integrators of continuous ones. It has an environment of its own.
 
-`translate.py` builds plants; `adapter.py` runs them.
+`translate.py` builds plants, `stepping.py` steps them; `adapter.py` is the engine.
 """

@@ -35,7 +35,8 @@ BALL, BUSHING, OPEN = "ball", "bushing", "open"  # how a plant's pins are closed
 def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     """Return the reason why Drake's elements cannot express a driver or a force, or None if they can."""
     if mechanism.drivers:
-        return f"Drake has no joint that follows a law ({mechanism.drivers[0].name}): its actuators are springs, and a lock stands still"
+        name = mechanism.drivers[0].name
+        return f"Drake has no joint that follows a law ({name}): its actuators are springs, and a locked joint stands still"
     turns = turning(tree)
     refusals = (load_refusal(load, tree, turns) for load in sort_loads(mechanism, tree))
     return next(filter(None, refusals), None)
@@ -81,6 +82,11 @@ class Closure:
     kind: str = OPEN
     period: float = 0.0
     damping_ratio: float = 0.0
+
+    def constants(self, mass: float) -> tuple[float, float]:
+        """Return stiffness [N/m] and damping [N s/m] of a bushing that moves a mass [kg]."""
+        frequency = 2 * np.pi / self.period  # [rad/s]
+        return mass * frequency**2, 2 * self.damping_ratio * mass * frequency
 
 
 class Library:
@@ -151,7 +157,8 @@ class Built:
 
     def reported_acceleration(self, context: Any) -> Array:
         """Return y'' (n,) of Drake's output port: for a discrete plant the change of speeds in the next step, over its length."""
-        return np.array(self.plant.get_generalized_acceleration_output_port().Eval(context))[self.order]
+        accelerations: Array = np.array(self.plant.get_generalized_acceleration_output_port().Eval(context))[self.order]
+        return accelerations
 
 
 class Builder:
@@ -308,35 +315,34 @@ class Builder:
 
     def _add_bushings(self, closure: Closure) -> None:
         """Close the open pins by bushings that push and pull alike in all directions, and do not twist."""
-        none, frequency = np.zeros(3), 2 * np.pi / closure.period
-        for (a, b), mass in zip(closing_pins(self.tree), self.pin_masses(), strict=True):
-            stiffness = mass * frequency**2
-            damping = 2 * closure.damping_ratio * mass * frequency
+        twist = np.zeros(3)
+        for (a, b), mass in zip(closing_pins(self.tree), self._pin_masses(), strict=True):
             ends = self._offset(a.link, a.local), self._offset(b.link, b.local)
-            self.plant.AddForceElement(
-                self.drake.tree.LinearBushingRollPitchYaw(*ends, none, none, np.full(3, stiffness), np.full(3, damping))
-            )
+            stiffness, damping = (np.full(3, x) for x in closure.constants(mass))
+            self.plant.AddForceElement(self.drake.tree.LinearBushingRollPitchYaw(*ends, twist, twist, stiffness, damping))
 
-    def pin_masses(self) -> list[float]:
-        """List for each closing pin the mass [kg] that its gap moves at the start, in the direction in which it is least.
-
-        With J the rows of the gap and M the mass matrix of the open tree, it is 1 over the largest eigenvalue of J M^-1 J^T.
-        """
+    def _pin_masses(self) -> list[float]:
+        """List for each closing pin the mass [kg] that its gap moves at the start, in the direction in which it is least."""
         opened = Builder(self.drake, self.mechanism, self.tree).build(0.0, Closure())
         context = opened.connect(opened.system.CreateDefaultContext())
         opened.set_state(context, *self.tree.relative(self.mechanism.q0, self.mechanism.v0))
-        inverse = np.linalg.inv(opened.plant.CalcMassMatrix(context))
-        masses = []
-        for a, b in opened.pins:
-            J = self._rows(opened, context, *b) - self._rows(opened, context, *a)
-            masses.append(float(1 / np.linalg.eigvalsh(J @ inverse @ J.T).max()))
-        return masses
+        masses = opened.plant.CalcMassMatrix(context)
+        return [least_mass(self._rows(opened, context, *b) - self._rows(opened, context, *a), masses) for a, b in opened.pins]
 
     def _rows(self, built: Built, context: Any, frame: Any, point: Array) -> Array:
         """Return the rows (2, n), in Drake's coordinates, of a point's velocity in the plane."""
         world, speeds = built.plant.world_frame(), self.drake.tree.JacobianWrtVariable.kV
         rows = built.plant.CalcJacobianTranslationalVelocity(context, speeds, frame, point, world, world)
         return np.array(rows[:2])
+
+
+def least_mass(J: Array, M: Array) -> float:
+    """Return the mass [kg] that a force on a gap moves in the direction in which it is least.
+
+    Args:
+        J: (2, n) rows of the gap; M: (n, n) mass matrix. The inverse of that mass is the largest eigenvalue of J M^-1 J^T.
+    """
+    return float(1 / np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T)).max())
 
 
 def gaps(built: Built, context: Any) -> Array:
