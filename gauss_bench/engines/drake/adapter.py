@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.drake.stepping import SHORT, ContinuousRunner, Runner, Stepper, settled_acceleration
+from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
 from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, Library, gaps, refusal
 from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -71,6 +71,8 @@ class DrakeModel(TreeModel):
     Attributes:
         closure: how loops are closed; OPEN if there are none.
         runners: step size [s] -> simulation of a discrete plant, which is built for one size.
+        steppers: longest step [s] -> plants that take this and shorter steps.
+        continuous: simulation of a continuous plant, if the integrator is for those.
     """
 
     library = "Drake"
@@ -84,6 +86,7 @@ class DrakeModel(TreeModel):
         kind = self.options["closure"] if self.tree.closures else OPEN
         self.closure = Closure(kind, self.options["bushing_period_s"], self.options["bushing_damping_ratio"])
         self.runners: dict[float, Runner] = {}
+        self.steppers: dict[float, list[Stepper]] = {}
         self.continuous: ContinuousRunner | None = None
         if (choice.integrator or SAP) != SAP:
             self.continuous = ContinuousRunner(self.drake, self._build(0.0, self.closure))
@@ -114,9 +117,12 @@ class DrakeModel(TreeModel):
             self.runners[key] = Runner(self.drake, self._build(size, self.closure))
         return self.runners[key]
 
-    @cached_property
-    def _short_steppers(self) -> list[Stepper]:
-        return [Stepper(self._build(step, self.closure)) for step in SHORT]
+    def _short_steppers(self, longest: float) -> list[Stepper]:
+        """Return plants whose steps are at most `longest` [s], each half of the one before; they are kept."""
+        if longest not in self.steppers:
+            lengths = [longest / 2**k for k in range(HALVINGS + 1)]
+            self.steppers[longest] = [Stepper(self._build(x, self.closure)) for x in lengths]
+        return self.steppers[longest]
 
     @cached_property
     def _still(self) -> Stepper:
