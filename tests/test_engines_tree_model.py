@@ -15,12 +15,11 @@ from gauss_bench.integrate.fixed_step import STEPS, held_back
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import places
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
-from tests.conftest import everything
 from tests.engine_runs import DRIVEN, acceleration_errors, by_gauss, linkage
 
 TREE = {"tree": "file order"}
@@ -41,7 +40,7 @@ class StandIn(TreeModel):
             return np.full(self.tree.n, np.nan)
         q, v, rest = self.tree.absolute(y, dy, np.zeros(self.tree.n))
         speeds = np.array([self.tree.absolute(y, one, one)[1] for one in np.eye(self.tree.n)])
-        return np.linalg.lstsq(speeds.T, gauss(self.evaluator.terms(t, q, v)).a - rest, rcond=None)[0]
+        return np.asarray(np.linalg.lstsq(speeds.T, gauss(self.evaluator.terms(t, q, v)).a - rest, rcond=None)[0])
 
     def run(self) -> None:
         y, dy = self.y0, self.dy0
@@ -153,11 +152,14 @@ def test_a_description_that_leaves_the_motion_open_is_refused(told: dict[str, An
         OpenModel(np.zeros((0, 2)), **told)
 
 
-@pytest.mark.parametrize(("name", "law"), [*DRIVEN, ("five_bar", "driven"), ("excavator", None), ("everything", None)])
+SLIDES = [("excavator_arm", "lift"), ("gripper", "close"), ("pushed", "push")]
+
+
+@pytest.mark.parametrize(("name", "law"), [*DRIVEN, *SLIDES, ("five_bar", "driven"), ("excavator", None)])
 def test_a_driven_angle_or_slide_at_the_start_is_the_row_of_tree_coordinates_that_its_law_prescribes(
     name: str, law: str | None
 ) -> None:
-    mechanism = everything() if name == "everything" else load(name, law)
+    mechanism = linkage(name, law)
     tree = spanning_tree(mechanism)
     y, dy = tree.relative(mechanism.q0, mechanism.v0)
     rows, constants = driven_rows(mechanism, tree)
@@ -166,6 +168,20 @@ def test_a_driven_angle_or_slide_at_the_start_is_the_row_of_tree_coordinates_tha
     np.testing.assert_allclose(rows @ dy, laws[:, 1], atol=1e-9)
     for at, driver in drivers_by_coordinate(mechanism, tree).items():
         np.testing.assert_array_equal(rows[jointed(mechanism).index(driver)], np.eye(tree.n)[at])
+
+
+@pytest.mark.parametrize("name", ["dyads", "swinging_block", "four_bar"])
+def test_the_angle_of_any_driven_link_is_its_row_of_tree_coordinates(name: str, rng: np.random.Generator) -> None:
+    (driver,) = load("four_bar", "driven").drivers
+    assert isinstance(driver, AngleDriver)
+    undriven = linkage(name)
+    mechanism = replace(undriven, drivers=tuple(replace(driver, link=i) for i in range(len(undriven.links))))
+    tree = spanning_tree(mechanism)
+    rows, constants = driven_rows(mechanism, tree)
+    y = rng.standard_normal(tree.n)
+    q, _, _ = tree.absolute(y, y, y)
+    np.testing.assert_allclose(rows @ y + constants, angles(q), atol=1e-14)
+    assert constants.any() == (name != "four_bar")  # the others have a slide whose block stands askew
 
 
 # accelerations of a library that only steps; y'' = -w^2 y - c y'

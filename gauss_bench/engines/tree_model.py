@@ -64,6 +64,10 @@ class TreeModel(ABC):
         with np.errstate(all="ignore"):  # no warnings: values that are not finite are found here
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy))[2], self.library)
 
+    def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (3 links,) of a sample of a run, like `accelerate`."""
+        return self.accelerate(t, y, dy)
+
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return self.accelerate(t, *self.tree.relative(q, v))
 
@@ -88,7 +92,7 @@ class TreeModel(ABC):
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
 
         def acceleration_of_sample(k: int) -> Array:
-            return self.accelerate(float(self.times[k]), y[k], dy[k])
+            return self.accelerate_sample(float(self.times[k]), y[k], dy[k])
 
         return with_accelerations(self.times, q, v, acceleration_of_sample, steps, evaluations, note)
 
