@@ -54,6 +54,7 @@ FOREIGN = {
     "mujoco": "engines/mujoco/",
     "opensim": "engines/opensim/",
     "dartpy": "engines/dart/",
+    "pydrake": "engines/drake/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",
