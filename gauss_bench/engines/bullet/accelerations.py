@@ -1,0 +1,60 @@
+"""Accelerations that Bullet's steps imply at a given state.
+
+Bullet has no accelerations of closed loops. A step from a tree state y, v solves for velocities v1 = P(y) (v + h a_free), where P
+projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations of the open tree. In a run
+y moves on, and so does P. Over two steps of length h, in the limit of short steps, velocities change at the rate
+
+    y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
+
+The first term is the change of v in one step at y, whatever its length; the second is found by fourth-order differences of steps
+so short that they only project. So the error of the time step is not in it, nor is that of closures that are drawn shut (erp = 0).
+The solver is iterated until it has converged: in a run with Bullet's own limits it ends before, the sooner the shorter the step.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gauss_bench.engines.bullet.translate import Drive, JointForces
+from gauss_bench.engines.bullet.world import World
+from gauss_bench.terms import Array
+
+DIFFERENCE = 1e-3  # [rad, m] between points of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
+CONVERGED = {"iterations": 20_000, "residual": 1e-32, "erp": 0.0, "substeps": 0}  # residual: squared change of a speed
+STEP = 1e-3  # [s] of the step that tells P a_free
+INSTANT = 1e-15  # [s] of a step that only projects
+
+
+class Accelerations:
+    """A call (t, y, dy) -> the accelerations (n,) of the tree coordinates.
+
+    Attributes:
+        world: a world of its own, so that a run is not disturbed; it must have the options CONVERGED.
+    """
+
+    def __init__(self, world: World, forces: JointForces, drives: Sequence[Drive]):
+        self.world, self.forces, self.drives = world, forces, drives
+
+    def __call__(self, t: float, y: Array, dy: Array) -> Array:
+        second = [float(x.law(t)[2]) for x in self.drives]
+        tau = self.forces(t, y, dy)
+        v = self._velocities_after(INSTANT, y, dy, tau, [float(x.law(t)[1]) for x in self.drives])
+        driven = [float(v[x.joint]) for x in self.drives]
+        tau = self.forces(t, y, v)
+        after = [rate + STEP * a for rate, a in zip(driven, second, strict=True)]
+        direct: Array = (self._velocities_after(STEP, y, v, tau, after) - v) / STEP
+        speed = float(np.abs(v).max(initial=0.0))
+        if speed == 0.0:
+            return direct
+        e = DIFFERENCE / speed
+        at = {k: self._velocities_after(INSTANT, y + k * e * v, v, tau, driven) for k in (-2, -1, 1, 2)}
+        return direct + (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * e)
+
+    def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Sequence[float]) -> Array:
+        """Return the velocities (n,) after a step from a state, with the motors at these rates."""
+        self.world.set_step(step)
+        self.world.put(y, dy)
+        for drive, rate in zip(self.drives, driven, strict=True):
+            self.world.drive(drive.joint, rate)
+        self.world.step(tau.tolist())
+        return self.world.state()[1]

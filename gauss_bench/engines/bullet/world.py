@@ -1,0 +1,194 @@
+"""A linkage in Bullet's world: one tree of links, whose open pins are closed by point-to-point constraints.
+
+Bullet's frames never turn against each other at y = 0: the constant angle between block and guide of a slide is taken into the
+points of the block, so that no angle is rounded to a quaternion. A free link is three joints, with two links of no mass between.
+
+Traps of PyBullet 3.2.7, none of which it reports:
+
+    changeDynamics     sends mass and inertia to the base, and frees it, if the same call sets linearDamping, angularDamping or
+                       maxJointVelocity: these are set in calls of their own
+    damping            of 0.04 slows every link, in proportion to the speed and to its square
+    speeds             of joints are cut at 100 rad/s or m/s
+    motors             brake every joint
+    inertias           are zero without a collision shape, until they are set
+    torques            are forgotten after a step
+    closures           exert at most an impulse of 500 N s in a step
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from weakref import finalize
+
+import numpy as np
+
+from gauss_bench.engines.shared import closing_pins, spatial
+from gauss_bench.engines.tree import Branch, Tree, turning
+from gauss_bench.mechanism.coordinates import rotate
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.terms import Array
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)  # quaternion of no turn
+UPWARDS = (0.0, 0.0, 1.0)
+NO_SHAPE = -1
+FASTEST = 1e9  # [rad/s, m/s] beyond every speed of a linkage
+STRONGEST = 1e9  # [N s, N m s] impulse that a closure or motor may exert in a step
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of Bullet's tree, with the link that hangs in it.
+
+    Attributes:
+        parent: index of the parent among Bullet's joints, from 1 on; 0 is the base.
+        origin: of the joint in the parent's frame [m]; axis: there.
+        centre: centre of mass of the link in the joint's frame [m].
+        mass [kg]; inertia [kg m^2].
+    """
+
+    parent: int
+    turns: bool
+    origin: Sequence[float]
+    axis: Sequence[float]
+    centre: Sequence[float]
+    mass: float
+    inertia: float
+
+
+def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
+    """List Bullet's joints in the order of the tree coordinates."""
+    angles = turning(tree).constants  # by which frames of links are turned against Bullet's at y = 0; the last is the ground's
+    carrier, origin = {GROUND: 0}, {GROUND: np.zeros(2)}  # joint that carries a link, and its place relative to the centre of mass
+    joints: list[Joint] = []
+    for b in tree.branches:
+        link = mechanism.links[b.link]
+        if b.kind == "free":
+            for k, axis in enumerate(np.eye(2)):
+                joints.append(Joint(0 if k == 0 else len(joints), False, spatial((0, 0)), spatial(axis), spatial((0, 0)), 0.0, 0.0))
+            joints.append(Joint(len(joints), True, spatial((0, 0)), UPWARDS, spatial((0, 0)), link.mass, link.inertia))
+            carrier[b.link], origin[b.link] = len(joints), np.zeros(2)
+            continue
+        near = rotate(b.parent_anchor + b.base, angles[b.parent]) - origin[b.parent]
+        origin[b.link] = rotate(b.anchor, angles[b.link])
+        axis = UPWARDS if b.kind == "revolute" else spatial(rotate(b.axis, angles[b.parent]))
+        own = link.mass, link.inertia
+        joints.append(Joint(carrier[b.parent], b.kind == "revolute", spatial(near), axis, spatial(-origin[b.link]), *own))
+        carrier[b.link] = len(joints)
+    return joints
+
+
+class World:
+    """A linkage in a world of Bullet of its own, which takes one step after another."""
+
+    def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
+        self.pybullet, self.tree = pybullet, tree
+        self.client: int = pybullet.connect(pybullet.DIRECT)
+        finalize(self, pybullet.disconnect, self.client)
+        self._set_options(options)
+        self._call(pybullet.setGravity, *spatial(mechanism.gravity))
+        self.joints = list_joints(mechanism, tree)
+        self.all = list(range(len(self.joints)))
+        self.body: int = self._add_body()
+        self._call(pybullet.changeDynamics, self.body, -1, linearDamping=options["damping"], angularDamping=options["damping"])
+        self._call(pybullet.changeDynamics, self.body, -1, maxJointVelocity=FASTEST)
+        for k in self.all:
+            self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
+        pins = closing_pins(tree) if closed else []
+        self.constraints = [self._close(a, b) for a, b in pins]
+
+    def _call(self, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
+        return function(*arguments, **keywords, physicsClientId=self.client)
+
+    def _set_options(self, options: Mapping[str, Any]) -> None:
+        pybullet = self.pybullet
+        keywords = {
+            "numSolverIterations": options["iterations"],
+            "solverResidualThreshold": options["residual"],
+            "erp": options["erp"],
+            "numSubSteps": options["substeps"],
+            "constraintSolverType": getattr(pybullet, f"CONSTRAINT_SOLVER_LCP_{options['solver']}"),
+        }
+        self._call(pybullet.setPhysicsEngineParameter, **keywords)
+
+    def _add_body(self) -> int:
+        """Add the tree to the world, with masses and inertias, and return Bullet's number of it."""
+        pybullet, joints, count = self.pybullet, self.joints, len(self.joints)
+        kinds = [pybullet.JOINT_REVOLUTE if x.turns else pybullet.JOINT_PRISMATIC for x in joints]
+        body = self._call(
+            pybullet.createMultiBody,
+            baseMass=0.0,
+            baseCollisionShapeIndex=NO_SHAPE,
+            baseVisualShapeIndex=NO_SHAPE,
+            linkMasses=[x.mass for x in joints],
+            linkCollisionShapeIndices=[NO_SHAPE] * count,
+            linkVisualShapeIndices=[NO_SHAPE] * count,
+            linkPositions=[x.origin for x in joints],
+            linkOrientations=[LEVEL] * count,
+            linkInertialFramePositions=[x.centre for x in joints],
+            linkInertialFrameOrientations=[LEVEL] * count,
+            linkParentIndices=[x.parent for x in joints],
+            linkJointTypes=kinds,
+            linkJointAxis=[x.axis for x in joints],
+        )
+        for k, joint in enumerate(joints):
+            inertia = [joint.inertia] * 3  # only the moment about the third axis acts
+            self._call(pybullet.changeDynamics, body, k, mass=joint.mass, localInertiaDiagonal=inertia)
+        return int(body)
+
+    def damp(self, coefficients: Array) -> None:
+        """Set the damping (n,) of the joints [N s/m, N m s/rad]."""
+        for k, c in enumerate(coefficients):
+            self._call(self.pybullet.changeDynamics, self.body, k, jointDamping=float(c))
+
+    def _close(self, a: Point, b: Point) -> int:
+        """Add the constraint that the points a and b coincide, and return Bullet's number of it."""
+        sides = self.body, self._carrier(a.link), self.body, self._carrier(b.link)
+        no_axis, kind = (0.0, 0.0, 0.0), self.pybullet.JOINT_POINT2POINT
+        return int(self._call(self.pybullet.createConstraint, *sides, kind, no_axis, self._pivot(a), self._pivot(b)))
+
+    def _carrier(self, link: int) -> int:
+        """Return Bullet's index of a link, -1 for the ground."""
+        if link == GROUND:
+            return -1
+        (branch,) = [b for b in self.tree.branches if b.link == link]
+        return branch.at + (2 if branch.kind == "free" else 0)
+
+    def _pivot(self, point: Point) -> list[float]:
+        """Return a point relative to the centre of mass of its link, in Bullet's frame."""
+        return spatial(rotate(point.local, turning(self.tree).constants[point.link]))
+
+    def set_step(self, step: float) -> None:
+        """Set the length of a step [s], and the forces that closures and motors may exert, which Bullet keeps as impulses."""
+        self.strongest = STRONGEST / step
+        self._call(self.pybullet.setTimeStep, step)
+        for constraint in self.constraints:
+            self._call(self.pybullet.changeConstraint, constraint, maxForce=self.strongest)
+
+    def put(self, y: Array, dy: Array) -> None:
+        """Set the tree state y, dy (n,)."""
+        for k in self.all:
+            self._call(self.pybullet.resetJointState, self.body, k, float(y[k]), float(dy[k]))
+
+    def state(self) -> tuple[Array, Array]:
+        """Return the tree state y, dy (n,)."""
+        states = self._call(self.pybullet.getJointStates, self.body, self.all)
+        return np.array([x[0] for x in states]), np.array([x[1] for x in states])
+
+    def drive(self, joint: int, rate: float) -> None:
+        """Let the motor of a joint reach a rate [rad/s, m/s] within the next step."""
+        mode = self.pybullet.VELOCITY_CONTROL
+        self._call(
+            self.pybullet.setJointMotorControl2,
+            self.body,
+            joint,
+            mode,
+            targetVelocity=rate,
+            velocityGain=1.0,
+            force=self.strongest,
+        )
+
+    def step(self, tau: Sequence[float]) -> None:
+        """Take a step with the forces tau (n,) in the joints."""
+        mode = self.pybullet.TORQUE_CONTROL
+        self._call(self.pybullet.setJointMotorControlArray, self.body, self.all, mode, forces=tau)
+        self._call(self.pybullet.stepSimulation)
