@@ -68,7 +68,7 @@ class BulletModel:
 
         self.pybullet: Any = pybullet
         self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
-        self.tree = joint_tree(mechanism, self.options)
+        self.tree, self.evaluator = joint_tree(mechanism, self.options), Evaluator(mechanism)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
         self.forces, self.drives = joint_forces(mechanism, self.tree), list_drives(mechanism, self.tree)
         self._verify()
@@ -84,23 +84,23 @@ class BulletModel:
         Raises:
             RunFailure: its accelerations differ.
         """
-        evaluator = Evaluator(self.mechanism)
-        world = World(self.pybullet, self.mechanism, self.tree, {**self.options, **CONVERGED, "damping": 0.0}, closed=False)
+        world = World(self.pybullet, self.mechanism, self.tree, {**self.options, "damping": 0.0, "substeps": 0}, closed=False)
         world.damp(self.forces.joint_damping)
         world.set_step(1.0)  # without constraints the change of velocities is in proportion to the step, and exact
         for y, dy in tree_states(self.tree, self.y0, self.dy0):
-            own = open_tree(evaluator, self.tree, y, dy)
+            own = open_tree(self.evaluator, self.tree, y, dy)
             world.put(y, dy)
             world.step(self.forces(0.0, y, dy).tolist())
             acceleration = world.state()[1] - dy
             require_agreement({"forces of the open tree": (own.mass @ acceleration, own.forces, own.load or 1.0)}, AGREEMENT)
 
-    def _accelerate(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations in absolute coordinates (3 links,) at a tree state y, dy (n,)."""
-        return finite_acceleration(t, self.tree.absolute(y, dy, self.accelerations(t, y, dy))[2], "Bullet")
-
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._accelerate(t, *self.tree.relative(q, v))
+        """Return the accelerations (3 links,) at the state on the constraints that is nearest to q, v (3 links,).
+
+        Where loops are open, redundant closures would contradict each other, and Bullet's solver would not converge.
+        """
+        y, dy = self.tree.relative(*self.evaluator.project(t, q, v))
+        return finite_acceleration(t, self.tree.absolute(y, dy, self.accelerations(t, y, dy))[2], "Bullet")
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times = times
@@ -133,6 +133,6 @@ class BulletModel:
         steps = sum(stretch.steps for stretch in self.plan)
 
         def acceleration_of_sample(k: int) -> Array:
-            return self._accelerate(float(self.times[k]), self.y[k], self.dy[k])
+            return self.acceleration(float(self.times[k]), q[k], v[k])
 
         return with_accelerations(self.times, q, v, acceleration_of_sample, steps)

@@ -164,6 +164,10 @@ class World:
         for constraint in self.constraints:
             self._call(self.pybullet.changeConstraint, constraint, maxForce=self.strongest)
 
+    def set_residual(self, residual: float) -> None:
+        """Set the squared change of a relative speed [m^2/s^2] at which the iteration ends."""
+        self._call(self.pybullet.setPhysicsEngineParameter, solverResidualThreshold=residual)
+
     def put(self, y: Array, dy: Array) -> None:
         """Set the tree state y, dy (n,)."""
         for k in self.all:
