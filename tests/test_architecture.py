@@ -53,6 +53,7 @@ FOREIGN = {
     "exudyn": "engines/exudyn/adapter.py",
     "mujoco": "engines/mujoco/",
     "opensim": "engines/opensim/",
+    "pybullet": "engines/bullet/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",

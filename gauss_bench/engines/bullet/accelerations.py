@@ -1,8 +1,8 @@
 """Accelerations that Bullet's steps imply at a given state.
 
 Bullet has no accelerations of closed loops. A step from a tree state y, v solves for velocities v1 = P(y) (v + h a_free), where P
-projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations of the open tree. In a run
-y moves on, and so does P. Over two steps of length h, in the limit of short steps, velocities change at the rate
+projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations of the open tree. In a
+run y moves on, and so does P. From step to step, in the limit of short steps, velocities change at the rate
 
     y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
 
@@ -11,12 +11,13 @@ so short that they only project. So the error of the time step is not in it, nor
 The solver is iterated until it has converged: in a run with Bullet's own limits it ends before, the sooner the shorter the step.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.engines.bullet.translate import Drive, JointForces
+from gauss_bench.engines.bullet.translate import JointForces
 from gauss_bench.engines.bullet.world import World
+from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
 DIFFERENCE = 1e-3  # [rad, m] between points of the differences: truncation eps^4/30 and rounding 1e-16/eps are both near 1e-13
@@ -30,31 +31,32 @@ class Accelerations:
     """A call (t, y, dy) -> the accelerations (n,) of the tree coordinates, at a state on the constraints.
 
     Attributes:
-        world: a world of its own, so that a run is not disturbed; it must have the options CONVERGED.
+        world: a world that no run uses, with the options CONVERGED.
+        laws: index of a driven joint -> its law.
     """
 
-    def __init__(self, world: World, forces: JointForces, drives: Sequence[Drive]):
-        self.world, self.forces, self.drives = world, forces, drives
+    def __init__(self, world: World, forces: JointForces, laws: Mapping[int, MotionLaw]):
+        self.world, self.forces, self.laws = world, forces, laws
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         tau = self.forces(t, y, dy)
-        driven = [float(dy[x.joint]) for x in self.drives]
-        after = [float(dy[x.joint] + STEP * x.law(t)[2]) for x in self.drives]
+        rates = {joint: float(dy[joint]) for joint in self.laws}
+        after = {joint: float(dy[joint] + STEP * law(t)[2]) for joint, law in self.laws.items()}
         direct: Array = (self._velocities_after(STEP, y, dy, tau, after) - dy) / STEP
         speed = float(np.abs(dy).max(initial=0.0))
         if speed == 0.0:
             return direct
         e = DIFFERENCE / speed
         # P(y + k e v) v at four points
-        at = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, driven) for k in (-2, -1, 1, 2)}
+        at = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, rates) for k in (-2, -1, 1, 2)}
         return direct + (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * e)
 
-    def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Sequence[float]) -> Array:
-        """Return the velocities (n,) after a step from a state, with the motors at these rates."""
+    def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
+        """Return the velocities (n,) after a step from a state, with the motors of driven joints at these rates."""
         self.world.set_step(step)
         self.world.set_residual((ROUNDING * max(1.0, float(np.abs(dy).max(initial=0.0)))) ** 2)
         self.world.put(y, dy)
-        for drive, rate in zip(self.drives, driven, strict=True):
-            self.world.drive(drive.joint, rate)
+        for joint, rate in driven.items():
+            self.world.drive(joint, rate)
         self.world.step(tau.tolist())
         return self.world.state()[1]

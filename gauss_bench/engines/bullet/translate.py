@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, jointed
+from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates
 from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, sort_loads
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import LengthDriver, Mechanism, factor_of
-from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
 
@@ -90,17 +89,3 @@ def joint_forces(mechanism: Mechanism, tree: Tree) -> JointForces:
     forces = tuple(f for f in mechanism.forces if f.name in others)
     rest_of_them = AppliedForces(replace(mechanism, forces=forces, gravity=np.zeros(2)))
     return JointForces(tree, constant, stiffness, damping, joint_damping, rest_of_them)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A joint whose motor follows a law; `joint` is the index of its tree coordinate."""
-
-    joint: int
-    law: MotionLaw
-
-
-def list_drives(mechanism: Mechanism, tree: Tree) -> list[Drive]:
-    """List the driven joints of a mechanism that `refusal` lets pass."""
-    driven = zip(driven_coordinates(mechanism, tree), jointed(mechanism), strict=True)
-    return [Drive(joint, driver.law) for joint, driver in driven if joint is not None]

@@ -17,19 +17,21 @@ Traps of PyBullet 3.2.7, none of which it reports:
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from weakref import finalize
 
 import numpy as np
 
 from gauss_bench.engines.shared import closing_pins, spatial
-from gauss_bench.engines.tree import Branch, Tree, turning
+from gauss_bench.engines.tree import Tree, turning
 from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point
 from gauss_bench.terms import Array
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)  # quaternion of no turn
-UPWARDS = (0.0, 0.0, 1.0)
+UPWARDS: Sequence[float] = (0.0, 0.0, 1.0)
+ORIGIN: Sequence[float] = (0.0, 0.0, 0.0)
 NO_SHAPE = -1
 FASTEST = 1e9  # [rad/s, m/s] beyond every speed of a linkage
 STRONGEST = 1e9  # [N s, N m s] impulse that a closure or motor may exert in a step
@@ -58,27 +60,31 @@ class Joint:
 def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     """List Bullet's joints in the order of the tree coordinates."""
     angles = turning(tree).constants  # by which frames of links are turned against Bullet's at y = 0; the last is the ground's
-    carrier, origin = {GROUND: 0}, {GROUND: np.zeros(2)}  # joint that carries a link, and its place relative to the centre of mass
+    carriers = {GROUND: 0}  # link -> 1 + index of the joint that carries it
+    origins = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
     joints: list[Joint] = []
     for b in tree.branches:
-        link = mechanism.links[b.link]
+        mass, inertia = mechanism.links[b.link].mass, mechanism.links[b.link].inertia
         if b.kind == "free":
-            for k, axis in enumerate(np.eye(2)):
-                joints.append(Joint(0 if k == 0 else len(joints), False, spatial((0, 0)), spatial(axis), spatial((0, 0)), 0.0, 0.0))
-            joints.append(Joint(len(joints), True, spatial((0, 0)), UPWARDS, spatial((0, 0)), link.mass, link.inertia))
-            carrier[b.link], origin[b.link] = len(joints), np.zeros(2)
+            joints.append(Joint(0, False, ORIGIN, (1.0, 0.0, 0.0), ORIGIN, 0.0, 0.0))
+            joints.append(Joint(len(joints), False, ORIGIN, (0.0, 1.0, 0.0), ORIGIN, 0.0, 0.0))
+            joints.append(Joint(len(joints), True, ORIGIN, UPWARDS, ORIGIN, mass, inertia))
+            carriers[b.link], origins[b.link] = len(joints), np.zeros(2)
             continue
-        near = rotate(b.parent_anchor + b.base, angles[b.parent]) - origin[b.parent]
-        origin[b.link] = rotate(b.anchor, angles[b.link])
+        place = spatial(rotate(b.parent_anchor + b.base, angles[b.parent]) - origins[b.parent])
         axis = UPWARDS if b.kind == "revolute" else spatial(rotate(b.axis, angles[b.parent]))
-        own = link.mass, link.inertia
-        joints.append(Joint(carrier[b.parent], b.kind == "revolute", spatial(near), axis, spatial(-origin[b.link]), *own))
-        carrier[b.link] = len(joints)
+        origins[b.link] = rotate(b.anchor, angles[b.link])
+        centre = spatial(-origins[b.link])
+        joints.append(Joint(carriers[b.parent], b.kind == "revolute", place, axis, centre, mass, inertia))
+        carriers[b.link] = len(joints)
     return joints
 
 
 class World:
-    """A linkage in a world of Bullet of its own, which takes one step after another."""
+    """A linkage in a world of Bullet of its own, which takes one step after another.
+
+    `set_step` must be called before the first step. Without `closed` it has no closures.
+    """
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
         self.pybullet, self.tree = pybullet, tree
@@ -93,8 +99,13 @@ class World:
         self._call(pybullet.changeDynamics, self.body, -1, maxJointVelocity=FASTEST)
         for k in self.all:
             self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
-        pins = closing_pins(tree) if closed else []
-        self.constraints = [self._close(a, b) for a, b in pins]
+        self.pins = closing_pins(tree)
+        self.constraints = [self._close(a, b) for a, b in self.pins] if closed else []
+        # bound once, because a run calls them at every step
+        joints = {"bodyUniqueId": self.body, "jointIndices": self.all, "physicsClientId": self.client}
+        self._push = partial(pybullet.setJointMotorControlArray, controlMode=pybullet.TORQUE_CONTROL, **joints)
+        self._read = partial(pybullet.getJointStates, **joints)
+        self._advance = partial(pybullet.stepSimulation, physicsClientId=self.client)
 
     def _call(self, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
         return function(*arguments, **keywords, physicsClientId=self.client)
@@ -143,7 +154,7 @@ class World:
     def _close(self, a: Point, b: Point) -> int:
         """Add the constraint that the points a and b coincide, and return Bullet's number of it."""
         sides = self.body, self._carrier(a.link), self.body, self._carrier(b.link)
-        no_axis, kind = (0.0, 0.0, 0.0), self.pybullet.JOINT_POINT2POINT
+        kind, no_axis = self.pybullet.JOINT_POINT2POINT, ORIGIN
         return int(self._call(self.pybullet.createConstraint, *sides, kind, no_axis, self._pivot(a), self._pivot(b)))
 
     def _carrier(self, link: int) -> int:
@@ -175,7 +186,7 @@ class World:
 
     def state(self) -> tuple[Array, Array]:
         """Return the tree state y, dy (n,)."""
-        states = self._call(self.pybullet.getJointStates, self.body, self.all)
+        states = self._read()
         return np.array([x[0] for x in states]), np.array([x[1] for x in states])
 
     def drive(self, joint: int, rate: float) -> None:
@@ -193,6 +204,19 @@ class World:
 
     def step(self, tau: Sequence[float]) -> None:
         """Take a step with the forces tau (n,) in the joints."""
-        mode = self.pybullet.TORQUE_CONTROL
-        self._call(self.pybullet.setJointMotorControlArray, self.body, self.all, mode, forces=tau)
-        self._call(self.pybullet.stepSimulation)
+        self._push(forces=tau)
+        self._advance()
+
+    def gaps(self) -> Array:
+        """Return point b minus point a of every closing pin (pins, 2) [m], by Bullet's own kinematics."""
+        places = [[self._place(point) for point in pin] for pin in self.pins]
+        return np.array([b - a for a, b in places]).reshape(-1, 2)
+
+    def _place(self, point: Point) -> Array:
+        """Return where a point is (2,) [m], by Bullet's own kinematics."""
+        link, pivot = self._carrier(point.link), self._pivot(point)
+        if link < 0:
+            return np.array(pivot[:2])
+        centre, turn, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
+        # not by PyBullet's multiplyTransforms, which is right to 1e-8 only
+        return np.array(centre[:2]) + rotate(np.array(pivot[:2]), 2 * np.arctan2(turn[2], turn[3]))
