@@ -61,7 +61,7 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     """List Bullet's joints in the order of the tree coordinates."""
     angles = turning(tree).constants  # by which frames of links are turned against Bullet's at y = 0; the last is the ground's
     carriers = {GROUND: 0}  # link -> 1 + index of the joint that carries it
-    origins = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
+    origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
     joints: list[Joint] = []
     for b in tree.branches:
         mass, inertia = mechanism.links[b.link].mass, mechanism.links[b.link].inertia
