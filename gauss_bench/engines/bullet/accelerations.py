@@ -1,7 +1,7 @@
 """Accelerations that Bullet's steps imply at a given state.
 
-Bullet has no accelerations of closed loops. A step from a tree state y, v solves for velocities v1 = P(y) (v + h a_free), where P
-projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations of the open tree. In a
+Bullet has no accelerations of closed loops. A step from a state y, v solves for velocities v1 = P(y) (v + h a_free), where P
+projects velocities onto those that the closures at y allow, J(y) v1 = 0, and a_free are the accelerations without closures. In a
 run y moves on, and so does P. From step to step, in the limit of short steps, velocities change at the rate
 
     y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
@@ -15,8 +15,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.engines.bullet.translate import JointForces
-from gauss_bench.engines.bullet.world import World
+from gauss_bench.engines.bullet.translate import BodyForces, JointForces
+from gauss_bench.engines.bullet.world import BodyWorld, TreeWorld
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
@@ -28,14 +28,14 @@ INSTANT = 1e-15  # [s] of a step that only projects
 
 
 class Accelerations:
-    """A call (t, y, dy) -> the accelerations (n,) of the tree coordinates, at a state on the constraints.
+    """A call (t, y, dy) -> the accelerations (n,) of a world's coordinates, at a state on the constraints.
 
     Attributes:
         world: a world that no run uses, with the options CONVERGED.
         laws: index of a driven joint -> its law.
     """
 
-    def __init__(self, world: World, forces: JointForces, laws: Mapping[int, MotionLaw]):
+    def __init__(self, world: TreeWorld | BodyWorld, forces: JointForces | BodyForces, laws: Mapping[int, MotionLaw]):
         self.world, self.forces, self.laws = world, forces, laws
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:

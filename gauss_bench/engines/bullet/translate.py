@@ -21,10 +21,18 @@ from gauss_bench.mechanism.model import LengthDriver, Mechanism, factor_of
 from gauss_bench.terms import Array
 
 
-def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
-    """Return the reason why Bullet cannot model a mechanism, or None if it can."""
+def refusal(mechanism: Mechanism, tree: Tree, coordinates: str) -> str | None:
+    """Return the reason why Bullet cannot model a mechanism, or None if it can.
+
+    Args:
+        coordinates: "tree" for joints, or "bodies" for free bodies.
+    """
     if reason := beyond_a_tree(mechanism, "Bullet"):
         return reason
+    if coordinates == "bodies":
+        if mechanism.slides:
+            return f"Bullet has no slide between free bodies ({mechanism.slides[0].name})"
+        return "Bullet has motors in the joints of a tree, and none between free bodies" if mechanism.drivers else None
     for driver in mechanism.drivers:
         if isinstance(driver, LengthDriver):
             return f"Bullet has motors in joints, and none for the length {driver.name}"
@@ -89,3 +97,16 @@ def joint_forces(mechanism: Mechanism, tree: Tree) -> JointForces:
     forces = tuple(f for f in mechanism.forces if f.name in others)
     rest_of_them = AppliedForces(replace(mechanism, forces=forces, gravity=np.zeros(2)))
     return JointForces(tree, constant, stiffness, damping, joint_damping, rest_of_them)
+
+
+class BodyForces:
+    """A call (t, q, v) -> the forces (3 links,) at the centres of mass of free links, except gravity, which is Bullet's."""
+
+    are_constant = False  # a run reads every state, because it counts the turns of links
+
+    def __init__(self, mechanism: Mechanism):
+        self.applied = AppliedForces(replace(mechanism, gravity=np.zeros(2)))
+        self.constant = np.zeros(mechanism.n)
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        return self.applied.generalised(q, v, t)
