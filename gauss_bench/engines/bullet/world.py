@@ -12,7 +12,6 @@ Traps of PyBullet 3.2.7, none of which it reports:
     motors             brake every joint
     inertias           are zero without a collision shape, until they are set
     torques            are forgotten after a step
-    sleep              holds slow rigid bodies where they are
     rigid bodies       feel no torque in their first step
     closures           exert at most an impulse of 500 N s in a step
 """
@@ -262,8 +261,6 @@ class BodyWorld(World):
         body = int(self._call(pybullet.createMultiBody, baseMass=mass, baseCollisionShapeIndex=NO_SHAPE, useMaximalCoordinates=1))
         if mass:
             self._call(pybullet.changeDynamics, body, -1, mass=mass, localInertiaDiagonal=[inertia] * 3)
-            # else slow bodies fall asleep and stay where they are
-            self._call(pybullet.changeDynamics, body, -1, activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING)
             self._free_from_limits(body)
         return body
 
