@@ -85,11 +85,12 @@ def test_the_damping_that_bullet_ships_is_found_as_a_force_that_the_linkage_has_
 
 
 @pytest.mark.usefixtures("bullet")
-@pytest.mark.parametrize(("name", "scenario"), [("crank_slider", "driven"), ("four_bar", "driven"), ("four_bar", "cycloid")])
-def test_a_crank_follows_its_law(name: str, scenario: str) -> None:
-    run = gauss_bench.simulate(name, "bullet", scenario, at=[0.0, 0.1])
+@pytest.mark.parametrize(("settings", "most"), [("default", 1e-6), ("converged", 1e-12)])
+@pytest.mark.parametrize(("name", "scenario"), [("crank_slider", "driven"), ("four_bar", "cycloid")])
+def test_a_crank_follows_its_law_as_far_as_the_solver_converges(name: str, scenario: str, settings: str, most: float) -> None:
+    run = gauss_bench.simulate(name, "bullet", scenario, settings, at=[0.0, 0.1])
     (driver,) = load(name, scenario).drivers
-    assert run.links["crank"]["theta"][-1] == pytest.approx(float(driver.law(0.1)[0]), abs=1e-9)
+    assert abs(run.links["crank"]["theta"][-1] - float(driver.law(0.1)[0])) < most  # by default a speed may be 3e-4 rad/s off
 
 
 @pytest.mark.usefixtures("bullet")
