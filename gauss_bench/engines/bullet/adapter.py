@@ -42,6 +42,8 @@ class Bullet:
     stabilizations = ("none",)
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    packages = ("pybullet",)
+    resizable = True
     native_loop = False
     python_loop = True
 
