@@ -55,6 +55,7 @@ FOREIGN = {
     "opensim": "engines/opensim/",
     "dartpy": "engines/dart/",
     "pydrake": "engines/drake/",
+    "pybullet": "engines/bullet/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",

@@ -42,6 +42,7 @@ ELSEWHERE = {  # adapters of this package whose library needs an environment of 
     "opensim": "gauss_bench.engines.opensim.adapter:OpenSim",
     "dart": "gauss_bench.engines.dart.adapter:Dart",
     "drake": "gauss_bench.engines.drake.adapter:Drake",
+    "bullet": "gauss_bench.engines.bullet.adapter:Bullet",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
