@@ -48,10 +48,10 @@ ALLOWED = {  # room -> those that it may import
     "__init__": "",
     "__main__": "cli",
 }
-FOREIGN = {
+FOREIGN: dict[str, str | tuple[str, ...]] = {
     "pinocchio": "engines/pinocchio/",
     "exudyn": "engines/exudyn/adapter.py",
-    "mujoco": "engines/mujoco/",
+    "mujoco": ("engines/mujoco/", "engines/mjcf/"),
     "opensim": "engines/opensim/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
@@ -103,6 +103,15 @@ def test_a_file_imports_only_what_its_room_may(path: Path) -> None:
             assert str(path.relative_to(PACKAGE)).startswith(FOREIGN[top]), f"{name} belongs to its adapter alone"
         elif own in OUTSIDE and top not in sys.stdlib_module_names:
             assert top in OUTSIDE[own], f"{own} must not import {name}"
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if room_of(p) == "engines"], ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_the_folder_of_an_engine_imports_no_other_engines(path: Path) -> None:
+    """`mjcf` is the folder of a format, which several engines share."""
+    own = path.relative_to(PACKAGE / "engines").parts[0]
+    folders = {p.name for p in (PACKAGE / "engines").iterdir() if p.is_dir()} - {own, "mjcf"}
+    for name in imports(path):
+        assert name.removeprefix("gauss_bench.engines.").split(".")[0] not in folders, name
 
 
 def test_rooms_form_no_circle() -> None:
