@@ -51,7 +51,8 @@ ALLOWED = {  # room -> those that it may import
 FOREIGN: dict[str, str | tuple[str, ...]] = {
     "pinocchio": "engines/pinocchio/",
     "exudyn": "engines/exudyn/adapter.py",
-    "mujoco": ("engines/mujoco/", "engines/mjcf/"),
+    "mujoco": ("engines/mujoco/", "engines/mjcf/", "engines/mjx/"),  # MJX reads and writes the library's models
+    "jax": "engines/mjx/",
     "opensim": "engines/opensim/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
