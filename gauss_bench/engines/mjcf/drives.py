@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gauss_bench.engines.mjcf.draft import Draft
-from gauss_bench.engines.shared import driven_coordinates, jointed
+from gauss_bench.engines.shared import drivers_by_coordinate
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
@@ -58,10 +58,8 @@ def find_drives(model: Any, draft: Draft, mechanism: Mechanism, tree: Tree, shar
         model: compiled from `draft`, without armatures.
         share: armature over the inertia of the tree at rest.
     """
-    drives = []
-    for k, driver in zip(driven_coordinates(mechanism, tree), jointed(mechanism), strict=True):
-        if k is not None:
-            drives.append(Drive(driver.law, share * float(model.dof_M0[k]), k))
+    driven = drivers_by_coordinate(mechanism, tree)
+    drives = [Drive(driver.law, share * float(model.dof_M0[k]), k) for k, driver in driven.items()]
     for cylinder, tendon, motor in draft.cylinders:
         mass = share / float(model.tendon_invweight0[tendon.id])
         drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))

@@ -15,32 +15,18 @@ Accelerations at rest agree, those at a speed do not, and errors of a motion fal
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.drives import find_drives, set_armatures
 from gauss_bench.engines.mjcf.forces import native_forces
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mjx.xla import Device, load_libraries
-from gauss_bench.engines.shared import (
-    beyond_a_tree,
-    driven_coordinates,
-    finite_acceleration,
-    joint_tree,
-    open_tree,
-    require_agreement,
-    tree_states,
-    unsteady,
-    with_accelerations,
-)
+from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, joint_tree, unsteady
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import LengthDriver, Mechanism
-from gauss_bench.mechanism.spaces import places
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status
 
 VARIANTS = read_variants(Path(__file__).parent)
 INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
@@ -89,7 +75,7 @@ class Mjx:
         return MjxModel(mechanism, choice)
 
 
-class MjxModel:
+class MjxModel(TreeModel):
     """A mechanism in MJX under one integrator and setting.
 
     Attributes:
@@ -98,54 +84,52 @@ class MjxModel:
         sized: the step [s] that the numbers on the device are for.
     """
 
+    library = "MJX"
+
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.libraries = load_libraries()
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
-        self.tree = joint_tree(mechanism, self.options)
-        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
         try:
             self.draft = Draft(self.libraries.mujoco, mechanism, self.tree)
-            self.bodies: list[int] = []
             self.device = Device(self.libraries, self._compile(choice.step, driven=False), self.draft.torque)
         except (ValueError, NotImplementedError) as error:
             raise RunFailure(Status.ERROR, f"MJX cannot take the model: {error}") from error
-        verify(self)
+        self.bodies = [self.draft.bodies[i].id for i in range(len(mechanism.links))]
+        verify(mechanism, self.tree, self.describe, AGREEMENT)
         self._size(choice.step)
 
     def _compile(self, step: float, driven: bool = True) -> Any:
-        """Return MuJoCo's model with the options of the choice, for steps of `step` [s]."""
-        mujoco = self.libraries.mujoco
-        model = self.draft.spec.compile()
-        self.bodies = [self.draft.bodies[i].id for i in range(len(self.mechanism.links))]
+        """Return MuJoCo's model for steps of `step` [s]; `driven` is false for one without the armatures of drives."""
+        mujoco, model = self.libraries.mujoco, self.draft.spec.compile()
         share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
         if driven and (drives := find_drives(model, self.draft, self.mechanism, self.tree, share)):
-            set_armatures(mujoco, model, drives)  # the law's second rate is zero, so that the armature needs no force
+            set_armatures(mujoco, model, drives)  # the second rate of their laws is zero, so that no force belongs to them
         configure(mujoco, model, self.options, step)
         model.opt.timestep = step
         model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[self.choice.integrator or "rk4"])
         return model
 
     def _size(self, step: float) -> None:
-        """Put the numbers for steps of `step` [s] on the device, with the armatures of drives."""
+        """Put the numbers for steps of `step` [s] on the device: those of closures may depend on it."""
         self.device.set(self._compile(step))
         self.sized = step
 
-    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) in absolute coordinates at a tree state y, dy (n,)."""
-        return finite_acceleration(t, self.tree.absolute(y, dy, self.device.evaluate(y, dy).acceleration)[2], "MJX")
+    def describe(self, y: Array, dy: Array) -> OpenModel:
+        """Return what MJX says of the tree at a tree state y, dy (n,), without drives; the forces of its closures are left out."""
+        x = self.device.evaluate(y, dy)
+        return OpenModel(-x.gaps[:, :2], x.mass, x.forces, positions=x.centres[self.bodies][:, :2])  # gaps: a minus b
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self.tree_acceleration(t, *self.tree.relative(q, v))
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        return self.device.evaluate(y, dy).acceleration
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        super().prepare(times, native)
         if self.choice.step != self.sized:
             self._size(self.choice.step)
-        self.device.compile_loop()
-        self.times, self.native = times, native
-        self.plan = list(stretches(times, self.choice.step))
-        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         self.models = {stretch.size: self.device.with_step(stretch.size) for stretch in self.plan}
         self.state = self.device.start(self.y0, self.dy0, float(times[0]))
+        for model in self.models.values():  # compiles the loop unless it is compiled already
+            self.device.take_steps(model, self.state, 0)
 
     def run(self) -> None:
         take_steps, state = self.device.take_steps, self.state
@@ -158,31 +142,3 @@ class MjxModel:
                     state = take_steps(model, state, 1)
             if stretch.row is not None:  # to read the state is to wait for it: JAX returns before it has computed
                 self.y[stretch.row], self.dy[stretch.row] = state.qpos, state.qvel
-
-    def read(self) -> Trajectory:
-        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-
-        def acceleration_of_sample(k: int) -> Array:
-            return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
-
-        steps = sum(stretch.steps for stretch in self.plan)
-        return with_accelerations(self.times, q, v, acceleration_of_sample, steps)
-
-
-def verify(built: MjxModel) -> None:
-    """Compare a built model, which has no armatures of drives yet, with the suite's own terms at tree states with open loops.
-
-    Raises:
-        RunFailure: a quantity differs. The softness of closures and their velocity term are not compared here.
-    """
-    evaluator = Evaluator(built.mechanism)
-    for y, dy in tree_states(built.tree, built.y0, built.dy0):
-        own, found = open_tree(evaluator, built.tree, y, dy), built.device.evaluate(y, dy)
-        extent = float(np.abs(own.q).max())
-        pairs = {
-            "positions of links": (found.centres[built.bodies][:, :2], places(own.q), extent),
-            "gaps of open pins": (found.gaps[:, :2], -own.gaps, extent),
-            "mass matrix": (found.mass, own.mass, float(own.mass.max())),
-            "forces and velocity terms": (found.forces, own.forces, own.load),
-        }
-        require_agreement(pairs, AGREEMENT)

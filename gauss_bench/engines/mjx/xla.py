@@ -7,8 +7,9 @@ model, its integrator and its solver: step size, masses, forces and softness are
 import contextlib
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -70,58 +71,57 @@ class Evaluated:
     gaps: Array
 
 
+@cache
+def functions(jax: Any, mjx: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the loop of steps and the terms at a state; JAX compiles each once for every shape of a model, at its first call.
+
+    take_steps    model, state, number of steps -> state after them
+    terms         model, state -> acceleration, mass matrix, forces, centres of mass, gaps
+    """
+
+    def take_steps(model: Any, state: Any, count: Any) -> Any:
+        return jax.lax.fori_loop(0, count, lambda _, x: mjx.step(model, x), state)
+
+    def terms(model: Any, state: Any) -> tuple[Any, ...]:
+        x = mjx.forward(model, state)
+        forces = x.qfrc_applied + x.qfrc_passive + x.qfrc_actuator - x.qfrc_bias
+        return x.qacc, mjx.full_m(model, x), forces, x.xipos, x._impl.efc_pos
+
+    return jax.jit(take_steps), jax.jit(terms)
+
+
 class Device:
     """MuJoCo's compiled model on JAX's device, with the functions compiled for it.
 
     Attributes:
-        data: MJX's state at qpos0 and rest, with the forces `torque` (n,); runs begin with a copy of it.
+        rest: MJX's state at qpos0 and rest, with the forces `torque` (n,); every other state is a copy of it.
     """
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
-        self.jax, self.mjx = libraries.jax, libraries.mjx
-        self.model: Any = self.mjx.put_model(model)
-        self.data: Any = self.mjx.put_data(model, libraries.mujoco.MjData(model)).replace(qfrc_applied=self.jax.numpy.array(torque))
-        self._loop: Any = None
-        self._forward: Any = None
+        self.array, self.mjx = libraries.jax.numpy.array, libraries.mjx
+        self._take_steps, self._terms = functions(libraries.jax, libraries.mjx)
+        self.set(model)
+        rest = self.mjx.put_data(model, libraries.mujoco.MjData(model))
+        self.rest: Any = rest.replace(qfrc_applied=self.array(torque))
 
     def set(self, model: Any) -> None:
-        """Take the numbers of MuJoCo's model anew; nothing is compiled again if only numbers changed."""
-        self.model = self.mjx.put_model(model)
+        """Take the numbers of MuJoCo's model."""
+        self.model: Any = self.mjx.put_model(model)
 
     def with_step(self, size: float) -> Any:
         """Return MJX's model with steps of `size` [s]."""
-        return self.model.tree_replace({"opt.timestep": self.jax.numpy.array(size)})
+        return self.model.tree_replace({"opt.timestep": self.array(size)})
 
     def start(self, y: Array, dy: Array, t: float) -> Any:
         """Return MJX's state at a tree state y, dy (n,) and time t [s]."""
-        array = self.jax.numpy.array
-        return self.data.replace(qpos=array(y), qvel=array(dy), time=array(float(t)))
+        return self.rest.replace(qpos=self.array(y), qvel=self.array(dy), time=self.array(t))
 
-    def compile_loop(self) -> None:
-        """Compile the loop of steps, unless it is compiled already."""
-        if self._loop is None:
-            mjx, fori_loop = self.mjx, self.jax.lax.fori_loop
-
-            def take_steps(model: Any, data: Any, count: Any) -> Any:
-                return fori_loop(0, count, lambda _, state: mjx.step(model, state), data)
-
-            self._loop = self.jax.jit(take_steps).lower(self.model, self.data, 1).compile()
-
-    def take_steps(self, model: Any, data: Any, count: int) -> Any:
-        """Return MJX's state after `count` steps."""
-        return self._loop(model, data, count)
+    def take_steps(self, model: Any, state: Any, count: int) -> Any:
+        """Return MJX's state after `count` steps with one of the models of `with_step`."""
+        return self._take_steps(model, state, count)
 
     def evaluate(self, y: Array, dy: Array) -> Evaluated:
-        """Evaluate the terms at a tree state y, dy (n,), by code of its own, which contains no step."""
-        data = self.start(y, dy, 0.0)
-        if self._forward is None:
-            mjx = self.mjx
-
-            def terms(model: Any, data: Any) -> Sequence[Any]:
-                x = mjx.forward(model, data)
-                forces = x.qfrc_applied + x.qfrc_passive + x.qfrc_actuator - x.qfrc_bias
-                return x.qacc, mjx.full_m(model, x), forces, x.xipos, x._impl.efc_pos
-
-            self._forward = self.jax.jit(terms).lower(self.model, data).compile()
-        acceleration, mass, forces, centres, gaps = (np.array(x) for x in self._forward(self.model, data))
+        """Evaluate the terms at a tree state y, dy (n,)."""
+        found = [np.array(x) for x in self._terms(self.model, self.start(y, dy, 0.0))]
+        acceleration, mass, forces, centres, gaps = found
         return Evaluated(acceleration, mass, forces, centres, gaps.reshape(-1, 3))
