@@ -45,6 +45,7 @@ class Mjx:
     native_loop = True
     python_loop = True
     resizable = True  # a built model can run with another step
+    packages = ("mujoco-mjx", "mujoco", "jax")
 
     def version(self) -> str:
         from importlib.metadata import version
