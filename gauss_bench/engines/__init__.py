@@ -43,6 +43,7 @@ ELSEWHERE = {  # adapters of this package whose library needs an environment of 
     "dart": "gauss_bench.engines.dart.adapter:Dart",
     "drake": "gauss_bench.engines.drake.adapter:Drake",
     "bullet": "gauss_bench.engines.bullet.adapter:Bullet",
+    "mjx": "gauss_bench.engines.mjx.adapter:Mjx",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")
