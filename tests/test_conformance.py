@@ -16,7 +16,6 @@ from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, _share, change
 from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
 from gauss_bench.engines import SAFE, all_names
-from gauss_bench.engines import ELSEWHERE, all_names
 from gauss_bench.engines.base import Choice
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.runs.offers import offer, offers
@@ -124,8 +123,6 @@ def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anythi
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
     assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
-    here = [x for x in all_names() if x not in ELSEWHERE]
-    assert {x.name for x in offers(here) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Forces of joints by OpenSim: reactions in the tree's joints, and forces of the point constraints that close its loops.
 
-Both are turned into the suite's convention: fx, fy on the second link of a joint, and the moment about its point. OpenSim's reaction
-is everything that passes from one link to the other through a joint. This includes what the joint itself does not exert:
+Both are turned into the suite's convention: fx, fy on the second link of a joint, and the moment about its point. OpenSim's
+reaction is everything that passes from one link to the other through a joint. This includes what the joint itself does not exert:
 
     loads on coordinates   a torque or spring between two links of which OpenSim has a force on a coordinate: it passes through
                            joints other than those through which it passes in the linkage, and is replaced by what acts on links
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.opensim.translate import Built
-from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate
+from gauss_bench.engines.shared import drivers_by_coordinate
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.engines.tree_loads import OtherLoad, sort_loads
 from gauss_bench.mechanism.coordinates import Placed, position, rotate
