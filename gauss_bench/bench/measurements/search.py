@@ -37,7 +37,7 @@ from gauss_bench.bench.ways import (
     space,
     whole_run,
 )
-from gauss_bench.engines import OWN, all_names, environment_of, get
+from gauss_bench.engines import OWN, all_names
 from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -51,7 +51,7 @@ STATUSES = dict.fromkeys(
     (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
 )  # in tables; other kinds are their own status
 Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
-Asked = list[tuple[Way, int, float]]  # ways, each with its number of steps and its estimated time [s]
+Asked = list[tuple[Way, int | None, float]]  # ways, each with its number of steps, if it is counted, and its estimated time [s]
 
 
 def requirements(part: Search) -> list[Requirement]:
@@ -137,10 +137,9 @@ def complete(suite: Suite, tables: Tables) -> None:
     if engines:
         tables["search_space"] = [space_row(x, variant) for x in engines.values() for variant in space(x)]
         tables["search_knobs"] = [
-            {"engine": x, "knob": name, "meaning": knob.meaning, "source": knob.source}
-            for x in engines
-            if environment_of(x) is None  # the knobs of others are known in their environment alone
-            for name, knob in getattr(get(x), "knobs", {}).items()  # an engine without a file of variants has no knobs
+            {"engine": x.name, "knob": name, "meaning": meaning, "source": source}
+            for x in engines.values()
+            for name, (meaning, source) in x.knobs.items()
         ]
 
 
@@ -221,7 +220,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     rough, lost = race_apart(rough_entries, run, part, [(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
     seconds = {variant: time_of(x) for variant, x in gather_rounds(rough, entry_of).samples.items()}
-    costs = {way: seconds[way._replace(size=0.0)] * steps[way] for way in steps if way._replace(size=0.0) in seconds}
+    costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
     chosen: dict[Way, None] = {}
     for ways in passing.values():
         for some in by_loop(ways):
@@ -235,7 +234,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
     """Race the ways that may still win in one more process; `rows` are the ladders, `first` the rows of the first process."""
     run, measured = motion_of(linkage, scenario, part), gather_measured(first)
-    near: dict[Way, int] = {}
+    near: dict[Way, int | None] = {}
     for ways in passing_ways(read_ladders(rows), part).values():
         near |= {way: ways[way].steps for some in by_loop(ways) for way in near_ways(some, measured)}
     asked = [(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
