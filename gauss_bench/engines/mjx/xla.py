@@ -98,11 +98,18 @@ class Device:
     """
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
-        self.array, self.mjx = libraries.jax.numpy.array, libraries.mjx
+        self.jax, self.mjx = libraries.jax, libraries.mjx
         self._take_steps, self._terms = functions(libraries.jax, libraries.mjx)
         self.set(model)
         rest = self.mjx.put_data(model, libraries.mujoco.MjData(model))
-        self.rest: Any = rest.replace(qfrc_applied=self.array(torque))
+        self.rest: Any = rest.replace(qfrc_applied=self._put(torque))
+
+    def _put(self, x: Any) -> Any:
+        """Return numbers as an array that is bound to the device.
+
+        Trap: for an array that is not bound, as `jax.numpy.array` makes it, JAX compiles everything a second time, inside a run.
+        """
+        return self.jax.device_put(np.asarray(x, dtype=float), self.jax.devices("cpu")[0])
 
     def set(self, model: Any) -> None:
         """Take the numbers of MuJoCo's model."""
@@ -110,11 +117,11 @@ class Device:
 
     def with_step(self, size: float) -> Any:
         """Return MJX's model with steps of `size` [s]."""
-        return self.model.tree_replace({"opt.timestep": self.array(size)})
+        return self.model.tree_replace({"opt.timestep": self._put(size)})
 
     def start(self, y: Array, dy: Array, t: float) -> Any:
         """Return MJX's state at a tree state y, dy (n,) and time t [s]."""
-        return self.rest.replace(qpos=self.array(y), qvel=self.array(dy), time=self.array(t))
+        return self.rest.replace(qpos=self._put(y), qvel=self._put(dy), time=self._put(t))
 
     def take_steps(self, model: Any, state: Any, count: int) -> Any:
         """Return MJX's state after `count` steps with one of the models of `with_step`."""
