@@ -54,6 +54,9 @@ FOREIGN: dict[str, str | tuple[str, ...]] = {
     "mujoco": ("engines/mujoco/", "engines/mjcf/", "engines/mjx/"),  # MJX reads and writes the library's models
     "jax": "engines/mjx/",
     "opensim": "engines/opensim/",
+    "dartpy": "engines/dart/",
+    "pydrake": "engines/drake/",
+    "pybullet": "engines/bullet/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",

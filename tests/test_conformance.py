@@ -11,17 +11,17 @@ import pytest
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import agreement, subject
 from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, refusal
-from gauss_bench.bench.conformance import conformance, lateness
+from gauss_bench.bench.conformance import conformance, explains_lateness, lateness, rates_fault
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, _share, changes, probe
 from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
-from gauss_bench.engines import ELSEWHERE, all_names
+from gauss_bench.engines import SAFE, all_names
 from gauss_bench.engines.base import Choice
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.runs.offers import offer, offers
 from gauss_bench.runs.one_run import Run, sampling_at
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Status, Trajectory
 
 WRONG = "yuan_ge_eq16"  # as published
 LEAVES_OUT = "mjx"  # the velocity term of its constraints: its own test says so
@@ -122,8 +122,7 @@ def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anythi
 ) -> None:
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
-    here = [x for x in all_names() if x not in ELSEWHERE]
-    assert {x.name for x in offers(here) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
+    assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
 
 
 @pytest.mark.slow
@@ -269,6 +268,24 @@ def test_effects_are_told_apart_and_lateness_is_counted_in_samples() -> None:
     t = 0.01 * np.arange(100)[:, None]
     for shift in (0.0, 0.5, 1.0, -1.0):
         assert lateness(np.sin(t), np.sin(t - 0.01 * shift)) == pytest.approx(shift, abs=1e-2)
+
+
+def test_a_method_of_first_order_is_told_from_samples_that_are_late() -> None:
+    t = 0.01 * np.arange(630)  # a whole turn, over which sine and cosine do not mix
+
+    def run(h: float, order: int, shift: float) -> Trajectory:
+        """A motion sin t with the error h^order sin t, and accelerations that are early by `shift` [s]."""
+        q = (1.0 + h**order) * np.sin(t)
+        v = (1.0 + h**order) * np.cos(t)
+        return Trajectory(t, q[:, None], v[:, None], -np.sin(t + shift)[:, None], len(t))
+
+    steps = (0.01, 0.005, 0.0025)
+    of_first_order = [run(h, 1, 0.9 * h) for h in steps]
+    assert rates_fault(of_first_order[0]) == ("accelerations are 0.89 steps early", True)
+    assert explains_lateness(*of_first_order)
+    assert not explains_lateness(*[run(h, 4, 0.9 * h) for h in steps])
+    assert not explains_lateness(*[run(h, 1, 0.01) for h in steps])
+    assert not explains_lateness(of_first_order[0], None, None)
 
 
 def test_a_class_that_is_not_there_is_a_check_that_failed_and_an_unknown_name_bad_usage(capsys: pytest.CaptureFixture[str]) -> None:
