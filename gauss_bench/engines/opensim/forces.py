@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.opensim.translate import Built
-from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate
+from gauss_bench.engines.shared import drivers_by_coordinate
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.engines.tree_loads import OtherLoad, sort_loads
 from gauss_bench.mechanism.coordinates import Placed, position, rotate
