@@ -208,6 +208,7 @@ class Search(OnLinkages):
         lead: [s] of a run at fixed steps that is timed; longer ones are cut and scaled.
         aims: engine -> how many times as long as our own cheapest way its searched best should take, at least ...
         aimed: ... at these requirements of position [m].
+        authors: paths of files of settings by engines' authors, beside those in their rooms.
     """
 
     engines: tuple[str, ...] = ()
@@ -225,6 +226,7 @@ class Search(OnLinkages):
     lead: Positive
     aims: Mapping[str, Positive] = {}
     aimed: tuple[Positive, ...] = ()
+    authors: tuple[str, ...] = ()
 
 
 class Batch(OnLinkages):

@@ -9,6 +9,7 @@ from gauss_bench.report.content import Table, count, error_text, itemise, lay_ou
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.reaches import engines_of
 from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, number, setting_words, with_number
+from gauss_bench.report.sections.search import list_owned
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
@@ -46,6 +47,7 @@ def engine_page(run: Run, name: str) -> Page:
         why=explain_time(run, name),
         broken=list_failures(run, name),
         atlas=atlas_table([r for r in run.table("atlas") if r["engine"] == name]),
+        owned=lay_out("search_owned", list_owned([r for r in run.table("search_owned") if r["engine"] == name])),
         knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
     )
     wrong = "A negative control, wrong on purpose: it must never pass."
