@@ -1,8 +1,8 @@
 """Checksums of the tables of a run, by which a row that was changed afterwards is found.
 
 The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes, which are the same for equal
-rows. It is written with the tables. A folder of an older version has no such file, and is read as it is. The SHA-256 of the whole list
-is the checksum of the run, by which it is cited.
+rows. It is written with the tables. A folder of an older version has no such file, and is read as it is. The SHA-256 of the whole
+list is the checksum of the run, by which it is cited.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Settings that an engine's authors own: a faulty file is refused by name and field, a sound one is raced without a line of code."""
+"""Settings that an engine's authors own: a faulty file is refused by name and field, a sound one races without a line of code."""
 
 import json
 import shutil
@@ -123,9 +123,17 @@ def test_a_search_asks_their_settings_as_it_asks_ours(tmp_path: Path) -> None:
     """Same function, same part of the suite, same store: the budget is the same because the argument is the same."""
     needs("llvmlite")
     part = Search(
-        linkages={"four_bar": "torque"}, engines=("minimal",), own=("minimal",), until=0.1, position=(1e-3,), budget=5, most_steps=99,
-        rounds=2, lead=0.1, authors=(str(SOUND),),
-    )  # fmt: skip
+        linkages={"four_bar": "torque"},
+        engines=("minimal",),
+        own=("minimal",),
+        until=0.1,
+        position=(1e-3,),
+        budget=5,
+        most_steps=99,
+        rounds=2,
+        lead=0.1,
+        authors=(str(SOUND),),
+    )
     tasks = exact_tasks(Suite(format="gauss-bench-suite/1", title="one", search=(part,)), Context(str(tmp_path), ""))
     asked = {task.arguments[3].name: task for task in tasks}
     theirs, ours = asked.pop(TIGHT), asked["adaptive"]

@@ -19,7 +19,8 @@ def describe_rows(folder: Path) -> str:
     version = known["versions"]["gauss-bench"]
     words = f"rows in reports/, measured by commit {known['commit']} (version {version}) on {known['date']}, {known['cpu']}"
     checksum = checksum_of_run(read_checksums(folder))
-    return f'    value: "sha256:{checksum}"\n    description: "{words}; checksum of the lines of reports/{FILE}, as sha256sum prints them"'
+    words += f"; checksum of the lines of reports/{FILE}, as sha256sum prints them"
+    return f'    value: "sha256:{checksum}"\n    description: "{words}"'
 
 
 def renew(text: str, folder: Path) -> str:

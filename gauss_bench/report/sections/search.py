@@ -98,11 +98,8 @@ def list_owned(rows: Sequence[Row]) -> list[Row]:
     for row in rows:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
         ours = {k.removeprefix("our_"): x for k, x in row.items() if k.startswith("our_")}
-        sides = (
-            (row, {"name": f"{row['engine']}, {BY_AUTHORS}", "owner": row["owner"]}),
-            (ours, {"name": row["engine"], "owner": ""}),
-        )
-        for side, names in sides:
+        their_name = {"name": f"{row['engine']}, {BY_AUTHORS}", "owner": row["owner"]}
+        for side, names in ((row, their_name), (ours, {"name": row["engine"], "owner": ""})):
             size = first_number(number(side, "step"), number(side, "tolerance"))
             words = setting_words(side) if is_known(number(side, "seconds")) else ""
             lines.append({**place, **side, **names, "size": size, "words": words, "remark": side.get("message", "")})
