@@ -127,9 +127,8 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
         _require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
     lines = _lines(file, "settings")
     most = len(variants.space)
-    _require(
-        len(lines) <= most, "settings", f"{len(lines)} settings; there may be {most}, as many as the search has variants of {name}"
-    )
+    allowed = f"there may be {most}, as many as the search has variants of {name}"
+    _require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
     candidates = {key: _read_candidate(f"settings.{key}", line, engine, variants, authors) for key, line in lines.items()}
     named = {key for line in lines.values() for key in line if key != BASE}
     for key, line in lines.items():

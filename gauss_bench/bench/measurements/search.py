@@ -40,7 +40,7 @@ from gauss_bench.bench.ways import (
     space,
     whole_run,
 )
-from gauss_bench.engines import OWN, all_names, environment_of, get
+from gauss_bench.engines import OWN, all_names, environment_of, get, names
 from gauss_bench.engines.authors import candidates_of
 from gauss_bench.engines.base import Variant
 from gauss_bench.engines.own_options import is_assignment
@@ -55,6 +55,7 @@ from gauss_bench.trajectory import Status
 STATUSES = dict.fromkeys(
     (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
 )  # in tables; other kinds are their own status
+BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
 Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
 Owners = dict[Way, str]  # variant that the authors of its engine own -> who they are
 Asked = list[tuple[Way, int, float]]  # ways, each with its number of steps and its estimated time [s]
@@ -67,7 +68,21 @@ def requirements(part: Search) -> list[Requirement]:
 
 def engines_of(part: Search) -> list[Offer]:
     """Return the engines that a part of a suite searches."""
-    return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
+    usual = names() if part.brief else [x for x in all_names() if x not in OWN]
+    return [offer(x) for x in part.engines or usual]
+
+
+def space_of(engine: Offer, part: Search) -> list[Variant]:
+    """Return the suite's variants of an engine that a part searches.
+
+    A brief search tries those that the engine names first; of an engine that names none its first integrators alone.
+    """
+    every = space(engine)
+    if not part.brief:
+        return every
+    if engine.first:
+        return [x for x in every if x.name in engine.first]
+    return [x for x in every if x.stabilization == "none" and x.integrator in engine.integrators[:BRIEF]] or every
 
 
 def motion_of(linkage: str, scenario: str, part: Search) -> Run:
@@ -82,7 +97,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     for part, place in _races(suite):
         asked = part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
         for engine in engines_of(part):
-            for variant in [*space(engine), *owned_by_authors(engine, part)]:
+            for variant in [*space_of(engine, part), *owned_by_authors(engine, part)]:
                 arguments = (*place, engine.name, variant, asked, context.store)
                 names = names_of(engine.name, variant) | ({"owner": variant.owner} if variant.owner else {})
                 tasks.append(context.task("search_ladder", ladder, arguments, *place, **names))
@@ -145,11 +160,12 @@ def complete(suite: Suite, tables: Tables) -> None:
         ladders, races = (_here(tables, table, place) for table in ("search_ladder", "search_races"))
         for table, rows in winners_and_times(*place, part, ladders, races).items() if races else ():
             tables.setdefault(table, []).extend(rows)
-    engines = {x.name: x for part in suite.search for x in engines_of(part) if x.usable}
+    searched = [(x, part) for part in suite.search for x in engines_of(part) if x.usable]
+    engines = {x.name: x for x, _ in searched}
     if engines:
-        tables["search_space"] = [space_row(x, variant) for x in engines.values() for variant in space(x)]
-        owned = [space_row(x, variant) for part in suite.search for x in engines.values() for variant in owned_by_authors(x, part)]
-        tables["search_space"] += [row for k, row in enumerate(owned) if row not in owned[:k]]  # two parts may have one file
+        rows = [space_row(x, variant) for x, part in searched for variant in [*space_of(x, part), *owned_by_authors(x, part)]]
+        by_engine = sorted(rows, key=lambda row: [*engines].index(row["engine"]))  # which keeps the order within an engine
+        tables["search_space"] = [row for k, row in enumerate(by_engine) if row not in by_engine[:k]]  # parts may share engines
         tables["search_knobs"] = [
             {"engine": x, "knob": name, "meaning": knob.meaning, "source": knob.source}
             for x in engines
