@@ -121,10 +121,14 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Add start and size to the rows of every engine, and a row for each engine that is not installed."""
     rows = tables.get("field", [])
     for part in suite.field:
+        redundant = next((load(*x).name for x in part.redundant.items()), "")
         for linkage, scenario in part.linkages.items():
             place = place_of(load(linkage, scenario or None))
             missing = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}
             rows += [place | missing | {"engine": x, "message": str(unknown(x).args[0])} for x in absent(part)]
+            for row in rows:
+                if {k: row[k] for k in place} == place:
+                    row["redundant"] = redundant
     sizes = {x: size_of(x) for x in dict.fromkeys(row["engine"] for row in rows)}
     starts = {x: start_columns(tables.get("samples", []), x) for x in sizes}
     for row in rows:

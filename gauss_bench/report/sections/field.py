@@ -7,11 +7,23 @@ from typing import Any
 from gauss_bench.reach import Requirement
 from gauss_bench.report.content import Finding, Section, Text, blocks_of, count, itemise, lay_out
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import METHOD, SAME_ACCELERATION, Row, Run, error_bar, group_by, has_ended, is_known, number
+from gauss_bench.report.rows import (
+    METHOD,
+    SAME_ACCELERATION,
+    Row,
+    Run,
+    chose_steps,
+    error_bar,
+    group_by,
+    has_ended,
+    is_known,
+    number,
+)
 
 PLACE = 13
 TITLE, ANCHOR = "The field", "field"
 ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] at which the table has the cost of an engine's searched best
+OWN_STEPS, NO_ORDER = "it chooses its own steps", "its errors at three steps have no order"
 EARLIER = "in the first row of this engine"
 
 
@@ -57,7 +69,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     off = number(case, "acceleration_error_median")
     known: dict[str, Any] = {"same": "yes" if off <= SAME_ACCELERATION else f"off by {off:.0e}" if is_known(off) else ""}
     known |= {"same_tone": "good" if off <= SAME_ACCELERATION else "warn", "why_same": "it was not asked at given states"}
-    known |= {"order": number(case, "observed_order"), "why_order": "its errors at three steps have no order"}
+    known |= {"order": number(case, "observed_order"), "why_order": OWN_STEPS if chose_steps(case) else NO_ORDER}
     known |= {"error": number(case, "length_error"), "bar": error_bar(case, "position_error")}
     known |= redundant_rows(cases, row)
     known["repeats"] = {True: "yes", False: f"no, {number(row, 'difference'):.0e} apart"}.get(row["same_bits"], "")
@@ -67,8 +79,8 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
 
 
 def redundant_rows(cases: Sequence[Row], row: Row) -> dict[str, Any]:
-    """Return the error on the linkage with redundant rows, or why there is none: the cases of a setting on another linkage."""
-    others = [r for r in cases if r["mechanism"] != row["mechanism"]]
+    """Return the error on the linkage with redundant rows, or why there is none; `cases` are those of the row's setting."""
+    others = [r for r in cases if r["mechanism"] == row["redundant"]]
     valid = [r for r in others if has_ended(r) and r["valid"]]
     reason = next((r["flag"] or r["message"] or r["status"] for r in others), "not among the cases of this run")
     return {"redundant": number(valid[0], "length_error") if valid else math.nan, "why_redundant": reason}
