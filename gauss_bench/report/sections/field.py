@@ -67,8 +67,9 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     if not has_ended(case):
         return {"missing": case["message"] or case["status"]}
     off = number(case, "acceleration_error_median")
-    known: dict[str, Any] = {"same": "yes" if off <= SAME_ACCELERATION else f"off by {off:.0e}" if is_known(off) else ""}
-    known |= {"same_tone": "good" if off <= SAME_ACCELERATION else "warn", "why_same": "it was not asked at given states"}
+    is_same = off <= SAME_ACCELERATION
+    known: dict[str, Any] = {"same_tone": "good" if is_same else "warn", "why_same": "it was not asked at given states"}
+    known["same"] = "yes" if is_same else f"off by {off:.0e}" if is_known(off) else ""
     known |= {"order": number(case, "observed_order"), "why_order": OWN_STEPS if chose_steps(case) else NO_ORDER}
     known |= {"error": number(case, "length_error"), "bar": error_bar(case, "position_error")}
     known |= redundant_rows(cases, row)
