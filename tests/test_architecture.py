@@ -106,6 +106,38 @@ def test_a_file_imports_only_what_its_room_may(path: Path) -> None:
             assert top in OUTSIDE[own], f"{own} must not import {name}"
 
 
+ENGINES = PACKAGE / "engines"
+ROOMS = {p.name for p in ENGINES.iterdir() if (p / "__init__.py").is_file()}
+
+
+def rooms_of_engines(source: str) -> set[str]:
+    """Rooms of single engines that a file may mean by its imports: `from a import b` may mean a.b."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name for name in ROOMS if any(f"{x}.".startswith(f"gauss_bench.engines.{name}.") for x in found)}
+
+
+@pytest.mark.parametrize("path", sorted(ENGINES.rglob("*.py")), ids=lambda p: str(p.relative_to(ENGINES)))
+def test_no_engine_reaches_into_the_room_of_another(path: Path) -> None:
+    assert rooms_of_engines(path.read_text(encoding="utf-8")) <= {path.parent.name}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from gauss_bench.engines import mujoco",
+        "import gauss_bench.engines.mujoco.draft",
+        "from gauss_bench.engines.mujoco import forces",
+    ],
+)
+def test_an_engine_in_the_room_of_another_is_seen(line: str) -> None:
+    assert rooms_of_engines(f"from gauss_bench.engines.shared import size\ndef late():\n    {line}\n") == {"mujoco"}
+
+
 def test_rooms_form_no_circle() -> None:
     arrows = {
         own: {room(n) for p in FILES if room_of(p) == own for n in imports(p) if n.startswith("gauss_bench")} for own in ALLOWED

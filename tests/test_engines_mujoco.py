@@ -8,9 +8,11 @@ import pytest
 from gauss_bench.engines import tree_loads
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco import forces
-from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, configure, verify
+from gauss_bench.engines.mujoco.adapter import AGREEMENT, INTEGRATORS, VARIANTS, Mujoco, MujocoModel, configure
 from gauss_bench.engines.mujoco.draft import Draft
+from gauss_bench.engines.shared import open_tree
 from gauss_bench.engines.tree import spanning_tree
+from gauss_bench.engines.tree_model import comparison, verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -36,7 +38,8 @@ def test_masses_forces_and_gaps_are_those_of_the_mechanism_far_from_the_start(na
     assert (model.model.qpos0 == model.y0).all()  # loops are closed where MuJoCo computes its weights
     for _ in range(20):
         y, dy = model.y0 + random.normal(0, 2, model.tree.n), random.normal(0, 10, model.tree.n)
-        for what, (found, expected, scale) in comparison(model, Evaluator(mechanism), y, dy).items():
+        own = open_tree(Evaluator(mechanism), model.tree, y, dy)
+        for what, (found, expected, scale) in comparison(model.describe(y, dy), own).items():
             assert np.abs(found - expected).max(initial=0.0) <= 1e-13 * scale, what  # rounding: some hundred times 2e-16
 
 
@@ -56,10 +59,14 @@ def test_masses_forces_and_gaps_are_those_of_the_mechanism_far_from_the_start(na
 )
 def test_a_spoiled_model_is_refused(spoil):
     model = ENGINE.build(linkage("loaded"), Choice())
-    verify(model)
+    compare(model)
     spoil(model.still)
     with pytest.raises(RunFailure, match="differs from the linkage"):
-        verify(model)
+        compare(model)
+
+
+def compare(model: MujocoModel) -> None:
+    verify(model.mechanism, model.tree, model.describe, AGREEMENT)
 
 
 def test_default_is_what_mujoco_ships():

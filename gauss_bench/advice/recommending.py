@@ -62,6 +62,8 @@ AFTER = 0.05  # share of the budget by which a run may exceed the end of the sea
 ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in any case
 TRIED = 0.85  # share of the budget until which an engine without a run gets one
 LAST = 1.25  # end of writing the programs, which follows the race, in units of the budget
+WRITTEN = 15.0  # [s] that writing the program of the advised setting may take in any case
+WAITS = 4.0  # most elapsed time of it, in units of WRITTEN: other programs may have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine, which loads or compiles, twice that
 
 Told = Callable[[str], object]
@@ -80,7 +82,7 @@ class _Engine:
         owner: the engine's authors if the variants are theirs, which are searched apart; empty if they are the suite's.
         left: variants that were not tried yet; options: settings -> options of the engine.
         trials: variant -> its trials; ended: variant -> why its search ended.
-        cut: whether time ended the search of a variant; busy: whether a lane runs it now; ran: whether it has been run.
+        cut: whether time ended the search of a variant; busy: whether a lane runs it now.
         longest: the largest time limit of its runs [s].
         refused: the status and the reason where the engine cannot run the linkage.
     """
@@ -95,7 +97,6 @@ class _Engine:
     ended: dict[Way, str] = field(default_factory=dict)
     cut: bool = False
     busy: bool = False
-    ran: bool = False
     longest: float = 0.0
     refused: tuple[Status, str] | None = None
     owner: str = ""
@@ -116,6 +117,11 @@ class _Engine:
     def loop_of(self, way: Way) -> str:
         """Return the name of the time loop that a setting uses, or an empty text where its options name none."""
         return str(self.options.get(way.settings, {}).get("loop", ""))
+
+    @property
+    def has_run(self) -> bool:
+        """Whether a variant has been run: one that refuses the linkage is tried and not run."""
+        return any(trial.status is not Status.SKIP for some in self.trials.values() for trial in some)
 
     def best(self) -> tuple[Way, Trial] | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
@@ -241,11 +247,12 @@ class Recommender:
         """Return the idle engine with the fewest variants tried, or None at the end of the search.
 
         When the time for the search has ended, each engine without a run still gets one, with steps that should be accurate enough.
+        Variants that refuse the linkage take no time, so an engine that has only refused so far has had no run.
         """
         with self._state:
             while self._failures.empty():
                 due = self.budget.remaining(SEARCHED) > 0
-                open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.trials)]
+                open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.has_run)]
                 if not open_ones:
                     return None
                 free = [x for x in open_ones if not x.busy]
@@ -259,7 +266,7 @@ class Recommender:
     def _variant(self, engine: _Engine, variant: Variant) -> None:
         """Search one variant over step sizes or tolerances, and keep its trials."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
-        adaptive, before = variant.integrator in engine.adaptive, engine.best()
+        adaptive, before, first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
         trials: list[Trial] = []
         engine.trials[way] = trials
         scale, most = tolerances(smallest=12), 0
@@ -268,20 +275,18 @@ class Recommender:
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
         # The search asks for some sizes twice; each is run once.
         seen: dict[float, Trial] = {}
-        until = self.budget.seconds_used() + self._slice(engine)
+        until = self.budget.seconds_used() + self._slice(first)
 
         def evaluate(size: float) -> Trial:
             if size not in seen:
-                if (seen or len(engine.trials) > 1) and self.budget.seconds_used() >= until:
+                if (seen or not first) and self.budget.seconds_used() >= until:
                     raise _Over
                 seen[size] = self._evaluate(engine, way._replace(size=size), adaptive)
                 trials.append(seen[size])
             return seen[size]
 
         try:
-            late = (
-                len(engine.trials) == 1 and self.budget.remaining(SEARCHED) <= 0
-            )  # the engine gets a single run: its step is rather too fine
+            late = first and self.budget.remaining(SEARCHED) <= 0  # the engine gets a single run: its step is rather too fine
             start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
             # Begin at coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference.
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
@@ -289,15 +294,15 @@ class Recommender:
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
         except _Over:
             engine.cut, engine.ended[way] = True, "its time for searching ended"
-        if trials and all(t.status is Status.SKIP for some in engine.trials.values() for t in some):
+        if trials and not engine.has_run:
             self._refuse(engine, trials[-1])
         self._tell(engine, before)
 
-    def _slice(self, engine: _Engine) -> float:
-        """Return the seconds that a variant may take. The first of an engine gets twice an equal share of the time."""
+    def _slice(self, first: bool) -> float:
+        """Return the seconds that a variant may take. The first that an engine runs gets twice an equal share of the time."""
         left = self.budget.remaining(SEARCHED)
         waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
-        return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
+        return left if not first else min(left, 2 * LANES * left / (1 + waiting))
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
         """Keep the variants with other time loops of an engine that refused the linkage, else one with another integrator.
@@ -325,7 +330,7 @@ class Recommender:
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
-        engine.ran, engine.longest = True, max(engine.longest, min(limit, wall))
+        engine.longest = max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
         trial = judge_trial(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
@@ -341,7 +346,7 @@ class Recommender:
 
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]. The first run of an engine, which loads or compiles its library, has a minimum."""
-        if engine.ran:
+        if engine.has_run:
             return max(min(LONGEST * self.budget.seconds, self.budget.remaining(SEARCHED + AFTER)), 1.0)
         waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
         share = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
@@ -412,15 +417,15 @@ class Recommender:
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
         return held + [self._not_held(x) for x in self.engines.values() if x.title not in chosen]
 
-    def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Call a function in the engine's worker, until LAST times the budget at the latest.
+    def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
+        """Call a function in the engine's worker, until LAST times the budget at the latest, or for `least` seconds [s].
 
         Raises:
             WorkerFailure: the call failed or took too long.
         """
-        return self.engines[engine].worker.call(
-            function, arguments, max(1.0, self.budget.remaining(LAST)), longest=max(1.0, self.budget.remaining_wall_time(LAST))
-        )
+        limit = max(least, self.budget.remaining(LAST))
+        longest = max(WAITS * least, self.budget.remaining_wall_time(LAST))
+        return self.engines[engine].worker.call(function, arguments, limit, longest=longest)
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
         evaluations = sum(map(len, engine.trials.values()))
@@ -483,6 +488,9 @@ def answer_of(engine: _Engine) -> Reach:
         return Reach(Kind.NOT_TRIED, engine.refused[1])
     if engine.refused is not None:
         return reach([[Trial(math.nan, {}, 0, *engine.refused)]], [HALF])
+    if engine.trials and engine.left and not engine.has_run:
+        refused = next(trial.message for some in engine.trials.values() for trial in some)
+        return Reach(Kind.NOT_TRIED, f"the variants that had a turn refused ({refused}); {MORE}", within="within the budget")
     trials = [trial for some in engine.trials.values() for trial in some]
     if not trials:
         return Reach(Kind.NOT_TRIED, f"it had no turn; {MORE}", within="within the budget")

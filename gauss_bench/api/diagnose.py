@@ -136,53 +136,93 @@ def diagnose(
     if required:
         list_requirements(**required)
     file = read_file(linkage, tuple(close))
-    mechanism = load(linkage, scenario) if file is None else file.mechanism
     if file is not None and scenario is not None:
         raise ChoiceError("--scenario: a model file has none, but starts at its keyframe")
+    mechanism = load(linkage, scenario) if file is None else file.mechanism
     if file is not None and file.kind == "MJCF" and engine in (None, "mujoco") and settings is None:
         subject = subject_as_it_stands(file, integrator, stabilization, step)
-    elif engine is None:
-        raise ChoiceError("--engine: say which engine is to be diagnosed")
     else:
-        offered = offer(engine)
-        choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
-        subject = Subject(engine, engine, choice.settings, choice, offered)
-    choice, offered = subject.choice, subject.offered
+        subject = subject_with_settings(engine, settings, integrator, stabilization, step)
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
-    check_size(choice.step, end)
-    checkpoints(choice.step, end)  # refused before anything is run
-
-    def make_diagnosis(verdict: Verdict, reference: str, remarks: Sequence[str] = ()) -> Diagnosis:
-        fields = ("cause", "parts", "numbers", "explanations", "candidates", "runs")
-        found = {x: getattr(verdict, x) for x in fields} | {"part": verdict.cause.part, "verdict": verdict.sentence}
-        names = name_run(mechanism, subject.name, replace(choice, settings=subject.settings))
-        return Diagnosis(**names, **found, until=end, reference=reference, remarks=tuple(remarks))
-
-    if not offered.usable:
-        return make_diagnosis(without_run(Ended(offered.status, offered.reason)), "")
-    adaptive = choice.integrator in offered.adaptive
-    runs: list[Run] = []
+    check_size(subject.choice.step, end)
+    checkpoints(subject.choice.step, end)  # refused before anything is run
+    if not subject.offered.usable:
+        missing = Ended(subject.offered.status, subject.offered.reason)
+        return make_diagnosis(mechanism, subject, end, without_run(missing), "", ())
     with Worker() as worker:
         if subject.file is not None:
             refuse_what_acts(subject.file, end, worker)
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the reference")
         reference = find_reference(linkage, mechanism, end, deadline, told)
-
-        def run(chosen: Choice, wanted: Sampling) -> Run:
-            left = max(LEAST, deadline - time.monotonic())
-            request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
-            runs.append(run_apart(request, mechanism, left, worker))
-            return runs[-1]
-
-        # drift is recognised by what projection takes off the error of the same setting
-        can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
-        projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
-        verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
+        verdict, first = run_ladder(linkage, mechanism, subject, end, reference, deadline, worker, told)
     remarks = [] if subject.file is None else describe_closures(subject.file.settings)
-    if required and runs and runs[0].trajectory is not None:
-        remarks += compare_errors(mechanism, runs[0].trajectory, reference, required)
-    return make_diagnosis(verdict, reference.method, remarks)
+    if required and first is not None:
+        remarks += compare_errors(mechanism, first, reference, required)
+    return make_diagnosis(mechanism, subject, end, verdict, reference.method, remarks)
+
+
+def subject_with_settings(
+    engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
+) -> Subject:
+    """Return an engine with the settings that are asked for, and its defaults for the others.
+
+    Raises:
+        ChoiceError: no engine is named, or it does not offer what is asked for.
+        KeyError: unknown engine.
+    """
+    if engine is None:
+        raise ChoiceError("--engine: say which engine is to be diagnosed")
+    offered = offer(engine)
+    choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
+    return Subject(engine, engine, choice.settings, choice, offered)
+
+
+def run_ladder(
+    linkage: str,
+    mechanism: Mechanism,
+    subject: Subject,
+    end: float,
+    reference: Reference,
+    deadline: float,
+    worker: Worker,
+    told: Told,
+) -> tuple[Verdict, Trajectory | None]:
+    """Run a subject with finer and finer steps or tolerances; return the verdict and the first trajectory, if there is one."""
+    choice, offered, runs = subject.choice, subject.offered, list[Run]()
+
+    def run(chosen: Choice, wanted: Sampling) -> Run:
+        left = max(LEAST, deadline - time.monotonic())
+        request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
+        runs.append(run_apart(request, mechanism, left, worker))
+        return runs[-1]
+
+    adaptive = choice.integrator in offered.adaptive
+    # drift is recognised by what projection takes off the error of the same setting
+    can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
+    projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
+    verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
+    return verdict, runs[0].trajectory if runs else None
+
+
+def make_diagnosis(
+    mechanism: Mechanism, subject: Subject, end: float, verdict: Verdict, reference: str, remarks: Sequence[str]
+) -> Diagnosis:
+    """Return a verdict with what was asked for."""
+    return Diagnosis(
+        **name_run(mechanism, subject.name, replace(subject.choice, settings=subject.settings)),
+        until=end,
+        cause=verdict.cause,
+        part=verdict.cause.part,
+        verdict=verdict.sentence,
+        parts=verdict.parts,
+        numbers=verdict.numbers,
+        explanations=verdict.explanations,
+        candidates=verdict.candidates,
+        runs=verdict.runs,
+        reference=reference,
+        remarks=tuple(remarks),
+    )
 
 
 def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
-from gauss_bench.advice.recommending import BEATS, Better, Recommender
+from gauss_bench.advice.recommending import BEATS, WRITTEN, Better, Recommender
 from gauss_bench.api.in_worker import tell_plainly
 from gauss_bench.api.program_error import describe_error, describe_reference
 from gauss_bench.api.telling import Result, Told, nobody, render
@@ -92,7 +92,7 @@ def recommend(
         scenario: of the file; the first with a start where not given.
         settings: as in `simulate`, only with a single engine; the search then varies integrator, stabilization and step.
         budget: seconds for everything (60). Time in which other programs had the processor does not count, but the search ends
-            after 1.45 times the budget of wall time.
+            after 1.45 times the budget of wall time; the program of the advised setting is written in any case.
         told: called with each sentence of progress.
         better: called with the first answer of an engine and with every cheaper one, before they are raced.
         authors: files of settings that engines' authors own; they have an answer of their own beside the suite's.
@@ -117,8 +117,9 @@ def recommend(
     with Recommender(run, wanted, spaces, seconds, told, better, owned) as recommender:
         searched = recommender.search()
         answers = recommender.answers(recommender.race())
+        best = advised(answers)
         with ThreadPoolExecutor(LANES) as lanes:
-            answers = list(lanes.map(lambda x: with_snippet(recommender, x), answers))
+            answers = list(lanes.map(lambda x: with_snippet(recommender, x, WRITTEN if x is best else 1.0), answers))
     return Recommendation(
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
@@ -134,10 +135,11 @@ def recommend(
     )
 
 
-def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
+def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answer:
     """Add to an answer the program that runs its setting, or the reason why there is none.
 
-    Some programs need the engine's library to be written; these are written in the engine's worker.
+    Some programs need the engine's library to be written; these are written in the engine's worker, which has `least` seconds [s]
+    for it in any case.
     """
     if answer.status != "ok":
         return answer
@@ -151,7 +153,10 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
     arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remarks)
     try:
         needs_library = answer.engine in WRITERS
-        program = recommender.call_worker(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
+        if needs_library:
+            program = recommender.call_worker(answer.engine, snippet_there, arguments, least)
+        else:
+            program = snippet_there(*arguments)
     except WorkerFailure as failure:
         program = {"refused": str(failure)}
     match program:
@@ -269,7 +274,10 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     takes = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
     others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
     than = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
-    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}."
+    unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
+    hold = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
+    beside = f" {hold} it too and had no race." if unraced and best.ratio is not None else ""
+    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}.{beside}"
 
 
 def setting_of(answer: Answer) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.tree import Tree, spanning_tree
+from gauss_bench.engines.tree import Tree, spanning_tree, turning
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
@@ -79,8 +79,31 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
     """List for each driver of `jointed` the index of the tree coordinate that it prescribes, or None if it is not just one."""
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
-    slides = {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
+    slides = slide_indices(tree)
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
+
+
+def drivers_by_coordinate(mechanism: Mechanism, tree: Tree) -> dict[int, AngleDriver | SlideDriver]:
+    """Return index of a tree coordinate -> the driver that prescribes it; without drivers that do not prescribe just one."""
+    pairs = zip(driven_coordinates(mechanism, tree), jointed(mechanism), strict=True)
+    return {at: driver for at, driver in pairs if at is not None}
+
+
+def driven_rows(mechanism: Mechanism, tree: Tree) -> tuple[Array, Array]:
+    """Return rows (k, n) and constants (k,) of the drivers of `jointed`: each prescribes x = row . y + constant."""
+    drivers, slides, turns = jointed(mechanism), slide_indices(tree), turning(tree)
+    rows, constants = np.zeros((len(drivers), tree.n)), np.zeros(len(drivers))
+    for k, driver in enumerate(drivers):
+        if isinstance(driver, AngleDriver):
+            rows[k], constants[k] = turns.rows[driver.link], turns.constants[driver.link]
+        else:
+            rows[k, slides[driver.joint.name]] = 1.0
+    return rows, constants
+
+
+def slide_indices(tree: Tree) -> dict[str, int]:
+    """Return name of a slide -> index of its tree coordinate."""
+    return {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:

@@ -21,28 +21,15 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import native_forces
-from gauss_bench.engines.shared import (
-    beyond_a_tree,
-    driven_coordinates,
-    finite,
-    finite_acceleration,
-    joint_tree,
-    jointed,
-    open_tree,
-    require_agreement,
-    tree_states,
-    with_accelerations,
-)
+from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, drivers_by_coordinate, finite, joint_tree
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
@@ -147,7 +134,7 @@ def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-class MujocoModel:
+class MujocoModel(TreeModel):
     """A mechanism in MuJoCo under one integrator and setting.
 
     Attributes:
@@ -160,13 +147,13 @@ class MujocoModel:
         drives: the driven coordinates.
     """
 
+    library = "MuJoCo"
+
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import mujoco
 
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.mujoco: Any = mujoco
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
-        self.tree = joint_tree(mechanism, self.options)
-        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
         try:
             draft = Draft(mujoco, mechanism, self.tree)
             self.model: Any = draft.spec.compile()
@@ -187,7 +174,7 @@ class MujocoModel:
         self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
         self.drives: list[Drive] = []
-        verify(self)
+        verify(mechanism, self.tree, self.describe, AGREEMENT)
         self.drives = self._find_drives(draft)
         if self.drives:
             for model in (self.model, self.still):
@@ -197,10 +184,8 @@ class MujocoModel:
     def _find_drives(self, draft: Draft) -> list[Drive]:
         """Return the drives of all hinges, slides and lengths that follow a law."""
         share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
-        drives = []
-        for k, driver in zip(driven_coordinates(self.mechanism, self.tree), jointed(self.mechanism), strict=True):
-            if k is not None:
-                drives.append(Drive(driver.law, share * float(self.model.dof_M0[k]), k))
+        driven = drivers_by_coordinate(self.mechanism, self.tree)
+        drives = [Drive(driver.law, share * float(self.model.dof_M0[k]), k) for k, driver in driven.items()]
         for cylinder, tendon, motor in draft.cylinders:
             mass = share / float(self.model.tendon_invweight0[tendon.id])
             drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
@@ -229,17 +214,20 @@ class MujocoModel:
         self.mujoco.mj_forward(self.still, data)
         return data
 
-    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) in absolute coordinates at a tree state y, dy (n,)."""
-        return finite_acceleration(t, self.tree.absolute(y, dy, self.forward(y, dy, t).qacc)[2], "MuJoCo")
+    def describe(self, y: Array, dy: Array) -> OpenModel:
+        """Return what MuJoCo says of the tree at a tree state y, dy (n,); the forces of its closures are left out."""
+        data = self.forward(y, dy)
+        mass = np.zeros((self.tree.n, self.tree.n))
+        self.mujoco.mj_fullM(self.still, data, mass)
+        forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+        gaps = -np.array(data.efc_pos).reshape(-1, 3)[:, :2]  # MuJoCo's are point a minus point b
+        return OpenModel(gaps, mass, forces, positions=np.array(data.xipos[self.bodies])[:, :2])
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self.tree_acceleration(t, *self.tree.relative(q, v))
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        return np.array(self.forward(y, dy, t).qacc)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.times, self.native = times, native
-        self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
-        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
+        super().prepare(times, native)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
         self.data.time = times[0]
@@ -301,16 +289,10 @@ class MujocoModel:
         complaint = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
         subject = "the motion law is" if self.drives else "forces that vary are"
         note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.sets_forces else ""
-        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        steps = sum(stretch.steps for stretch in self.plan)
-
-        def acceleration_of_sample(k: int) -> Array:
-            return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
-
         with collect_warnings(self.mujoco, []):  # those about samples of a diverged run are dropped: the judge finds such a run
             note = "; ".join(filter(None, (note, complaint)))
-            trajectory = with_accelerations(self.times, q, v, acceleration_of_sample, steps, note=note)
-        if finite(q, v) == len(q) and (complaint or any(w.number for w in self.data.warning)):
+            trajectory = self.trajectory(self.y, self.dy, self.count_steps(), note=note)
+        if finite(trajectory.q, trajectory.v) == len(self.times) and (complaint or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
             message = f"MuJoCo warned before t = {self.times[-1]:.6g} s{complaint and '; '}{complaint}; {advice}"
             raise RunFailure(Status.WARNING, message, trajectory)
@@ -326,33 +308,3 @@ def collect_warnings(mujoco: Any, complaints: list[str]) -> Iterator[None]:
         yield
     finally:
         mujoco.set_mju_user_warning(usual)
-
-
-def verify(built: MujocoModel) -> None:
-    """Compare a built model with the suite's own terms at tree states at which loops are open.
-
-    Raises:
-        RunFailure: a quantity of `comparison` differs.
-    """
-    evaluator = Evaluator(built.mechanism)
-    for y, dy in tree_states(built.tree, built.y0, built.dy0):
-        require_agreement(comparison(built, evaluator, y, dy), AGREEMENT)
-
-
-def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) -> dict[str, tuple[Array, Array, float]]:
-    """Return quantity -> MuJoCo's value, the suite's, and the scale of a difference, at a tree state y, dy (n,).
-
-    Together they determine the model, except for the softness of its closures.
-    """
-    data, own = built.forward(y, dy), open_tree(evaluator, built.tree, y, dy)
-    forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
-    mass = np.zeros_like(own.mass)
-    built.mujoco.mj_fullM(built.still, data, mass)
-    centres, gaps = np.array(data.xipos[built.bodies])[:, :2], np.array(data.efc_pos).reshape(-1, 3)[:, :2]
-    extent = float(np.abs(own.q).max())
-    return {
-        "positions of links": (centres, places(own.q), extent),
-        "gaps of open pins": (gaps, -own.gaps, extent),
-        "mass matrix": (mass, own.mass, float(own.mass.max())),
-        "forces and velocity terms": (forces, own.forces, own.load),
-    }

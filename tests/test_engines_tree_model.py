@@ -1,0 +1,215 @@
+"""What adapters to libraries of joint trees share, shown on a stand-in that needs no library."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.shared import closing_pins, driven_rows, drivers_by_coordinate, jointed, open_tree
+from gauss_bench.engines.tree import Tree, spanning_tree
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, comparison, verify
+from gauss_bench.formulations.gauss import gauss
+from gauss_bench.integrate.fixed_step import STEPS, held_back
+from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.spaces import angles, places
+from gauss_bench.reference.build import random_states
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+from tests.engine_runs import DRIVEN, acceleration_errors, by_gauss, linkage
+
+TREE = {"tree": "file order"}
+
+
+class StandIn(TreeModel):
+    """A library whose accelerations are those of Gauss's principle, and whose steps are the suite's."""
+
+    library = "Stand-in"
+    fails_at = np.inf
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        super().__init__(mechanism, choice, TREE)
+        self.evaluator = Evaluator(mechanism)
+
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        if t > self.fails_at:
+            return np.full(self.tree.n, np.nan)
+        q, v, rest = self.tree.absolute(y, dy, np.zeros(self.tree.n))
+        speeds = np.array([self.tree.absolute(y, one, one)[1] for one in np.eye(self.tree.n)])
+        return np.asarray(np.linalg.lstsq(speeds.T, gauss(self.evaluator.terms(t, q, v)).a - rest, rcond=None)[0])
+
+    def run(self) -> None:
+        y, dy = self.y0, self.dy0
+        for begin, count, h, last, row in self.plan:
+            for i in range(count):
+                y, dy = STEPS["dop853_fixed"](held_back(self.tree_acceleration, last), begin + i * h, y, dy, h)
+            if row is not None:
+                self.y[row], self.dy[row] = y, dy
+
+
+class Engine:
+    name, integrators = "stand-in", ("dop853_fixed",)
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> StandIn:
+        return StandIn(mechanism, choice)
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "four_bar", "swinging_block"])
+def test_a_motion_in_tree_coordinates_is_that_in_absolute_ones(name: str) -> None:
+    mechanism, times = linkage(name), np.linspace(0.0, 0.1, 6)
+    model = StandIn(mechanism, Choice(step=5e-3))
+    model.prepare(times)
+    model.run()
+    found, expected = model.read(), by_gauss(mechanism, times)
+    assert np.abs(found.q - expected.q).max() < 1e-9  # DOP853 with a tolerance of 1e-10, along a tenth of a second
+    assert np.abs(found.a - expected.a).max() < 1e-8 * np.abs(expected.a).max()
+    assert found.steps == 5 * 4  # five intervals of 20 ms
+
+
+def test_accelerations_at_given_states_are_translated_there_and_back() -> None:
+    mechanism = load("four_bar", "torque")
+    errors = acceleration_errors(Engine(), mechanism, "default", random_states(mechanism, 10))  # type: ignore[arg-type]
+    assert errors.max() < 1e-10
+
+
+def test_a_run_begins_at_the_start_and_can_be_repeated() -> None:
+    mechanism, times = load("four_bar", "torque"), np.array([0.0, 0.01])
+    model = StandIn(mechanism, Choice(step=5e-3))
+    runs = []
+    for _ in range(2):
+        model.prepare(times)
+        assert np.isnan(model.y[1:]).all()
+        model.run()
+        runs.append(model.read())
+    np.testing.assert_allclose(runs[0].q[0], mechanism.q0, atol=1e-15)
+    np.testing.assert_array_equal(runs[0].q, runs[1].q)
+
+
+def test_accelerations_that_are_not_finite_name_the_library_and_leave_the_samples_before() -> None:
+    model = StandIn(load("four_bar", "torque"), Choice(step=5e-3))
+    model.prepare(np.array([0.0, 0.01, 0.02]))
+    model.run()
+    model.fails_at = 0.015
+    with pytest.raises(RunFailure, match=r"t = 0\.02 s: Stand-in's acceleration is not finite") as failure:
+        model.read()
+    assert failure.value.status is Status.NAN
+    assert failure.value.reached is not None
+    assert np.isfinite(failure.value.reached.a).all(axis=1).tolist() == [True, True, False]
+
+
+def described(mechanism: Mechanism, tree: Tree, y: Array, dy: Array) -> OpenModel:
+    """The linkage itself, described as a library would."""
+    own = open_tree(Evaluator(mechanism), tree, y, dy)
+    gaps = np.array([position(own.q, b) - position(own.q, a) for a, b in closing_pins(tree)]).reshape(-1, 2)
+    return OpenModel(gaps, own.mass, own.forces, np.linalg.solve(own.mass, own.forces), places(own.q))
+
+
+QUANTITIES = {
+    "gaps": "gaps of open pins",
+    "mass": "mass matrix",
+    "forces": "forces and velocity terms",
+    "accelerations": "forces of the open tree",
+    "positions": "positions of links",
+}
+
+
+@pytest.mark.parametrize("part", QUANTITIES)
+def test_a_quantity_that_differs_by_a_millionth_is_named(part: str) -> None:
+    mechanism = linkage("loaded")
+    tree = spanning_tree(mechanism)
+    verify(mechanism, tree, lambda y, dy: described(mechanism, tree, y, dy), 1e-10)
+
+    def spoiled(y: Array, dy: Array) -> OpenModel:
+        model = described(mechanism, tree, y, dy)
+        return replace(model, **{part: getattr(model, part) * (1 + 1e-6)})
+
+    with pytest.raises(RunFailure, match=f"differs from the linkage: {QUANTITIES[part]}"):
+        verify(mechanism, tree, spoiled, 1e-10)
+
+
+def test_differences_are_measured_by_lengths_masses_and_loads_of_the_linkage() -> None:
+    mechanism = linkage("loaded")
+    tree = spanning_tree(mechanism)
+    y, dy = tree.relative(mechanism.q0, mechanism.v0)
+    own = open_tree(Evaluator(mechanism), tree, y, dy)
+    scales = {what: scale for what, (_, _, scale) in comparison(described(mechanism, tree, y, dy), own).items()}
+    extent = np.abs(mechanism.q0).max()
+    assert scales["gaps of open pins"] == pytest.approx(extent)
+    assert scales["positions of links"] == pytest.approx(extent)
+    assert scales["mass matrix"] == own.mass.max()
+    assert scales["forces and velocity terms"] == scales["forces of the open tree"] == own.load
+    unloaded = comparison(described(mechanism, tree, y, dy), replace(own, load=0.0))
+    assert unloaded["forces of the open tree"][2] == 1.0  # else nothing but an exact zero would do
+
+
+@pytest.mark.parametrize("told", [{}, {"mass": np.eye(1)}, {"forces": np.zeros(1)}])
+def test_a_description_that_leaves_the_motion_open_is_refused(told: dict[str, Any]) -> None:
+    with pytest.raises(TypeError, match="they determine the motion"):
+        OpenModel(np.zeros((0, 2)), **told)
+
+
+SLIDES = [("excavator_arm", "lift"), ("gripper", "close"), ("pushed", "push")]
+
+
+@pytest.mark.parametrize(("name", "law"), [*DRIVEN, *SLIDES, ("five_bar", "driven"), ("excavator", None)])
+def test_a_driven_angle_or_slide_at_the_start_is_the_row_of_tree_coordinates_that_its_law_prescribes(
+    name: str, law: str | None
+) -> None:
+    mechanism = linkage(name, law)
+    tree = spanning_tree(mechanism)
+    y, dy = tree.relative(mechanism.q0, mechanism.v0)
+    rows, constants = driven_rows(mechanism, tree)
+    laws = np.array([driver.law(0.0)[:2] for driver in jointed(mechanism)], dtype=float).reshape(-1, 2)
+    np.testing.assert_allclose(rows @ y + constants, laws[:, 0], atol=1e-9)
+    np.testing.assert_allclose(rows @ dy, laws[:, 1], atol=1e-9)
+    for at, driver in drivers_by_coordinate(mechanism, tree).items():
+        np.testing.assert_array_equal(rows[jointed(mechanism).index(driver)], np.eye(tree.n)[at])
+
+
+@pytest.mark.parametrize("name", ["dyads", "swinging_block", "four_bar"])
+def test_the_angle_of_any_driven_link_is_its_row_of_tree_coordinates(name: str, rng: np.random.Generator) -> None:
+    (driver,) = load("four_bar", "driven").drivers
+    assert isinstance(driver, AngleDriver)
+    undriven = linkage(name)
+    mechanism = replace(undriven, drivers=tuple(replace(driver, link=i) for i in range(len(undriven.links))))
+    tree = spanning_tree(mechanism)
+    rows, constants = driven_rows(mechanism, tree)
+    y = rng.standard_normal(tree.n)
+    q, _, _ = tree.absolute(y, y, y)
+    np.testing.assert_allclose(rows @ y + constants, angles(q), atol=1e-14)
+    assert constants.any() == (name != "four_bar")  # the others have a slide whose block stands askew
+
+
+# accelerations of a library that only steps; y'' = -w^2 y - c y'
+
+W, C, H = 7.0, 0.9, 1e-3
+Y, DY = np.array([0.3, -0.2]), np.array([1.1, 0.4])
+
+
+def test_two_exact_steps_err_by_a_twelfth_of_the_square_of_the_step() -> None:
+    """2 D(h/2) - D(h) = a + h^2 a'' (2/24 - 1/6) + O(h^3), and a'' = w^4 y without a damper."""
+    found = acceleration_by_steps(lambda y, dy, h: dy * np.cos(W * h) - W * y * np.sin(W * h), Y, DY, H)
+    error, predicted = found + W**2 * Y, -(H**2) / 12 * W**4 * Y
+    np.testing.assert_allclose(error, predicted, rtol=W * H)
+
+
+def test_an_implicit_damper_loses_its_first_order_in_the_step() -> None:
+    """dy' = dy / (1 + c h), thus D(h) = -c dy (1 - x + x^2 ...) with x = c h, and 2 D(h/2) - D(h) = -c dy (1 - x^2 / 2 ...)."""
+    found = acceleration_by_steps(lambda y, dy, h: dy / (1 + C * h), Y, DY, H)
+    np.testing.assert_allclose(found / (-C * DY) - 1, -((C * H) ** 2) / 2, rtol=2 * C * H)
+
+
+def test_a_step_whose_rates_grow_by_h_a_shows_a_but_for_rounding() -> None:
+    found = acceleration_by_steps(lambda y, dy, h: dy + h * (-(W**2) * y - C * dy), Y, DY, H)
+    np.testing.assert_allclose(found, -(W**2) * Y - C * DY, atol=6e-16 * np.abs(DY).max() / H)
+
+
+def test_an_impulse_that_does_not_vanish_with_the_step_is_seen_to_grow() -> None:
+    jump = 1e-3
+    one, half = (acceleration_by_steps(lambda y, dy, h: dy + jump, Y, DY, h) for h in (H, H / 2))
+    np.testing.assert_allclose(one, 3 * jump / H)  # 2 / (h / 2) - 1 / h
+    np.testing.assert_allclose(half, 2 * one)
