@@ -21,7 +21,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.report.content import lay_out
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field as shown
-from gauss_bench.report.site.engine import command_of, engine_page, engines_page
+from gauss_bench.report.site.engine import command_of, engine_page, engines_page, list_changes
 from gauss_bench.report.site.settings import Setting
 from gauss_bench.runs.offers import offer
 from gauss_bench.suites.read import of_engines, read_suite
@@ -261,6 +261,13 @@ def test_the_pages_of_engines_have_the_table_and_commands_to_paste(run: Run) -> 
     page = engine_page(run, "good").body
     assert "engines.html#field" in page
     assert "off by 1e-03" in page
+    kept = [{"engine": "good", "accepted": x} for x in ("2026-01-02 another step", "2026-01-03 steps", "2026-01-02 another step")]
+    changes = list_changes(kept)
+    assert changes == [
+        {"date": "2026-01-03", "reason": "steps", "figures": 1},
+        {"date": "2026-01-02", "reason": "another step", "figures": 2},
+    ]
+    assert "another step" in engine_page(replace(run, accepted=tuple(kept)), "good").body
     assert "is not installed" in engine_page(run, "gone").body
     one = Setting(
         "four_bar", "torque", "mujoco", 'rigid,tree="least depth"', "rk4", "none", 1e-3, math.nan, 10.0, *[math.nan] * 3, False,

@@ -43,7 +43,8 @@ def read_run(folder: Path) -> Run:
     tables = {name: tuple(sorted(read_table(name, folder), key=sort_key)) for name in names}
     require_unchanged(folder)  # last, as the reader says more of a file that is damaged
     known = read_checksums(folder)
-    return Run(read_environment(folder), tables, checksum_of_run(known) if known else "")
+    checksum = checksum_of_run(known) if known else ""
+    return Run(read_environment(folder), tables, checksum, read_table("baseline", folder))
 
 
 def all_findings(run: Run) -> Iterator[Finding]:

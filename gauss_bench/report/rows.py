@@ -34,11 +34,13 @@ class Run:
 
     Attributes:
         checksum: of all its tables as they are stored; empty for a run without checksums.
+        accepted: the figures of the accuracy gate that lie beside the run, each with the date and the reason of its last change.
     """
 
     environment: Mapping[str, Any] = field(default_factory=dict)
     tables: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
     checksum: str = ""
+    accepted: tuple[Row, ...] = ()
 
     def table(self, name: str) -> tuple[Row, ...]:
         """Return the rows of a table; none if the run did not fill it."""

@@ -70,7 +70,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     is_same = off <= SAME_ACCELERATION
     known: dict[str, Any] = {"same_tone": "good" if is_same else "warn", "why_same": "it was not asked at given states"}
     known["same"] = "yes" if is_same else f"off by {off:.0e}" if is_known(off) else ""
-    known |= {"order": number(case, "observed_order"), "why_order": OWN_STEPS if chose_steps(case) else NO_ORDER}
+    known |= {"order": round(number(case, "observed_order"), 1) + 0.0, "why_order": OWN_STEPS if chose_steps(case) else NO_ORDER}
     known |= {"error": number(case, "length_error"), "bar": error_bar(case, "position_error")}
     known |= redundant_rows(cases, row)
     known["repeats"] = {True: "yes", False: f"no, {number(row, 'difference'):.0e} apart"}.get(row["same_bits"], "")

@@ -53,6 +53,7 @@ def engine_page(run: Run, name: str) -> Page:
         broken=list_failures(run, name),
         atlas=atlas_table([r for r in run.table("atlas") if r["engine"] == name]),
         owned=lay_out("search_owned", list_owned([r for r in run.table("search_owned") if r["engine"] == name])),
+        history=lay_out("engine_history", list_changes([r for r in run.accepted if r["engine"] == name])),
         knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
     )
     wrong = "A negative control, wrong on purpose: it must never pass."
@@ -71,8 +72,7 @@ def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
         for position in TABLED:
             one = cheapest_stored(run, linkage, position).get(name)
             if one is not None:
-                words = f"{linkage} within {limit_text(position)} m: {describe_setting(run, one)}"
-                commands.append((words, command_of(one, scenario)))
+                commands.append((f"{linkage} within {limit_text(position)} m", command_of(one, scenario)))
     return list({command: (words, command) for words, command in reversed(commands)}.values())[::-1]
 
 
@@ -154,6 +154,13 @@ def list_races(run: Run, name: str) -> Table:
     python = f" These times contain Python code of the suite: {inside}." if inside else ""
     note = f"The multiple is the engine's time divided by that of the fastest engine at the same accuracy.{python}"
     return lay_out("engine_races", lines, note=note)
+
+
+def list_changes(figures: Sequence[Row]) -> list[Row]:
+    """Return a row for each change of the engine's figures that was accepted, the latest first: its date, its reason, its figures."""
+    groups = group_by(figures, "accepted")
+    dated = [(*accepted.split(" ", 1), len(some)) for accepted, some in groups.items() if " " in accepted]
+    return [{"date": date, "reason": reason, "figures": number_of} for date, reason, number_of in sorted(dated, reverse=True)]
 
 
 def list_failures(run: Run, name: str) -> list[str]:
