@@ -59,6 +59,8 @@ class Dice(Steady):
 class Thrown:
     def __init__(self, model):
         self.model = model
+    def joint_forces(self, t, q, v):
+        return {self.model.mechanism.joints[0].name: [0.0, 0.0, 0.0]}
     def __getattr__(self, name):
         return getattr(self.model, name)
     def read(self):
@@ -101,6 +103,8 @@ def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(
     assert rows["dice"]["same_bits"] is False
     assert 0 < rows["dice"]["difference"] < 1e-9
     assert rows["steady"]["force_error"] < 1e-3  # [N], of a step of order four
+    assert math.isnan(rows["steady"]["told_force_error"])
+    assert rows["dice"]["told_force_error"] > 1.0  # [N] of a pin that carries more than it tells, which is nothing
     started = field.time_start("four_bar", "torque", "steady", 1e-3, 1)["samples"]
     assert [(r["quantity"], r["process"], 0 < r["seconds"] < 60) for r in started] == [("start", 1, True)]
 
@@ -186,8 +190,9 @@ def test_the_suite_asks_every_engine_within_twenty_minutes() -> None:
 
 METHOD = {"settings": "default", "integrator": "rk4", "stabilization": "none"}
 ASKED = PLACE | METHOD | {"step": 1e-3, "redundant": "parallelogram"}
+FORCES = {"force_error": 2e-3, "told_force_error": 4e-5}
 FIELD = [
-    ASKED | {"engine": "good", "status": "ok", "same_bits": True, "force_error": 2e-3, "start": 0.5, "size": 12.0},
+    ASKED | {"engine": "good", "status": "ok", "same_bits": True, **FORCES, "start": 0.5, "size": 12.0},
     ASKED | {"engine": "good", "settings": "tuned", "status": "ok", "same_bits": True, "start": 0.5, "size": 12.0},
     ASKED | {"engine": "dice", "status": "ok", "same_bits": False, "difference": 3e-10, "size_of": "a part of the suite"},
     ASKED | {"engine": "gone", "settings": "", "integrator": "", "status": "skip", "message": "the engine gone is not installed"},
@@ -226,6 +231,7 @@ def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
         "error at 1 ms [m]": "1.0e-07",
         "redundant rows [m]": "2.0e-07",
         "joint forces [N]": "2.0e-03",
+        "its own forces [N]": "4.0e-05",
         "repeats": "yes",
         "time within 0.1 mm": "2.00 ms",
         "time within 1e-6 m": "5.00 ms",
@@ -237,6 +243,7 @@ def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
     assert tuned["order"] == ("-", "its errors at three steps have no order")
     assert tuned["redundant rows [m]"] == ("-", "rows are redundant")
     assert tuned["joint forces [N]"] == ("-", "the forces are not determined")
+    assert tuned["its own forces [N]"] == ("-", "its adapter tells none")
     for head in ("time within 0.1 mm", "start", "size [MB]"):
         assert tuned[head] == ("-", "in the first row of this engine")
     assert dice["repeats"] == ("no, 3e-10 apart", "")

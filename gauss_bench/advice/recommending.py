@@ -37,7 +37,7 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
 from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
-from gauss_bench.runs.offers import in_python, offer
+from gauss_bench.runs.offers import in_python, interpreter_of, offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -129,8 +129,10 @@ class _Engine:
 
 
 def work(integrator: str, trial: Trial) -> float:
-    """Return the number of acceleration evaluations of a run; else steps times evaluations per step."""
-    return float(trial.evaluations or trial.steps * EVALUATIONS.get(integrator, 1))
+    """Return the number of acceleration evaluations of a run; else steps times evaluations per step; infinity if unknown."""
+    if trial.evaluations:
+        return float(trial.evaluations)
+    return math.inf if trial.steps is None else float(trial.steps * EVALUATIONS.get(integrator, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,7 +375,7 @@ class Recommender:
 
     def race(self) -> dict[Way, Array]:
         """Time the accurate settings side by side in one process; return setting -> seconds of a run (rounds,)."""
-        chosen: dict[Way, int] = {}
+        chosen: dict[Way, int | None] = {}
         lists = [choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
             chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
@@ -425,7 +427,8 @@ class Recommender:
         """
         limit = max(least, self.budget.remaining(LAST))
         longest = max(WAITS * least, self.budget.remaining_wall_time(LAST))
-        return self.engines[engine].worker.call(function, arguments, limit, longest=longest)
+        worker = self.engines[engine].worker.under(interpreter_of(engine))
+        return worker.call(function, arguments, limit, longest=longest)
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
         evaluations = sum(map(len, engine.trials.values()))

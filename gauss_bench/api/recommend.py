@@ -14,14 +14,16 @@ from gauss_bench.api.in_worker import tell_plainly
 from gauss_bench.api.program_error import describe_error, describe_reference
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
-from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, all_names
+from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, SAFE, all_names
 from gauss_bench.engines.authors import candidates_of, read_settings
 from gauss_bench.engines.base import Choice, Variant
-from gauss_bench.exchange.snippets import WRITERS, holds, snippet
+from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
 from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import BY_AUTHORS, UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
+from gauss_bench.runs.programs import program_there, read_program, writes_programs
 from gauss_bench.runs.worker import WorkerFailure
+from gauss_bench.trajectory import RunFailure
 
 BUDGET = 60.0  # [s]
 FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators tried first in engines without variants of their own
@@ -138,8 +140,8 @@ def recommend(
 def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answer:
     """Add to an answer the program that runs its setting, or the reason why there is none.
 
-    Some programs need the engine's library to be written; these are written in the engine's worker, which has `least` seconds [s]
-    for it in any case.
+    Programs that need the engine's library to be written, or that the engine writes itself, are written in the engine's worker,
+    which has `least` seconds [s] for it in any case.
     """
     if answer.status != "ok":
         return answer
@@ -150,14 +152,9 @@ def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answ
         remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
         remarks.append(describe_reference(found.told, max(found.bars["position"], found.bars["angle"])))
     choice = (answer.settings, answer.integrator, answer.stabilization, answer.step or run.until / BEATS, answer.tolerance)
-    arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remarks)
     try:
-        needs_library = answer.engine in WRITERS
-        if needs_library:
-            program = recommender.call_worker(answer.engine, snippet_there, arguments, least)
-        else:
-            program = snippet_there(*arguments)
-    except WorkerFailure as failure:
+        program = write_program(recommender, answer.engine, choice, remarks, least)
+    except (WorkerFailure, RunFailure) as failure:
         program = {"refused": str(failure)}
     match program:
         case {"text": str(text)}:
@@ -165,6 +162,26 @@ def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answ
         case {"refused": str(reason)} | {"missing": str(reason)}:
             return replace(answer, message="; ".join(filter(None, (answer.message, reason))))
     return answer
+
+
+def write_program(
+    recommender: Recommender, engine: str, choice: tuple[Any, ...], remarks: list[str], least: float
+) -> dict[str, Any]:
+    """Return the program of an engine with a choice as {"text": ...}, or the reason why there is none.
+
+    Raises:
+        WorkerFailure: the engine's process failed; RunFailure: the engine writes programs itself, and refused this one.
+    """
+    run = recommender.run
+    if engine not in WRITERS and writes_programs(engine):
+        mechanism = replace(run.mechanism, duration=run.until)
+        answer = recommender.call_worker(engine, program_there, (engine, mechanism, Choice(*choice)), least)
+        return {"text": with_head(mechanism, read_program(engine, answer), tuple(remarks))}
+    arguments = (run.linkage, run.mechanism.scenario, engine, choice, run.until, remarks)
+    if engine not in WRITERS:
+        return snippet_there(*arguments)
+    written: dict[str, Any] = recommender.call_worker(engine, snippet_there, arguments, least)
+    return written
 
 
 def snippet_there(
@@ -244,7 +261,8 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
             ratios = ", ".join(f"{loop} {times:.3g}" for loop, times in x.loops.items())
             sentences.append(f"{x.engine} by who runs its loop, in times of the fastest engine: {ratios}")
         if x.in_python and x.engine not in OWN:
-            sentences.append(f"the time of {x.engine} holds of this suite's own in Python: {x.in_python}")
+            own = "of this suite's own in Python" if x.engine in (*SAFE, *ELSEWHERE) else "in Python, besides its library"
+            sentences.append(f"the time of {x.engine} holds {own}: {x.in_python}")
     short = list(dict.fromkeys(x.engine for x in answers if not x.complete))
     if short:
         sentences.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")

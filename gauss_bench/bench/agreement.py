@@ -17,13 +17,15 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import LEAST_WORDS
 from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.linkage.load import document_of
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.metrics import compare_joint_forces
 from gauss_bench.reference.build import absolute_motion
 from gauss_bench.runs.one_run import Run, nothing
-from gauss_bench.runs.questions import accelerations, follow_accelerations
+from gauss_bench.runs.questions import accelerations, follow_accelerations, joint_forces
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Status, Trajectory
 
 EXACT = 1e-9  # of the largest acceleration of a state: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
 ALONG = 1e-8  # of N^T Q: MuJoCo's solver leaves 1e-9 where it ends by its own tolerance
@@ -206,6 +208,32 @@ def effect(measured: Array, true: Array) -> str:
     return f"its effect is {factor:.6g} times what it should be, in the direction that it should have"
 
 
+def reactions(subject: Subject) -> Iterator[Check]:
+    """Check that joint forces that the engine tells itself are those of the accelerations, by Newton's laws."""
+    title = "joint forces follow from the accelerations"
+    if subject.usual.settings in subject.offer.soft:
+        yield Check(title, None, "declared soft: its joints exert other forces")
+        return
+    worst = ""
+    for linkage, scenario in (subject.moving[0], *PLAIN):
+        on = probe(linkage, scenario)
+        names = tuple(joint.name for joint in on.mechanism.joints)
+        question = partial(joint_forces, names, on.t, on.q, on.v)
+        run = subject.perform(on.mechanism, subject.usual, np.array([0.0, STEP]), question, 3 * len(on.t) * len(names))
+        if run.trajectory is None:
+            yield Check(title, None if refusal(subject, subject.usual, run, on.mechanism) else False, run.message)
+            return
+        told = np.asarray(run.answer, dtype=float)
+        states = Trajectory(on.t, on.q, on.v, on.a, None)
+        error, largest = compare_joint_forces(Evaluator(on.mechanism), states, told)
+        if error > EXACT * largest:
+            off = f"they are off by {error:.1e} (N, N m), where the largest is {largest:.1e}"
+            yield Check(title, False, f"{off} ({on.mechanism.name})")
+            return
+        worst = worst if np.isnan(error) else f"agree to {digits(error / largest)}"
+    yield Check(title, True if worst else None, worst or "it tells none")
+
+
 def motions(subject: Subject) -> Iterator[Check]:
     """Check that runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
     usual, offer = subject.usual, subject.offer
@@ -273,4 +301,4 @@ def _true_motion(linkage: str, scenario: str) -> Array:
     return np.array(absolute_motion(probe(linkage, scenario).mechanism, TIMES))
 
 
-MEASURED = (declarations, forces, same_states, motions, change_numbers)
+MEASURED = (declarations, forces, same_states, reactions, motions, change_numbers)

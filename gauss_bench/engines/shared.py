@@ -1,11 +1,12 @@
 """What adapters to foreign engines share: reasons to refuse a linkage, and checks of the built model against the linkage."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.base import LibraryCall as LibraryCall  # where plug-ins look for it
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -29,23 +30,6 @@ from gauss_bench.trajectory import with_accelerations as with_accelerations
 
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start; speeds spread 10 times as far [1/s]
 PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
-
-
-@dataclass(frozen=True, eq=False)
-class LibraryCall:
-    """One evaluation of a library's right-hand side, in its own coordinates, as an expert of the library would call it.
-
-    Attributes:
-        call: the function that is timed.
-        acceleration: (n,) result of the call, translated to absolute coordinates.
-        ready: preparation before every call, not timed; by default it does nothing.
-        count: number of right-hand sides, or implicit steps, in one call.
-    """
-
-    call: Callable[[], object]
-    acceleration: Array
-    ready: Callable[[], object] = lambda: None
-    count: int = 1
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:

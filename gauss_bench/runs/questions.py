@@ -5,9 +5,10 @@ They are sent by name to the process of an engine, whose environment may have nu
 
 import numpy as np
 
-from gauss_bench.engines.base import Model
+from gauss_bench.engines.base import Model, ask
 from gauss_bench.integrate.fixed_step import Tableau, explicit_step
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure
 
 FINER = 5  # steps between two times of `follow_accelerations`
 
@@ -15,6 +16,23 @@ FINER = 5  # steps between two times of `follow_accelerations`
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
     """Ask a model for accelerations (k, n) at states t (k,), q, v (k, n)."""
     return np.array([model.acceleration(*state) for state in zip(t, q, v, strict=True)])
+
+
+def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Model) -> Array:
+    """Ask a model for its own joint forces (k, joints, 3) at states t (k,), q, v (k, n); NaN where it tells none.
+
+    Of each joint they are fx, fy [N] on its second link, and the moment [N m] about its point.
+    """
+    found = np.full((len(t), len(names), 3), np.nan)
+    for forces, *state in zip(found, t, q, v, strict=True):
+        try:
+            told = ask(model, "joint_forces")(*state)
+        except RunFailure:
+            continue
+        for row, name in zip(forces, names, strict=True):
+            if name in told:
+                row[:] = told[name]
+    return found
 
 
 def run_before(times: Array, model: Model) -> None:

@@ -40,7 +40,7 @@ from gauss_bench.bench.ways import (
     space,
     whole_run,
 )
-from gauss_bench.engines import OWN, all_names, environment_of, get, names
+from gauss_bench.engines import OWN, all_names, names
 from gauss_bench.engines.authors import candidates_of
 from gauss_bench.engines.base import Variant
 from gauss_bench.engines.own_options import is_assignment
@@ -58,7 +58,7 @@ STATUSES = dict.fromkeys(
 BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
 Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
 Owners = dict[Way, str]  # variant that the authors of its engine own -> who they are
-Asked = list[tuple[Way, int, float]]  # ways, each with its number of steps and its estimated time [s]
+Asked = list[tuple[Way, int | None, float]]  # ways, each with its number of steps, if it is counted, and its estimated time [s]
 
 
 def requirements(part: Search) -> list[Requirement]:
@@ -167,10 +167,9 @@ def complete(suite: Suite, tables: Tables) -> None:
         by_engine = sorted(rows, key=lambda row: [*engines].index(row["engine"]))  # which keeps the order within an engine
         tables["search_space"] = [row for k, row in enumerate(by_engine) if row not in by_engine[:k]]  # parts may share engines
         tables["search_knobs"] = [
-            {"engine": x, "knob": name, "meaning": knob.meaning, "source": knob.source}
-            for x in engines
-            if environment_of(x) is None  # the knobs of others are known in their environment alone
-            for name, knob in getattr(get(x), "knobs", {}).items()  # an engine without a file of variants has no knobs
+            {"engine": x.name, "knob": name, "meaning": meaning, "source": source}
+            for x in engines.values()
+            for name, (meaning, source) in x.knobs.items()
         ]
 
 
@@ -258,7 +257,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     rough, lost = race_apart(rough_entries, run, part, [(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
     seconds = {variant: time_of(x) for variant, x in gather_rounds(rough, entry_of).samples.items()}
-    costs = {way: seconds[way._replace(size=0.0)] * steps[way] for way in steps if way._replace(size=0.0) in seconds}
+    costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
     chosen: dict[Way, None] = {}
     for ways in passing.values():
         for some in by_loop(ways, owners_of(rows)):
@@ -272,7 +271,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
     """Race the ways that may still win in one more process; `rows` are the ladders, `first` the rows of the first process."""
     run, measured = motion_of(linkage, scenario, part), gather_measured(first)
-    near: dict[Way, int] = {}
+    near: dict[Way, int | None] = {}
     for ways in passing_ways(read_ladders(rows), part).values():
         near |= {way: ways[way].steps for some in by_loop(ways, owners_of(rows)) for way in near_ways(some, measured)}
     asked = [(way, steps, time_of(measured.of(way))) for way, steps in near.items()]

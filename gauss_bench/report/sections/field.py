@@ -76,6 +76,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     known["repeats"] = {True: "yes", False: f"no, {number(row, 'difference'):.0e} apart"}.get(row["same_bits"], "")
     known |= {"repeats_tone": "good" if row["same_bits"] else "warn", "why_repeats": row["message"] or "not run twice"}
     known["why_force_error"] = row["message"] or "the forces are not determined"
+    known["why_told_force_error"] = row["message"] or "its adapter tells none"
     return known
 
 

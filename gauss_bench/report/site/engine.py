@@ -157,7 +157,7 @@ def list_races(run: Run, name: str) -> Table:
 
 
 def list_changes(figures: Sequence[Row]) -> list[Row]:
-    """Return a row for each change of the engine's figures that was accepted, the latest first: its date, its reason, its figures."""
+    """Return a row for each accepted change of the engine's figures, the latest first: its date, its reason, its figures."""
     groups = group_by(figures, "accepted")
     dated = [(*accepted.split(" ", 1), len(some)) for accepted, some in groups.items() if " " in accepted]
     return [{"date": date, "reason": reason, "figures": number_of} for date, reason, number_of in sorted(dated, reverse=True)]
