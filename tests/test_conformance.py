@@ -24,6 +24,7 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Status, Trajectory
 
 WRONG = "yuan_ge_eq16"  # as published
+LEAVES_OUT = "mjx"  # the velocity term of its constraints: its own test says so
 ALIKE = ("gauss_pinv", "schur", "udwadia_kalaba", "lagrange-native")  # by the adapter of another
 
 
@@ -53,7 +54,7 @@ def test_a_sound_adapter_keeps_every_rule() -> None:
 
 @pytest.mark.long("by_hand", "casadi", "exudyn", "gauss-native", "gauss", "lagrange", "minimal", "mujoco", "pinocchio")
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, *ALIKE)])
+@pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, LEAVES_OUT, *ALIKE)])
 def test_built_in_engines_keep_every_rule(name: str) -> None:
     assert not broken(name)
 
@@ -90,6 +91,30 @@ def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeyp
     assert not broken("tests.faulty_engines:Springs")
     only(monkeypatch, "same_states")
     assert "N^T (M a - Q)" in broken("tests.faulty_engines:Excused")["accelerations (default, rk4, none)"]
+    assert "J a is 0.00 of gamma" in broken("tests.faulty_engines:Gammaless")["accelerations (default, rk4, none)"]
+
+
+@pytest.mark.parametrize("share", [0.01, 0.4, 1.0, -1.0])
+def test_constraints_without_their_velocity_term_are_named_though_loops_are_soft(share: float) -> None:
+    on = probe("four_bar", "torque")
+    evaluator = AbsoluteCoordinates(on.mechanism).evaluator
+    given = []
+    for t, q, v in zip(on.t, on.q, on.v, strict=True):
+        terms = evaluator.terms(float(t), q, v)
+        K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((len(terms.J), len(terms.J)))]])
+        given.append(np.linalg.solve(K, np.concatenate([terms.Q, share * terms.gamma]))[: on.mechanism.n])
+    found = on.share_of_gamma(np.array(given))
+    assert found == pytest.approx(share, abs=1e-12)
+    fault = Answer(off=0.0, along=0.0, gamma=found).fault(soft=True)
+    assert fault == (
+        "" if share == 1.0 else f"J a is {share:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
+    )
+
+
+def test_without_any_velocity_term_none_is_missed() -> None:
+    on = probe("four_bar", "torque")
+    still = replace(on, v=0.0 * on.v)
+    assert still.share_of_gamma(0.0 * on.a) == 1.0
 
 
 def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(

@@ -4,12 +4,15 @@ Simbody's integrators project states onto the constraints. With equal steps, too
 generated model is compared with the suite's own terms before it is used, at tree states at which loops are open.
 """
 
+from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.opensim.forces import JointForces
 from gauss_bench.engines.opensim.translate import Builder, Built, gaps, refusal
 from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -102,6 +105,16 @@ class OpenSimModel(TreeModel):
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         return self._accelerations(self.built, self._state(self.built, t, y, dy))
+
+    @cached_property
+    def _joint_forces(self) -> JointForces:
+        return JointForces(self.mechanism, self.tree, self.built)
+
+    def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
+        """Return the forces that OpenSim has in joints and constraints; see `ModelDefaults`."""
+        state = self._state(self.built, t, *self.tree.relative(q, v))
+        self._accelerations(self.built, state)  # which brings the state to the stage that has forces
+        return self._joint_forces.read(state, q, v)
 
     def prepare(self, times: Array, native: bool = True) -> None:
         super().prepare(times, native)
