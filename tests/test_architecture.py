@@ -13,7 +13,8 @@ LIGHT = "terms trajectory untrusted"
 ALLOWED = {  # room -> those that it may import
     "terms": "",
     "trajectory": "",
-    "tables": "untrusted",
+    "checksums": "untrusted",
+    "tables": "checksums untrusted",
     "untrusted": "",
     "suites": "untrusted",
     "reach": "trajectory",
@@ -29,11 +30,11 @@ ALLOWED = {  # room -> those that it may import
     "judge": f"mechanism metrics {LIGHT}",
     "papers": f"formulations kinematics linkage mechanism reference {LIGHT}",
     "runs": f"engines integrate judge linkage mechanism metrics {LIGHT}",
-    "bench": "compiler engines formulations integrate judge kinematics linkage "
+    "bench": "checksums compiler engines formulations integrate judge kinematics linkage "
     f"mechanism metrics papers reach reference runs suites tables {LIGHT}",
     "advice": f"bench engines integrate linkage mechanism metrics reach reference runs {LIGHT}",
     "diagnosis": f"bench engines formulations integrate judge linkage mechanism metrics reference runs tables {LIGHT}",
-    "report": f"linkage mechanism reach reference tables {LIGHT}",
+    "report": f"checksums linkage mechanism reach reference tables {LIGHT}",
     "docs": f"api engines formulations integrate linkage mechanism verbs {LIGHT}",
     "exchange": f"compiler engines gauss_bench linkage mechanism {LIGHT}",
     "atlas": f"engines exchange judge linkage mechanism report runs {LIGHT}",

@@ -4,6 +4,7 @@ import json
 import os
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,10 +18,13 @@ from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
 from gauss_bench.engines import SAFE, all_names
 from gauss_bench.engines.base import Choice
+from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.runs.offers import offer, offers
 from gauss_bench.runs.one_run import Run, sampling_at
+from gauss_bench.runs.questions import FINER, follow_accelerations
 from gauss_bench.runs.worker import Worker
+from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
 WRONG = "yuan_ge_eq16"  # as published
@@ -123,6 +127,45 @@ def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anythi
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
     assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
+
+
+class StiffSpring:
+    """A mass on a spring and critical damper with a period of a millisecond: x = (1 + w t) exp(-w t) from x = 1 at rest."""
+
+    frequency = 2 * np.pi / 1e-3  # [rad/s]
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return -2 * self.frequency * v - self.frequency**2 * q
+
+
+def test_the_finer_steps_follow_a_vibration_of_a_millisecond() -> None:
+    """Explicit steps of a millisecond do not."""
+    start, rest, spring = np.ones(1), np.zeros(1), StiffSpring()
+    true = (1 + spring.frequency * agreement.TIMES) * np.exp(-spring.frequency * agreement.TIMES)
+    off = {}
+    for finer in (FINER, agreement.STIFF):
+        with np.errstate(all="ignore"):
+            places = follow_accelerations(dop853_tableau(), agreement.TIMES, start, rest, spring, finer=finer)[0, :, 0]  # type: ignore[arg-type]
+        off[finer] = np.abs(places - true).max()
+    assert off[agreement.STIFF] < 1e-8
+    assert not off[FINER] < 1e-3
+
+
+@pytest.mark.parametrize(("settings", "tried"), [("soft", [FINER, agreement.STIFF]), ("hard", [FINER])])
+def test_only_a_soft_loop_that_fails_is_followed_in_finer_steps(
+    settings: str, tried: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+
+    def follow(subject: object, choice: Choice, linkage: str, scenario: str, finer: int) -> Check:
+        found.append(finer)
+        return Check("a run", finer == agreement.STIFF)
+
+    monkeypatch.setattr(agreement, "_follow_motion", follow)
+    under_test = SimpleNamespace(offer=SimpleNamespace(soft={"soft": "a spring"}))
+    check = agreement._follow(under_test, Choice(settings), "four_bar", "torque")  # type: ignore[arg-type]
+    assert found == tried
+    assert check.passed is (settings == "soft")
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ MEASURED = [
     ("crank_slider", "paper", "default", 1e-4, 1.005e-2),
     ("eight_bar", "torque", "default", 1e-3, 5.111e-2),
     ("parallelogram", "torque", "default", 1e-3, 3.801e-3),
-    ("crank_slider", "paper", "bushing_runge_kutta/0.003", 1e-3, 1.423e-3),
+    ("crank_slider", "paper", "bushing_runge_kutta_adaptive/0.003", 1e-3, 1.423e-3),
 ]
 
 

@@ -34,7 +34,7 @@ FINDING = Path(__file__).parents[1] / "reports" / "findings" / "mjx_missing_bias
 
 
 class OnMujoco:
-    """The calls of `Device`, carried out by MuJoCo."""
+    """The calls of `Device`, carried out by MuJoCo; models and states are MuJoCo's."""
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
         self.mujoco, self.torque = libraries.mujoco, torque
@@ -58,6 +58,9 @@ class OnMujoco:
         for _ in range(count):
             self.mujoco.mj_step(model, state)
         return state
+
+    def tree_state(self, state: Any) -> tuple[Array, Array]:
+        return state.qpos, state.qvel
 
     def evaluate(self, y: Array, dy: Array) -> Evaluated:
         data, mass = self.start(y, dy, 0.0), np.zeros((len(y), len(y)))

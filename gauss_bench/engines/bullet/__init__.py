@@ -1,4 +1,5 @@
-"""The adapter to Bullet, through PyBullet. Its wheel is large, so it has an environment.
+"""The adapter to Bullet, through PyBullet. Its wheel is large and for one Python alone, so it has an environment.
 
-`translate.py` decides what Bullet can be given; `world.py` builds it in Bullet; `adapter.py` runs it.
+`translate.py` tells what Bullet is given or refused; `joints.py` and `bodies.py` build it in a `world.py`; `accelerations.py` finds
+the accelerations that steps imply; `adapter.py` runs it.
 """

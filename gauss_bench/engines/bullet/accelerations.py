@@ -15,8 +15,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gauss_bench.engines.bullet.bodies import BodyWorld
+from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.translate import BodyForces, JointForces
-from gauss_bench.engines.bullet.world import BodyWorld, TreeWorld
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 

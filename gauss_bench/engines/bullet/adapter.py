@@ -16,8 +16,9 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice, Model, sample_arrays
 from gauss_bench.engines.bullet.accelerations import CONVERGED, Accelerations
+from gauss_bench.engines.bullet.bodies import BodyWorld
+from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.translate import BodyForces, JointForces, joint_forces, refusal
-from gauss_bench.engines.bullet.world import BodyWorld, TreeWorld
 from gauss_bench.engines.shared import drivers_by_coordinate, finite_acceleration, joint_tree, require_agreement, size
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants

@@ -141,5 +141,5 @@ class MjxModel(TreeModel):
             else:
                 for _ in range(stretch.steps):
                     state = take_steps(model, state, 1)
-            if stretch.row is not None:  # to read the state is to wait for it: JAX returns before it has computed
-                self.y[stretch.row], self.dy[stretch.row] = state.qpos, state.qvel
+            if stretch.row is not None:
+                self.y[stretch.row], self.dy[stretch.row] = self.device.tree_state(state)

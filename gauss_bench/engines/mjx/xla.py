@@ -71,57 +71,89 @@ class Evaluated:
     gaps: Array
 
 
+@dataclass(frozen=True)
+class Shapes:
+    """The structure of MJX's model and state without their numbers, by which compiled functions are kept."""
+
+    model: Any
+    state: Any
+
+
 @cache
-def functions(jax: Any, mjx: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return the loop of steps and the terms at a state; JAX compiles each once for every shape of a model, at its first call.
+def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return two functions of the numbers of a model and a state, each a list of arrays; JAX compiles each at its first call.
 
-    take_steps    model, state, number of steps -> state after them
-    terms         model, state -> acceleration, mass matrix, forces, centres of mass, gaps
+        take_steps    model, state, number of steps -> state after them
+        terms         model, state -> acceleration, mass matrix, forces, centres of mass, gaps
+
+    Lists are passed because MJX's own classes take some milliseconds to pass, at every call.
     """
+    flatten, unflatten = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten
 
-    def take_steps(model: Any, state: Any, count: Any) -> Any:
-        return jax.lax.fori_loop(0, count, lambda _, x: mjx.step(model, x), state)
+    def take_steps(model: list[Any], state: list[Any], count: Any) -> list[Any]:
+        whole, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
+        end = jax.lax.fori_loop(0, count, lambda _, x: mjx.step(whole, x), start)
+        return list(flatten(end))
 
-    def terms(model: Any, state: Any) -> tuple[Any, ...]:
-        x = mjx.forward(model, state)
+    def terms(model: list[Any], state: list[Any]) -> tuple[Any, ...]:
+        whole = unflatten(shapes.model, model)
+        x = mjx.forward(whole, unflatten(shapes.state, state))
         forces = x.qfrc_applied + x.qfrc_passive + x.qfrc_actuator - x.qfrc_bias
-        return x.qacc, mjx.full_m(model, x), forces, x.xipos, x._impl.efc_pos
+        return x.qacc, mjx.full_m(whole, x), forces, x.xipos, x._impl.efc_pos
 
     return jax.jit(take_steps), jax.jit(terms)
 
 
 class Device:
-    """MuJoCo's compiled model on JAX's device, with the functions compiled for it.
+    """MuJoCo's compiled model on JAX's device, with the functions compiled for it; models and states are lists of arrays.
 
     Attributes:
         rest: MJX's state at qpos0 and rest, with the forces `torque` (n,); every other state is a copy of it.
     """
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
-        self.array, self.mjx = libraries.jax.numpy.array, libraries.mjx
-        self._take_steps, self._terms = functions(libraries.jax, libraries.mjx)
-        self.set(model)
+        self.jax, self.mjx = libraries.jax, libraries.mjx
+        self.trees = self.jax.tree_util
         rest = self.mjx.put_data(model, libraries.mujoco.MjData(model))
-        self.rest: Any = rest.replace(qfrc_applied=self.array(torque))
+        self.rest: Any = rest.replace(qfrc_applied=self._put(torque))
+        count = self.trees.tree_structure(self.rest).num_leaves
+        places = self.trees.tree_unflatten(self.trees.tree_structure(self.rest), range(count))
+        self._places = places.qpos, places.qvel  # in the list of a state
+        self.set(model)
+
+    def _put(self, x: Any) -> Any:
+        """Return numbers as an array that is bound to the device.
+
+        Trap: for an array that is not bound, as `jax.numpy.array` makes it, JAX compiles everything a second time, inside a run.
+        """
+        return self.jax.device_put(np.asarray(x, dtype=float), self.jax.devices("cpu")[0])
 
     def set(self, model: Any) -> None:
-        """Take the numbers of MuJoCo's model."""
+        """Take the numbers of MuJoCo's model, and the functions for its shape."""
         self.model: Any = self.mjx.put_model(model)
+        shapes = Shapes(self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest))
+        self._take_steps, self._terms = functions(self.jax, self.mjx, shapes)
 
-    def with_step(self, size: float) -> Any:
+    def with_step(self, size: float) -> list[Any]:
         """Return MJX's model with steps of `size` [s]."""
-        return self.model.tree_replace({"opt.timestep": self.array(size)})
+        return list(self.trees.tree_leaves(self.model.tree_replace({"opt.timestep": self._put(size)})))
 
-    def start(self, y: Array, dy: Array, t: float) -> Any:
+    def start(self, y: Array, dy: Array, t: float) -> list[Any]:
         """Return MJX's state at a tree state y, dy (n,) and time t [s]."""
-        return self.rest.replace(qpos=self.array(y), qvel=self.array(dy), time=self.array(t))
+        state = self.rest.replace(qpos=self._put(y), qvel=self._put(dy), time=self._put(t))
+        return list(self.trees.tree_leaves(state))
 
-    def take_steps(self, model: Any, state: Any, count: int) -> Any:
-        """Return MJX's state after `count` steps with one of the models of `with_step`."""
-        return self._take_steps(model, state, count)
+    def take_steps(self, model: list[Any], state: list[Any], count: int) -> list[Any]:
+        """Return MJX's state after `count` steps with one of the models of `with_step`; JAX returns before it has computed."""
+        return list(self._take_steps(model, state, count))
+
+    def tree_state(self, state: list[Any]) -> tuple[Any, Any]:
+        """Return y and dy (n,) of a state; to read their numbers is to wait for them."""
+        y, dy = self._places
+        return state[y], state[dy]
 
     def evaluate(self, y: Array, dy: Array) -> Evaluated:
         """Evaluate the terms at a tree state y, dy (n,)."""
-        found = [np.array(x) for x in self._terms(self.model, self.start(y, dy, 0.0))]
-        acceleration, mass, forces, centres, gaps = found
+        model = list(self.trees.tree_leaves(self.model))
+        acceleration, mass, forces, centres, gaps = (np.array(x) for x in self._terms(model, self.start(y, dy, 0.0)))
         return Evaluated(acceleration, mass, forces, centres, gaps.reshape(-1, 3))
