@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.mujoco.across_releases import disable, find_integrator, mass_matrix
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import native_forces
 from gauss_bench.engines.shared import (
@@ -75,8 +76,7 @@ def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) 
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
     model.body_invweight0[:] *= options["body_invweight0_factor"]
     if options["unused_features"] == "off":
-        unused = (flag for flag, uses in FLAGS.items() if not uses(model))
-        model.opt.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, flag)) for flag in unused)
+        disable(mujoco, model, (flag for flag, uses in FLAGS.items() if not uses(model)))
 
 
 class Mujoco:
@@ -175,9 +175,9 @@ class MujocoModel:
         self.torque, self.bodies = draft.torque, [draft.bodies[i].id for i in range(len(mechanism.links))]
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
-        self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
+        self.model.opt.integrator = find_integrator(mujoco, INTEGRATORS[choice.integrator or "rk4"])
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
-        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
         self.still: Any = copy.copy(self.model)
         self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
         self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
@@ -346,8 +346,7 @@ def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) ->
     """
     data, own = built.forward(y, dy), open_tree(evaluator, built.tree, y, dy)
     forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
-    mass = np.zeros_like(own.mass)
-    built.mujoco.mj_fullM(built.still, data, mass)
+    mass = mass_matrix(built.mujoco, built.still, data)
     centres, gaps = np.array(data.xipos[built.bodies])[:, :2], np.array(data.efc_pos).reshape(-1, 3)[:, :2]
     extent = float(np.abs(own.q).max())
     return {
