@@ -203,16 +203,12 @@ def as_data(answers: Answers) -> dict[str, Any]:
 
 def from_data(data: Mapping[str, Any]) -> Answers:
     """Return the answers that `as_data` gave as plain data."""
-    figures = [
-        Figure(
-            *x["key"],
-            status=x["status"],
-            message=x["message"],
-            values=np.array(x["values"] or np.zeros((0, 0))),
-            shifted=np.array(x["shifted"] or np.zeros((0, 0, 0))),
-            error=x["error"],
-            text=x["text"],
-        )
-        for x in data["figures"]
-    ]
+    figures = [read_figure(x) for x in data["figures"]]
     return Answers(**{**data, "figures": tuple(figures)})
+
+
+def read_figure(x: Mapping[str, Any]) -> Figure:
+    """Return a figure of plain data."""
+    values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
+    quantity, case, setting = x["key"]
+    return Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"])

@@ -1,13 +1,14 @@
 """Race the steps of all releases of an engine in interleaved blocks, each in processes of its own environment.
 
 A run of N steps takes  fixed + N step.  Runs of two lengths give both: the time of a step is the slope, the fixed overhead of a run
-the rest. A ratio is to the newest release, over the processes; the newest runs a second time in processes of its own, and the spread
-of that ratio is what no difference at all looks like.
+the rest. A ratio is to the newest release, over the processes. The newest runs a second time in processes of its own: the spread of
+that ratio is the noise.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -127,7 +128,7 @@ def split(short: Array, long: Array) -> Times:
 def list_costs(
     linkage: str, setting: str, work: str, versions: Sequence[str], measured: dict[str, Array], failed: dict[str, str]
 ) -> list[Cost]:
-    """Return the cost of every version; its ratio is to the last but one, the newest, and its verdict is beyond the last, the null."""
+    """Return the cost of every version. The last but one is the newest, to which ratios are; the last is the same once more."""
     newest, null = versions[-2], versions[-1]
     costs = []
     for version in versions:
@@ -151,7 +152,7 @@ def find_changes(versions: Sequence[str], measured: dict[str, Array], null: str)
         return []
     width = null_width(measured[null], measured[timed[-1]])
     changes = []
-    for before, after in zip(timed, timed[1:], strict=False):
+    for before, after in pairwise(timed):
         ratio, low, high = ratio_of(measured[after], measured[before])
         if judge_ratio(low, high, width) in ("slower", "faster"):
             changes.append(CostChange(before, after, "", "", "", ratio, low, high))

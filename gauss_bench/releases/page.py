@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 Row = Mapping[str, Any]
@@ -12,7 +13,7 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
     """Return, for each pair of neighbours of the releases that have answers, a heading and its sentences."""
     pages = []
     usable = [row for row in tables["releases"] if row["status"] == "ok"]
-    for before, after in zip(usable, usable[1:], strict=False):
+    for before, after in pairwise(usable):
         if before["engine"] != after["engine"]:
             continue
         pair = {"engine": after["engine"], "before": before["version"], "after": after["version"]}
@@ -91,6 +92,6 @@ def markdown(tables: Mapping[str, Sequence[Row]]) -> str:
 TITLE = "# What changed between releases"
 RULE = (
     "Each release is asked for accelerations at the same states and for a run of 1 s at steps of 1 ms. A difference between "
-    "neighbours is real if it exceeds ten times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the range "
-    "of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
+    "neighbours is real if it exceeds ten times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the "
+    "range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
 )

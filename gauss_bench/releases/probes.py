@@ -1,7 +1,7 @@
 """Small models of a library's own, each closed in one way, and the states at which they are asked.
 
-The library's side of a probe is in the engine's folder (`release_cases.py`); it is given absolute states (k, n) and answers absolute
-accelerations (k, n). The true ones are those of a linkage of `linkages`, or of an open chain with one more equation:
+The library's side of a probe is in the engine's folder (`release_cases.py`): it is given absolute states (k, n), and answers
+absolute accelerations (k, n). The true ones are those of a linkage of `linkages`, or of an open chain with one more equation:
 
     M a + J^T lambda = Q,    J a = gamma        J, gamma (1, n), (1,): of that equation
 """

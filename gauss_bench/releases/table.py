@@ -5,6 +5,7 @@ The tables are `releases` (one row a release), `release_changes` and `release_co
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 from gauss_bench.releases.asking import Answers
@@ -23,8 +24,7 @@ Tables = dict[str, Rows]
 def compare_neighbours(answers: Sequence[Answers]) -> list[tuple[Answers, Answers, list[Change]]]:
     """Return the comparisons of neighbours among the releases that have answers, oldest first."""
     usable = [x for x in answers if x.usable]
-    pairs = zip(usable, usable[1:], strict=False)
-    return [(before, after, compare_releases(before.figures, after.figures)) for before, after in pairs]
+    return [(before, after, compare_releases(before.figures, after.figures)) for before, after in pairwise(usable)]
 
 
 def make_tables(
