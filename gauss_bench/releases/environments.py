@@ -103,8 +103,8 @@ def _install(library: Library, version: str, place: Path, told: Told) -> None:
             fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, wanted]
             run_program(fetch, failure, _nobody, quiet=True)
             (wheel,) = Path(downloads).iterdir()
-            how = check_hash(library, wheel)
-            run_program([*pip_of(folder), "install", *OPTIONS, *PATIENCE, NUMPY, str(wheel)], failure, _nobody, quiet=True)
+            how, more = check_hash(library, wheel), library.besides.get(version, [])
+            run_program([*pip_of(folder), "install", *OPTIONS, *PATIENCE, NUMPY, str(wheel), *more], failure, _nobody, quiet=True)
         (folder / HOW).write_text(how, encoding="utf-8")
 
     make_environment(place, fill, _nobody, quiet=True)

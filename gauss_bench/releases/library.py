@@ -26,6 +26,7 @@ class Library:
         package: name under which pip knows the library.
         releases: those that are compared by default, oldest first.
         raced: settings whose steps are raced, as linkage, settings, integrator.
+        besides: release -> what it needs besides, which its own metadata do not say.
         sha256: name of a file -> its hash, for the files that were checked when they were listed.
     """
 
@@ -35,6 +36,7 @@ class Library:
     package: str
     releases: tuple[str, ...]
     raced: tuple[tuple[str, str, str], ...] = ()
+    besides: dict[str, list[str]] = field(default_factory=dict)
     sha256: dict[str, str] = field(default_factory=dict)
 
 
@@ -58,9 +60,8 @@ def read_library(engine: str) -> Library:
     table = parse_toml(_file_of(engine).read_text(encoding="utf-8"))
     class_name = FOREIGN[engine]
     raced = tuple((x["linkage"], x["settings"], x["integrator"]) for x in table["raced"])
-    return Library(
-        engine, class_name, class_name.rpartition(".")[0], table["package"], tuple(table["releases"]), raced, table["sha256"]
-    )
+    room, listed = class_name.rpartition(".")[0], tuple(table["releases"])
+    return Library(engine, class_name, room, table["package"], listed, raced, table.get("besides", {}), table["sha256"])
 
 
 def order(version: str) -> tuple[int, ...]:

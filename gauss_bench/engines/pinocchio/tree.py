@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.pinocchio.across_releases import set_gains
 from gauss_bench.engines.shared import closing_pins, open_tree, require_agreement, size, spatial, tree_states
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -88,7 +89,7 @@ class Multibody:
                 a, b = b, a
             frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.place(a), *self.place(b), frame)
-            row.m_baumgarte_parameters.Kp, row.m_baumgarte_parameters.Kd = gains
+            set_gains(row, gains)
             rows.append(row)
         return rows
 
