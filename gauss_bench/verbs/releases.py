@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 from gauss_bench.api.files import usable_folder
 from gauss_bench.api.telling import Answer, Told
-from gauss_bench.bench.journal import Journal, fingerprint
+from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.provenance import environment
+from gauss_bench.linkage.digest import source_digest
 from gauss_bench.releases import page
 from gauss_bench.releases.asking import BUDGET, Answers, as_data, ask_release, from_data
 from gauss_bench.releases.costs import race_releases
@@ -22,6 +23,13 @@ from gauss_bench.trajectory import Status
 LOCAL = Path("reports/local")
 PAGE = "what_changed.md"
 RUN = ".run"  # folder of journals within that of a run
+ASKED = (
+    "engines",
+    "runs",
+    "mechanism",
+    "integrate",
+    *(f"releases/{x}" for x in ("asking.py", "cases.py", "probes.py", "linkages")),
+)
 Rows = Annotated[Mapping[str, Sequence[Mapping[str, Any]]], SCHEMAS]
 
 
@@ -70,7 +78,7 @@ def ask_or_recall(library: Library, release: Release, budget: float, journal: Jo
     """Return the answers of a release: those of the journal, if the code is the same since, else new ones."""
     if not release.python:
         return Answers(release.version, status=str(Status.SKIP), message=release.reason)
-    stamp = f"{fingerprint()} {release.how} {budget:g}"
+    stamp = f"{source_digest(*ASKED)} {release.how} {budget:g}"
     known = journal.find(release.version, stamp)
     if known:
         return from_data(known)

@@ -93,7 +93,7 @@ def spend(ca: Any) -> dict[str, str]:
     """Return the steps and evaluations that integrators spend on a stiff oscillator where nothing is set: what defaults do."""
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], 10.0 * (1 - x[0] ** 2) * x[1] - x[0])
-    found = {}
+    found: dict[str, str] = {}
     for name in ("cvodes", "idas"):
         integrator = ca.integrator("f", name, {"x": x, "ode": ode}, 0.0, [5.0])
         integrator(x0=[2.0, 0.0])

@@ -15,14 +15,15 @@ from typing import Any
 INDEX_2 = "TrapezoidalIndex2"
 
 
-def errors(exu: Any) -> tuple[type[Exception], ...]:
-    """Return the exceptions that Exudyn raises."""
-    return (exu.ExudynError,) if hasattr(exu, "ExudynError") else (RuntimeError, ValueError, SystemError)
+def errors(exu: Any, *others: type[Exception]) -> tuple[type[Exception], ...]:
+    """Return the exceptions that Exudyn raises, and others."""
+    own = (exu.ExudynError,) if hasattr(exu, "ExudynError") else (RuntimeError, ValueError, SystemError)
+    return (*own, *others)
 
 
-def solver_errors(exu: Any) -> tuple[type[Exception], ...]:
-    """Return the exceptions that a solver raises."""
-    return (exu.SolverError,) if hasattr(exu, "SolverError") else errors(exu)
+def solver_errors(exu: Any, *others: type[Exception]) -> tuple[type[Exception], ...]:
+    """Return the exceptions that a solver raises, and others."""
+    return (exu.SolverError, *others) if hasattr(exu, "SolverError") else errors(exu, *others)
 
 
 def silence(exu: Any) -> None:

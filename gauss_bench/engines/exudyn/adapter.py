@@ -173,7 +173,7 @@ class ExudynModel:
             varies = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = varies or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
             a = self._solve_kkt(t, q, v) if kkt else self.built_in(q, v)
-        except (np.linalg.LinAlgError, *across_releases.solver_errors(self.exu)) as error:
+        except across_releases.solver_errors(self.exu, np.linalg.LinAlgError) as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
 
@@ -215,7 +215,7 @@ class ExudynModel:
             if use_kkt:
                 self.a[0] = self._solve_kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
-        except (np.linalg.LinAlgError, *across_releases.errors(self.exu)) as error:
+        except across_releases.errors(self.exu, np.linalg.LinAlgError) as error:
             self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _register_samples(self) -> None:
