@@ -23,13 +23,8 @@ from gauss_bench.trajectory import Status
 LOCAL = Path("reports/local")
 PAGE = "what_changed.md"
 RUN = ".run"  # folder of journals within that of a run
-ASKED = (
-    "engines",
-    "runs",
-    "mechanism",
-    "integrate",
-    *(f"releases/{x}" for x in ("asking.py", "cases.py", "probes.py", "linkages")),
-)
+QUESTIONS = ("releases/asking.py", "releases/cases.py", "releases/probes.py", "releases/linkages")
+ASKED = ("engines", "runs", "mechanism", "integrate", *QUESTIONS)  # sources on which answers depend
 Rows = Annotated[Mapping[str, Sequence[Mapping[str, Any]]], SCHEMAS]
 
 
