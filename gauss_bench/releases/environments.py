@@ -78,18 +78,23 @@ def install_release(library: Library, version: str, told: Told) -> Release:
     folder = folder_of_releases()
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / name_of(library.engine, version)
-    with hold(folder):
-        if not (is_ours(place) and (place / HOW).is_file()):
+    if not _is_whole(place):
+        with hold(folder):
             told(f"{library.engine} {version}: installing it")
             try:
-                _install(library, version, place, told)
+                _install(library, version, place)
             except InstallationFault as fault:
                 return Release(library.engine, version, reason=explain(library, version, str(fault)))
     how = (place / HOW).read_text(encoding="utf-8")
     return Release(library.engine, version, str(interpreter_in(place)), how)
 
 
-def _install(library: Library, version: str, place: Path, told: Told) -> None:
+def _is_whole(place: Path) -> bool:
+    """Tell whether a release is installed in a folder."""
+    return is_ours(place) and (place / HOW).is_file()
+
+
+def _install(library: Library, version: str, place: Path) -> None:
     """Make the environment of a release.
 
     Raises:

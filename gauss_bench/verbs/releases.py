@@ -10,12 +10,12 @@ from gauss_bench.api.telling import Answer, Told
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.provenance import environment
 from gauss_bench.linkage.digest import source_digest
-from gauss_bench.releases import page
 from gauss_bench.releases.asking import BUDGET, Answers, as_data, ask_release, from_data
 from gauss_bench.releases.costs import race_releases
 from gauss_bench.releases.environments import Release, as_engines, install_release, list_available
 from gauss_bench.releases.library import Library, ReleaseFault, choose_releases, order, read_library
 from gauss_bench.releases.table import SCHEMAS, make_tables, write_tables
+from gauss_bench.report.what_changed import TITLE, write_page
 from gauss_bench.runs.offers import check_budget
 from gauss_bench.tables import refuse_foreign, write_text
 from gauss_bench.trajectory import Status
@@ -47,7 +47,7 @@ def releases(
         )
     wanted = [library.releases[-1]] if new else choose_releases(library, first, last, only)
     usable_folder(out, LOCAL)
-    refuse_foreign({out / PAGE: page.TITLE})
+    refuse_foreign({out / PAGE: TITLE})
     seconds = check_budget(budget, BUDGET)
     found = [install_release(library, version, told) for version in wanted]
     if new and found[0].python:
@@ -64,7 +64,7 @@ def releases(
     commit = f"{facts['commit']}{' with changes' if facts['dirty'] else ''}"
     tables = make_tables(engine, answers, *raced, commit, datetime.now(UTC).strftime("%Y-%m-%d"))
     files = write_tables(tables, engine, out)
-    text = page.markdown(tables)
+    text = write_page(tables)
     write_text(out / PAGE, text)
     return Answer(tables, text=text, notices=tuple(str(x) for x in (*files, out / PAGE)))
 

@@ -1,12 +1,21 @@
-"""The page "what changed": sentences about the rows of compared releases, for a terminal, a file and the report."""
+"""Sentences on what changed between releases of an engine, from their rows: for a terminal, a file and the report."""
 
-import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from gauss_bench.report.rows import is_known
+
 Row = Mapping[str, Any]
 MOST = 3  # settings that a sentence names
+NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")  # tables
+TITLE = "# What changed between releases"
+RULE = (
+    "Each release is asked for accelerations at the same states and for a run of 1 s at steps of 1 ms. A difference between "
+    "neighbours is real if it exceeds ten times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the "
+    "range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
+)
 
 
 def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, list[str]]]:
@@ -38,8 +47,8 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 def describe_group(quantity: str, rows: Sequence[Row]) -> str:
     """Return a sentence on all changes of one quantity between two neighbours: the largest, and how many there are."""
-    sized = [row for row in rows if is_number(row.get("difference"))]
-    timed = [row for row in rows if is_number(row.get("ratio"))]
+    sized = [row for row in rows if is_known(row.get("difference"))]
+    timed = [row for row in rows if is_known(row.get("ratio"))]
     if timed:
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio_text(row)}" for row in timed)
     parts = []
@@ -48,7 +57,7 @@ def describe_group(quantity: str, rows: Sequence[Row]) -> str:
         errors = f"error against the truth {worst['error_before']:.1e} -> {worst['error_after']:.1e}"
         size = f"by up to {worst['difference']:.2g} of their size, where rounding makes {worst['rounding']:.0e}"
         parts.append(f"{len(sized)} differ, {size} ({place_of(worst)}: {errors})")
-    others = [row for row in rows if not is_number(row.get("difference")) and not is_number(row.get("ratio"))]
+    others = [row for row in rows if not is_known(row.get("difference")) and not is_known(row.get("ratio"))]
     if others:
         named = "; ".join(f"{place_of(row)}: {row['was']} -> {row['now']}" for row in others[:MOST])
         more = f"; and {len(others) - MOST} more" if len(others) > MOST else ""
@@ -74,12 +83,7 @@ def ratio_text(row: Row) -> str:
     return f"{row['ratio']:.2f} ({row['ratio_low']:.2f} to {row['ratio_high']:.2f})"
 
 
-def is_number(x: Any) -> bool:
-    """Tell whether a value is a finite number."""
-    return isinstance(x, (int, float)) and math.isfinite(x)
-
-
-def markdown(tables: Mapping[str, Sequence[Row]]) -> str:
+def write_page(tables: Mapping[str, Sequence[Row]]) -> str:
     """Return the page in Markdown."""
     lines = [TITLE, "", RULE, ""]
     for heading, sentences in describe_changes(tables):
@@ -89,9 +93,6 @@ def markdown(tables: Mapping[str, Sequence[Row]]) -> str:
     return "\n".join(lines)
 
 
-TITLE = "# What changed between releases"
-RULE = (
-    "Each release is asked for accelerations at the same states and for a run of 1 s at steps of 1 ms. A difference between "
-    "neighbours is real if it exceeds ten times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the "
-    "range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
-)
+def newest_first(releases: Iterable[Row]) -> list[Row]:
+    """Return the rows of one engine's releases, the newest first."""
+    return sorted(releases, key=lambda row: [int(x) for x in re.findall(r"\d+", row["version"])], reverse=True)
