@@ -1,5 +1,6 @@
 """Ask one release of an engine every question, in a worker of its environment; the answers are plain data, for a journal."""
 
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -38,6 +39,8 @@ from gauss_bench.trajectory import Status
 MOVING, RESTING, MOTION, DRIFT = "accelerations in motion", "accelerations at rest", "motion over 1 s", "gaps of loops after 1 s"
 LIMIT = 20.0  # [s] of one question
 BUDGET = 90.0  # [s] of one release
+LONGEST = 160  # characters of a message
+FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")
 CASES = "release_cases"  # module of an engine's folder: its closures and defaults
 
 
@@ -80,7 +83,7 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
             versions = worker.under(interpreter_of(release.name)).call(describe_python, (), LIMIT)
         except WorkerFailure as failure:
             return replace(plain, status=str(failure.status), message=str(failure))
-        figures = [*ask_defaults(library, worker), *ask_closures(library, worker)]
+        figures = [*ask_defaults(library, worker), *map(shorten, ask_closures(library, worker))]
         cases, left_out = list_cases(offered), 0
         for number, case in enumerate(cases):
             if time.monotonic() - begin > budget:
@@ -88,9 +91,15 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
                 break
             if number % 10 == 0:
                 told(f"{library.engine} {release.version}: case {number + 1} of {len(cases)}")
-            figures += ask_case(release.name, offered, case, worker)
+            figures += map(shorten, ask_case(release.name, offered, case, worker))
     plain = replace(plain, library=offered.version, **versions, figures=tuple(figures), left_out=left_out)
     return distrust(plain)
+
+
+def shorten(figure: Figure) -> Figure:
+    """Return a figure whose message is short and names no folder of this machine."""
+    message = FOLDERS.sub("", figure.message)
+    return replace(figure, message=message if len(message) <= LONGEST else f"{message[: LONGEST - 3]}...")
 
 
 def distrust(answers: Answers) -> Answers:
@@ -154,8 +163,9 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
     error = float(max(errors.length.max(), errors.angle.max()))
     yield Figure(MOTION, *place, values=run.trajectory.q, shifted=np.array([x.q for x in others]), error=error)
     evaluator = evaluator_of(case.linkage, case.scenario)
-    gaps = [drift(evaluator, x).position[-1:, None] for x in (run.trajectory, *others)]
-    yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=float(gaps[0][0, 0]))
+    last = [float(drift(evaluator, x).position[-1]) for x in (run.trajectory, *others)]
+    gaps = [np.array([[gap, 1.0]]) for gap in last]  # relative to 1 m or 1 rad: gaps of 1e-16 differ by as much
+    yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=last[0])
     if adaptive:
         counts = [np.array([[float(x.steps)]]) for x in (run.trajectory, *others)]
         yield Figure(STEPS, *place, values=counts[0], shifted=np.array(counts[1:]))

@@ -7,6 +7,7 @@ The adapter is written for the newest release. Those before 1.12 differ in this:
     settings        solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings; the method of a step is an
                     argument of SolveDynamic, which sets Newmark's and the index of the constraints
     gaps            are computed with the whole residual: ComputeAlgebraicEquations writes beyond its end
+    the log         is flushed line by line since 1.10 alone
     bodies          have the prefix `physics` before mass and inertia
 """
 
@@ -32,6 +33,14 @@ def silence(exu: Any) -> None:
         exu.config.printToConsole = False
     else:
         exu.SetWriteToConsole(False)
+
+
+def write_log(exu: Any, name: str) -> None:
+    """Have Exudyn write its output into a file, flushed line by line where it can."""
+    try:
+        exu.SetWriteToFile(name, True, False, True)
+    except TypeError:
+        exu.SetWriteToFile(name, True, False)
 
 
 def version(exu: Any) -> str:

@@ -130,7 +130,7 @@ class Log:
         self.close()
         handle, name = mkstemp(suffix=".log")
         self.file = os.fdopen(handle, errors="replace")
-        self.exu.SetWriteToFile(name, True, False, True)  # flushed line by line: closing does not flush
+        across_releases.write_log(self.exu, name)  # flushed line by line: closing does not flush
         os.unlink(name)  # Exudyn and Python hold it open; a process that is killed leaves no file behind
 
     def close(self) -> str | None:
