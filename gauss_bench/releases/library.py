@@ -60,7 +60,7 @@ def read_library(engine: str) -> Library:
     table = parse_toml(_file_of(engine).read_text(encoding="utf-8"))
     class_name = FOREIGN[engine]
     raced = tuple((x["linkage"], x["settings"], x["integrator"]) for x in table["raced"])
-    room, listed = class_name.rpartition(".")[0], tuple(table["releases"])
+    room, listed = class_name.partition(":")[0].rpartition(".")[0], tuple(table["releases"])
     return Library(engine, class_name, room, table["package"], listed, raced, table.get("besides", {}), table["sha256"])
 
 
