@@ -5,7 +5,8 @@ The adapter is written for the newest release. Older ones differ in this:
     before 3.8     mj_fullM takes the matrix and data.qM; now it takes the data and the matrix
     before 3.7     stiffness and damping are numbers; now they are polynomials
     before 4.0     there is no integrator `discrete`
-    before 3.3     MjSpec keeps the options of its compiler itself
+    before 3.3.1   elements of a specification do not know their index in the model
+    before 3.2.7   there is no MjSpec, or one whose elements are added without properties: only documents can be read
     before 3.1     a diverging run is always reset to its start, as there is no flag against it
 """
 
@@ -22,13 +23,18 @@ def new_spec(mujoco: Any) -> Any:
     """Return an empty specification whose angles are in radians.
 
     Raises:
-        RunFailure: the release has none, which was new in 3.2.
+        RunFailure: the release has none whose elements can be added with their properties, which was new in 3.2.7 at the latest.
     """
-    if not hasattr(mujoco, "MjSpec"):
-        raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no MjSpec, by which the model is built")
-    spec = mujoco.MjSpec()
-    getattr(spec, "compiler", spec).degree = False
+    spec = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
+    if not hasattr(spec, "compiler"):
+        raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no MjSpec of the kind by which models are built here")
+    spec.compiler.degree = False
     return spec
+
+
+def index_of(mujoco: Any, model: Any, kind: str, element: Any) -> int:
+    """Return the index of a named element in a compiled model; `kind` is a member of mjtObj."""
+    return int(mujoco.mj_name2id(model, getattr(mujoco.mjtObj, kind), element.name))
 
 
 def set_spring(item: Any, k: float, c: float) -> None:

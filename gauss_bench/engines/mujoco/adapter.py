@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice, sample_arrays
-from gauss_bench.engines.mujoco.across_releases import disable, find_integrator, mass_matrix
+from gauss_bench.engines.mujoco.across_releases import disable, find_integrator, index_of, mass_matrix
 from gauss_bench.engines.mujoco.draft import Draft
 from gauss_bench.engines.mujoco.forces import native_forces
 from gauss_bench.engines.shared import (
@@ -172,7 +172,8 @@ class MujocoModel:
             self.model: Any = draft.spec.compile()
         except ValueError as error:
             raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
-        self.torque, self.bodies = draft.torque, [draft.bodies[i].id for i in range(len(mechanism.links))]
+        bodies = [draft.bodies[i] for i in range(len(mechanism.links))]
+        self.torque, self.bodies = draft.torque, [index_of(mujoco, self.model, "mjOBJ_BODY", body) for body in bodies]
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
         self.model.opt.integrator = find_integrator(mujoco, INTEGRATORS[choice.integrator or "rk4"])
