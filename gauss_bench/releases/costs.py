@@ -14,6 +14,7 @@ import numpy as np
 
 from gauss_bench.bench.clock import Missing, Race, foreseen, quartiles
 from gauss_bench.engines.base import Choice
+from gauss_bench.releases.asking import FOLDERS, LONGEST
 from gauss_bench.releases.cases import STEP, find_mechanism, linkage_of
 from gauss_bench.releases.environments import Release, again
 from gauss_bench.releases.library import Library
@@ -133,7 +134,7 @@ def list_costs(
     costs = []
     for version in versions:
         if version in failed:
-            costs.append(Cost(version, linkage, setting, work, verdict=failed[version]))
+            costs.append(Cost(version, linkage, setting, work, verdict=FOLDERS.sub("", failed[version])[:LONGEST]))
             continue
         cost = Cost(version, linkage, setting, work, float(np.median(measured[version])))
         if newest in measured:

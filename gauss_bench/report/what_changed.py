@@ -8,7 +8,7 @@ from typing import Any
 from gauss_bench.report.rows import is_known
 
 Row = Mapping[str, Any]
-MOST = 3  # settings that a sentence names
+MOST, LONGEST = 3, 80  # settings that a sentence names, and characters of what it says of each
 NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")  # tables
 TITLE = "# What changed between releases"
 RULE = (
@@ -59,7 +59,7 @@ def describe_group(quantity: str, rows: Sequence[Row]) -> str:
         parts.append(f"{len(sized)} differ, {size} ({place_of(worst)}: {errors})")
     others = [row for row in rows if not is_known(row.get("difference")) and not is_known(row.get("ratio"))]
     if others:
-        named = "; ".join(f"{place_of(row)}: {row['was']} -> {row['now']}" for row in others[:MOST])
+        named = "; ".join(f"{place_of(row)}: {row['was'][:LONGEST]} -> {row['now'][:LONGEST]}" for row in others[:MOST])
         more = f"; and {len(others) - MOST} more" if len(others) > MOST else ""
         parts.append(named + more)
     return f"{quantity}: " + "; ".join(parts)

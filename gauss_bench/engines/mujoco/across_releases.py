@@ -25,7 +25,7 @@ def new_spec(mujoco: Any) -> Any:
     Raises:
         RunFailure: the release has none whose elements can be added with their properties, which was new in 3.2.7 at the latest.
     """
-    spec = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
+    spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
     if not hasattr(spec, "compiler"):
         raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no MjSpec of the kind by which models are built here")
     spec.compiler.degree = False
