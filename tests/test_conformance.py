@@ -12,11 +12,11 @@ import pytest
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import agreement, subject
 from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, refusal
-from gauss_bench.bench.conformance import conformance, lateness
+from gauss_bench.bench.conformance import conformance, explains_lateness, lateness, rates_fault
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, _share, changes, probe
 from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
-from gauss_bench.engines import all_names, environment_of
+from gauss_bench.engines import SAFE, all_names
 from gauss_bench.engines.base import Choice
 from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.reference.absolute import AbsoluteCoordinates
@@ -25,9 +25,10 @@ from gauss_bench.runs.one_run import Run, sampling_at
 from gauss_bench.runs.questions import FINER, follow_accelerations
 from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Status, Trajectory
 
 WRONG = "yuan_ge_eq16"  # as published
+LEAVES_OUT = "mjx"  # the velocity term of its constraints: its own test says so
 ALIKE = ("gauss_pinv", "schur", "udwadia_kalaba", "lagrange-native")  # by the adapter of another
 
 
@@ -57,7 +58,7 @@ def test_a_sound_adapter_keeps_every_rule() -> None:
 
 @pytest.mark.long("by_hand", "casadi", "exudyn", "gauss-native", "gauss", "lagrange", "minimal", "mujoco", "pinocchio")
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, *ALIKE)])
+@pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, LEAVES_OUT, *ALIKE)])
 def test_built_in_engines_keep_every_rule(name: str) -> None:
     assert not broken(name)
 
@@ -94,6 +95,30 @@ def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeyp
     assert not broken("tests.faulty_engines:Springs")
     only(monkeypatch, "same_states")
     assert "N^T (M a - Q)" in broken("tests.faulty_engines:Excused")["accelerations (default, rk4, none)"]
+    assert "J a is 0.00 of gamma" in broken("tests.faulty_engines:Gammaless")["accelerations (default, rk4, none)"]
+
+
+@pytest.mark.parametrize("share", [0.01, 0.4, 1.0, -1.0])
+def test_constraints_without_their_velocity_term_are_named_though_loops_are_soft(share: float) -> None:
+    on = probe("four_bar", "torque")
+    evaluator = AbsoluteCoordinates(on.mechanism).evaluator
+    given = []
+    for t, q, v in zip(on.t, on.q, on.v, strict=True):
+        terms = evaluator.terms(float(t), q, v)
+        K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((len(terms.J), len(terms.J)))]])
+        given.append(np.linalg.solve(K, np.concatenate([terms.Q, share * terms.gamma]))[: on.mechanism.n])
+    found = on.share_of_gamma(np.array(given))
+    assert found == pytest.approx(share, abs=1e-12)
+    fault = Answer(off=0.0, along=0.0, gamma=found).fault(soft=True)
+    assert fault == (
+        "" if share == 1.0 else f"J a is {share:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
+    )
+
+
+def test_without_any_velocity_term_none_is_missed() -> None:
+    on = probe("four_bar", "torque")
+    still = replace(on, v=0.0 * on.v)
+    assert still.share_of_gamma(0.0 * on.a) == 1.0
 
 
 def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(
@@ -101,8 +126,7 @@ def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anythi
 ) -> None:
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
-    here = [name for name in all_names() if environment_of(name) is None]  # others declare what they do in their rooms
-    assert {x.name for x in offers(here) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
+    assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
 
 
 class StiffSpring:
@@ -287,6 +311,24 @@ def test_effects_are_told_apart_and_lateness_is_counted_in_samples() -> None:
     t = 0.01 * np.arange(100)[:, None]
     for shift in (0.0, 0.5, 1.0, -1.0):
         assert lateness(np.sin(t), np.sin(t - 0.01 * shift)) == pytest.approx(shift, abs=1e-2)
+
+
+def test_a_method_of_first_order_is_told_from_samples_that_are_late() -> None:
+    t = 0.01 * np.arange(630)  # a whole turn, over which sine and cosine do not mix
+
+    def run(h: float, order: int, shift: float) -> Trajectory:
+        """A motion sin t with the error h^order sin t, and accelerations that are early by `shift` [s]."""
+        q = (1.0 + h**order) * np.sin(t)
+        v = (1.0 + h**order) * np.cos(t)
+        return Trajectory(t, q[:, None], v[:, None], -np.sin(t + shift)[:, None], len(t))
+
+    steps = (0.01, 0.005, 0.0025)
+    of_first_order = [run(h, 1, 0.9 * h) for h in steps]
+    assert rates_fault(of_first_order[0]) == ("accelerations are 0.89 steps early", True)
+    assert explains_lateness(*of_first_order)
+    assert not explains_lateness(*[run(h, 4, 0.9 * h) for h in steps])
+    assert not explains_lateness(*[run(h, 1, 0.01) for h in steps])
+    assert not explains_lateness(of_first_order[0], None, None)
 
 
 def test_a_class_that_is_not_there_is_a_check_that_failed_and_an_unknown_name_bad_usage(capsys: pytest.CaptureFixture[str]) -> None:

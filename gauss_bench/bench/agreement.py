@@ -28,6 +28,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
 EXACT = 1e-9  # of the largest acceleration of a state: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
+LEAST_GAMMA = 0.5  # of gamma in J a: with soft closures as MuJoCo ships them it is 0.95 or more, without the velocity term 0
 ALONG = 1e-8  # of N^T Q: MuJoCo's solver leaves 1e-9 where it ends by its own tolerance
 RATIO = 3.0  # of what half the step changes: an error of order one is twice that, of a higher order less
 ROUNDING = 1e-9  # of the largest position, speed and acceleration
@@ -67,12 +68,14 @@ class Answer:
 
     Attributes:
         off, along: errors of the accelerations and of N^T (M a - Q); NaN where the engine returned no accelerations.
+        gamma: the factor c for which J a is nearest to c gamma.
         refused: why the engine does not take the linkage; wrong: why there are no accelerations.
         given: (k, n), or None.
     """
 
     off: float = float("nan")
     along: float = float("nan")
+    gamma: float = 1.0
     refused: str = ""
     wrong: str = ""
     given: Array | None = None
@@ -87,6 +90,8 @@ class Answer:
             return self.wrong
         if not self.along <= ALONG:
             return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: not soft loops, but a wrong mass, force or row of J"
+        if not self.gamma >= LEAST_GAMMA:
+            return f"J a is {self.gamma:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
         if not soft and not self.off <= EXACT:
             return f"accelerations are off by {self.off:.1e} of the largest"
         return ""
@@ -103,7 +108,7 @@ def ask(subject: Subject, choice: Choice, on: Probe) -> Answer:
     given = np.asarray(run.answer, dtype=float)
     if given.shape != on.a.shape:
         return Answer(wrong=f"accelerations have the shape {given.shape}, not {on.a.shape}")
-    return Answer(on.off(given), on.off_along(given), given=given)
+    return Answer(on.off(given), on.off_along(given), on.share_of_gamma(given), given=given)
 
 
 def refusal(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
