@@ -167,8 +167,7 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
         return None
     try:
         t, q, v, a = (copy_numbers(x) for x in (trajectory.t, trajectory.q, trajectory.v, trajectory.a))
-        steps = _count(trajectory.steps)
-        evaluations = None if trajectory.evaluations is None else _count(trajectory.evaluations)
+        steps, evaluations = _count(trajectory.steps), _count(trajectory.evaluations)
     except (TypeError, ValueError, OverflowError):
         return None
     if t.ndim != 1 or any(x.ndim != 2 or x.shape[1] != n for x in (q, v, a)):
@@ -193,8 +192,14 @@ def copy_numbers(x: object) -> Array:
     return np.array(given, dtype=float)
 
 
-def _count(x: Any) -> int:
-    """A count as it is told; more than a double can count is none."""
+def _count(x: Any) -> int | None:
+    """Return a count as it is told, None where there is none; more than a double can count is no count.
+
+    Raises:
+        TypeError, ValueError, OverflowError: it is no count.
+    """
+    if x is None:
+        return None
     count = int(x)
     if not 0 <= count <= 1 << 53:
         raise ValueError(f"{x} is no count")

@@ -161,6 +161,23 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
     return forces
 
 
+def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) -> tuple[float, float]:
+    """Return the largest error of joint forces that an engine tells itself, and the largest true force; both [N, N m].
+
+    The true forces follow from the accelerations of the states by Newton's laws. The error is NaN if the engine tells none, or if
+    redundant rows leave them undetermined.
+
+    Args:
+        told: (k, joints, 3) fx, fy and moment as `joint_forces` has them; NaN where the engine tells none.
+    """
+    if evaluator.mechanism.redundant or not np.isfinite(told).any():
+        return np.nan, np.nan
+    found = joint_forces(evaluator, states)
+    true = np.array([[x["fx"], x["fy"], x["moment"]] for x in found.values()]).transpose(2, 0, 1)  # (k, joints, 3)
+    known = np.isfinite(told)
+    return float(np.abs(told - true)[known].max()), float(np.abs(true).max())
+
+
 def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return for each weld the force (fx, fy) [N] on the welded link and the moment [N m] about the point of the weld.
 

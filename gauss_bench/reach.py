@@ -17,6 +17,7 @@ from gauss_bench.trajectory import Status
 
 UNITS = {"position": "m", "angle": "rad", "force": "N", "end": "m"}  # of errors, by what they are errors of; `end`: of position
 ERRORS = {"end": "position at the end"}  # kinds of errors in words, where the kind is none
+BY_AUTHORS = "by its authors"  # of settings that the authors of an engine own
 RUNGS = 3  # of a ladder tell the order of convergence ...
 APART = 1.4  # ... if each has so many times the steps of the one before: nearer ones tell rounding
 STEADY = 0.2  # two orders of convergence that differ by less are one
@@ -44,14 +45,14 @@ class Trial:
     Attributes:
         size: step [s] or tolerance.
         errors: kind -> largest of the run, NaN where it is not determined; empty for a failed run.
-        steps: taken, or asked for.
+        steps: taken, or asked for; None where an integrator chooses them and the engine does not count them.
         status, message: OK, or why it failed.
         evaluations: of accelerations, or None where the engine does not count them.
     """
 
     size: float
     errors: Mapping[str, float]
-    steps: int = 0
+    steps: int | None = 0
     status: Status = Status.OK
     message: str = ""
     evaluations: int | None = None
@@ -67,7 +68,7 @@ def trial_of(row: Mapping[str, Any]) -> Trial:
     status = Status(row["status"])
     errors = {kind: known.get(f"{kind}_error", math.nan) for kind in UNITS} if status is Status.OK else {}
     size = known.get("step") or known.get("tolerance") or math.nan
-    return Trial(size, errors, int(known.get("steps", 0)), status, str(row.get("message") or ""))
+    return Trial(size, errors, int(known["steps"]) if "steps" in known else None, status, str(row.get("message") or ""))
 
 
 class Kind(StrEnum):
@@ -136,7 +137,7 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
         return Reach(Kind.NOT_TRIED if not trials or ABSENT.search(reason) else Kind.NO_MODEL, reason)
     if ended and all(map(math.isnan, shares)):
         return Reach(Kind.UNDETERMINED, "redundant rows leave joint forces open")
-    steps = max(trial.steps for trial in failed)
+    steps = max(trial.steps or 0 for trial in failed)
     if not ended:
         return Reach(Kind.NOT_REACHED, f"no run ended: {failed[-1].message}", steps)
     tried = [x for some in ladders if math.isfinite((x := convergence(some, wanted))[1])]
@@ -152,15 +153,16 @@ def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
 
 def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple[float, float]:
     """Return the order at which errors fell in the last rungs, and the steps at which they would hold; NaN without a steady one."""
-    rungs: list[Trial] = []
-    for trial in sorted(trials, key=lambda t: -t.steps):
-        if trial.steps > 0 and (not rungs or trial.steps * APART <= rungs[-1].steps):
-            rungs.append(trial)
-    last = [t for t in rungs[:RUNGS] if t.status is Status.OK]
+    rungs: list[tuple[int, Trial]] = []
+    counted = [(t.steps, t) for t in trials if t.steps]
+    for steps, trial in sorted(counted, key=lambda x: -x[0]):
+        if not rungs or steps * APART <= rungs[-1][0]:
+            rungs.append((steps, trial))
+    last = [(steps, t) for steps, t in rungs[:RUNGS] if t.status is Status.OK]
     with np.errstate(all="ignore"):
-        errors = np.log([share(t, wanted) for t in last])
-        orders = np.diff(errors) / -np.diff(np.log([t.steps for t in last]))
+        errors = np.log([share(t, wanted) for _, t in last])
+        orders = np.diff(errors) / -np.diff(np.log([steps for steps, _ in last]))
     if len(last) < RUNGS or not (np.isfinite(orders).all() and orders.min() > 0 and np.ptp(orders) < STEADY):
         return math.nan, math.nan
     order = float(orders[0])  # between the two finest
-    return order, last[0].steps * math.exp(min(errors[0] / order, 100.0))
+    return order, last[0][0] * math.exp(min(errors[0] / order, 100.0))

@@ -59,7 +59,7 @@ class Trajectory:
     Attributes:
         t: (k,) times [s].
         q, v, a: (k, n) positions, velocities, accelerations; angles unwrapped.
-        steps: integration steps taken.
+        steps: integration steps taken, or None where the engine does not count them.
         evaluations: evaluations of the accelerations, or None where the engine does not count them.
         note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
     """
@@ -68,7 +68,7 @@ class Trajectory:
     q: Array
     v: Array
     a: Array
-    steps: int
+    steps: int | None
     evaluations: int | None = None
     note: str = ""
 
@@ -186,7 +186,7 @@ def with_accelerations(
     q: Array,
     v: Array,
     acceleration: Callable[[int], Array],
-    steps: int,
+    steps: int | None,
     evaluations: int | None = None,
     note: str = "",
 ) -> Trajectory:

@@ -12,6 +12,7 @@ from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
+from gauss_bench.metrics import joint_forces
 from gauss_bench.terms import Array, Terms
 from gauss_bench.trajectory import Trajectory
 
@@ -144,6 +145,17 @@ class Springs(Regular):
         return wrapped
 
 
+def without_gamma(terms: Terms) -> Terms:
+    return replace(terms, gamma=0.0 * terms.gamma)
+
+
+class Gammaless(Sound):
+    """Leaves out the velocity term of its constraints, and declares soft loops."""
+
+    terms = staticmethod(without_gamma)
+    soft: ClassVar = {"default": "an excuse that is long enough to be read"}
+
+
 class Hasty(Sound):
     """Declares that its only settings stop before the end."""
 
@@ -189,3 +201,37 @@ class Deaf(Sound):
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Any:
         return super().build(mechanism, replace(choice, tolerance=1e-4))
+
+
+class Uncounted(Sound):
+    """Sound, but it does not tell how many steps it took."""
+
+    told = staticmethod(lambda x: replace(x, steps=None))
+
+
+class Chooser(Uncounted):
+    """Chooses its steps, and does not count them."""
+
+    integrators, stabilizations = ("dop853",), ("none",)
+
+
+class Reacting(Sound):
+    """Tells the forces of its joints itself."""
+
+    sign = 1.0
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> Any:
+        wrapped = super().build(mechanism, choice)
+        wrapped.joint_forces = partial(self.react, wrapped)
+        return wrapped
+
+    def react(self, model: Any, t: float, q: Array, v: Array) -> dict[str, Array]:
+        states = Trajectory(np.array([t]), q[None], v[None], model.acceleration(t, q, v)[None], None)
+        found = joint_forces(model.model.evaluator, states)
+        return {name: self.sign * np.array([x["fx"][0], x["fy"][0], x["moment"][0]]) for name, x in found.items()}
+
+
+class Opposed(Reacting):
+    """Tells the forces on the first links of its joints, not on the second."""
+
+    sign = -1.0

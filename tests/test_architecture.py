@@ -13,7 +13,8 @@ LIGHT = "terms trajectory untrusted"
 ALLOWED = {  # room -> those that it may import
     "terms": "",
     "trajectory": "",
-    "tables": "untrusted",
+    "checksums": "untrusted",
+    "tables": "checksums untrusted",
     "untrusted": "",
     "suites": "untrusted",
     "reach": "trajectory",
@@ -29,11 +30,11 @@ ALLOWED = {  # room -> those that it may import
     "judge": f"mechanism metrics {LIGHT}",
     "papers": f"formulations kinematics linkage mechanism reference {LIGHT}",
     "runs": f"engines integrate judge linkage mechanism metrics {LIGHT}",
-    "bench": "compiler engines formulations integrate judge kinematics linkage "
+    "bench": "checksums compiler engines formulations integrate judge kinematics linkage "
     f"mechanism metrics papers reach reference runs suites tables {LIGHT}",
     "advice": f"bench engines integrate linkage mechanism metrics reach reference runs {LIGHT}",
     "diagnosis": f"bench engines formulations integrate judge linkage mechanism metrics reference runs tables {LIGHT}",
-    "report": f"linkage mechanism reach reference tables {LIGHT}",
+    "report": f"checksums linkage mechanism reach reference tables {LIGHT}",
     "docs": f"api engines formulations integrate linkage mechanism verbs {LIGHT}",
     "releases": f"bench engines linkage mechanism metrics reference runs tables {LIGHT}",
     "exchange": f"compiler engines gauss_bench linkage mechanism {LIGHT}",
@@ -49,11 +50,15 @@ ALLOWED = {  # room -> those that it may import
     "__init__": "",
     "__main__": "cli",
 }
-FOREIGN = {
+FOREIGN: dict[str, str | tuple[str, ...]] = {
     "pinocchio": "engines/pinocchio/",
     "exudyn": "engines/exudyn/adapter.py",
-    "mujoco": "engines/mujoco/",
+    "mujoco": ("engines/mujoco/", "engines/mjcf/", "engines/mjx/"),  # MJX reads and writes the library's models
+    "jax": "engines/mjx/",
     "opensim": "engines/opensim/",
+    "dartpy": "engines/dart/",
+    "pydrake": "engines/drake/",
+    "pybullet": "engines/bullet/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",
@@ -104,6 +109,39 @@ def test_a_file_imports_only_what_its_room_may(path: Path) -> None:
             assert str(path.relative_to(PACKAGE)).startswith(FOREIGN[top]), f"{name} belongs to its adapter alone"
         elif own in OUTSIDE and top not in sys.stdlib_module_names:
             assert top in OUTSIDE[own], f"{own} must not import {name}"
+
+
+ENGINES = PACKAGE / "engines"
+SHARED = "mjcf"  # the room of a format, which several engines take
+ROOMS = {p.name for p in ENGINES.iterdir() if (p / "__init__.py").is_file()} - {SHARED}
+
+
+def rooms_of_engines(source: str) -> set[str]:
+    """Rooms of single engines that a file may mean by its imports: `from a import b` may mean a.b."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name for name in ROOMS if any(f"{x}.".startswith(f"gauss_bench.engines.{name}.") for x in found)}
+
+
+@pytest.mark.parametrize("path", sorted(ENGINES.rglob("*.py")), ids=lambda p: str(p.relative_to(ENGINES)))
+def test_no_engine_reaches_into_the_room_of_another(path: Path) -> None:
+    assert rooms_of_engines(path.read_text(encoding="utf-8")) <= {path.parent.name}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from gauss_bench.engines import mujoco",
+        "import gauss_bench.engines.mujoco.compiled",
+        "from gauss_bench.engines.mujoco import forces",
+    ],
+)
+def test_an_engine_in_the_room_of_another_is_seen(line: str) -> None:
+    assert rooms_of_engines(f"from gauss_bench.engines.shared import size\ndef late():\n    {line}\n") == {"mujoco"}
 
 
 def test_rooms_form_no_circle() -> None:

@@ -1,16 +1,19 @@
 """MuJoCo: the generated model is the mechanism, up to a softness of the closures that the settings name."""
 
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
 
-from gauss_bench.engines import tree_loads
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mujoco import forces
-from gauss_bench.engines.mujoco.adapter import INTEGRATORS, VARIANTS, Mujoco, comparison, configure, verify
-from gauss_bench.engines.mujoco.draft import Draft
+from gauss_bench.engines.mujoco.adapter import AGREEMENT, INTEGRATORS, VARIANTS, Mujoco, MujocoModel
+from gauss_bench.engines.shared import open_tree
 from gauss_bench.engines.tree import spanning_tree
+from gauss_bench.engines.tree_model import comparison, verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -36,7 +39,8 @@ def test_masses_forces_and_gaps_are_those_of_the_mechanism_far_from_the_start(na
     assert (model.model.qpos0 == model.y0).all()  # loops are closed where MuJoCo computes its weights
     for _ in range(20):
         y, dy = model.y0 + random.normal(0, 2, model.tree.n), random.normal(0, 10, model.tree.n)
-        for what, (found, expected, scale) in comparison(model, Evaluator(mechanism), y, dy).items():
+        own = open_tree(Evaluator(mechanism), model.tree, y, dy)
+        for what, (found, expected, scale) in comparison(model.describe(y, dy), own).items():
             assert np.abs(found - expected).max(initial=0.0) <= 1e-13 * scale, what  # rounding: some hundred times 2e-16
 
 
@@ -56,10 +60,14 @@ def test_masses_forces_and_gaps_are_those_of_the_mechanism_far_from_the_start(na
 )
 def test_a_spoiled_model_is_refused(spoil):
     model = ENGINE.build(linkage("loaded"), Choice())
-    verify(model)
+    compare(model)
     spoil(model.still)
     with pytest.raises(RunFailure, match="differs from the linkage"):
-        verify(model)
+        compare(model)
+
+
+def compare(model: MujocoModel) -> None:
+    verify(model.mechanism, model.tree, model.describe, AGREEMENT)
 
 
 def test_default_is_what_mujoco_ships():
@@ -194,7 +202,7 @@ def test_a_feature_that_a_model_uses_stays_on(monkeypatch):
     assert configured == bits.mjDSBL_AUTORESET  # as shipped, but for that
 
 
-@pytest.mark.parametrize("name", forces.MOVED)
-def test_names_of_loads_on_a_tree_are_found_under_their_former_module_with_a_warning(name: str) -> None:
-    with pytest.warns(DeprecationWarning, match=rf"engines\.tree_loads\.{name}"):
-        assert getattr(forces, name) is getattr(tree_loads, name)
+@pytest.mark.parametrize(("name", "home"), forces.MOVED.items())
+def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name: str, home: ModuleType) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"{home.__name__}\.{name}"):
+        assert getattr(forces, name) is getattr(home, name)

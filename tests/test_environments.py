@@ -10,8 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gauss_bench.bench.measurements.growth import exact_state
+from gauss_bench.bench.provenance import package_versions
 from gauss_bench.cli import main
 from gauss_bench.engines import FILE, EnvironmentFault, environment_of, get, names, read_environments
+from gauss_bench.engines.base import Choice
+from gauss_bench.linkage.load import load
+from gauss_bench.runs.blocks import BlockElsewhere, call_of
+from gauss_bench.runs.offers import in_python, offer
+from gauss_bench.trajectory import RunFailure
 
 STAND_IN = """
 from gauss_bench.engines.interpreted import Interpreted
@@ -25,6 +32,21 @@ class Twin(Interpreted):
     def version(self):
         there = [x for x in ("scipy", "pydantic", "casadi") if find_spec(x)]
         return f"twin on {platform.python_version()} with {', '.join(there) or 'numpy alone'}"
+
+class Helpful(Twin):
+    packages = ("twin-library", "gone")
+    library_calls = {"solve": lambda mechanism, q, v: call(mechanism, q, v)}
+    def in_python(self, mechanism, choice):
+        return "all of it"
+    def program(self, mechanism, choice):
+        return f"print({mechanism.name!r}, {choice.integrator!r})"
+
+def call(mechanism, q, v):
+    from gauss_bench.engines.base import Choice, LibraryCall
+    if mechanism.name == "n_four_bar_1":
+        raise KeyError("one window is too few")
+    model = Interpreted("udwadia_kalaba").build(mechanism, Choice(integrator="rk4"))
+    return LibraryCall(lambda: model.acceleration(0.0, q, v), model.acceleration(0.0, q, v))
 
 class Greedy(Twin):
     def build(self, mechanism, choice):
@@ -44,6 +66,8 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if (there := Path(np.__file__).parents[1] / part).exists():
             (site / part).symlink_to(there)
     (site / "stand_in.py").write_text(STAND_IN)
+    (site / "twin_library-2.5.dist-info").mkdir()
+    (site / "twin_library-2.5.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: twin-library\nVersion: 2.5\n")
     return folder / "bin" / "python"
 
 
@@ -80,6 +104,28 @@ def test_an_environment_with_numpy_alone_answers_every_question_of_conformance(p
     told = command("conformance", "twin", "--json")
     assert told.returncode == 0, told.stdout
     assert len(json.loads(told.stdout)["checks"]) >= 20
+
+
+def test_an_engine_of_another_environment_offers_all_that_engines_may(
+    python: Path, engines: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its program, the calls of its library and the versions of its packages come from there."""
+    engines.write_text(f'[helpful]\nclass = "stand_in:Helpful"\npython = "{python}"\n')
+    assert offer("helpful").packages == {"twin-library": "2.5", "gone": "not installed"}
+    assert package_versions()["twin-library"] == "2.5"
+    mechanism, file = load("four_bar"), tmp_path / "four_bar.py"
+    assert in_python("helpful", mechanism, Choice(integrator="rk4")) == "all of it"
+    assert main(["export", "four_bar", "--engine", "helpful", "--out", str(file)]) == 0
+    assert file.read_text().endswith("print('four_bar', 'rk4')")
+    assert main(["export", "four_bar", "--engine", "nobody", "--out", str(file)]) == 2
+    assert "exudyn, casadi, c, helpful" in capsys.readouterr().err
+    wanted = exact_state(2)
+    made = call_of("helpful", "solve", wanted.mechanism, wanted.q, wanted.v)
+    assert isinstance(made.block, BlockElsewhere)
+    assert wanted.error(made.acceleration) < 1e-9
+    assert 0 < made.block.seconds() < 1
+    with pytest.raises(RunFailure, match="one window is too few"):
+        call_of("helpful", "solve", load("n_four_bar_1"), wanted.q, wanted.v)
 
 
 def test_an_environment_may_have_another_limit_of_memory(python: Path, engines: Path) -> None:

@@ -17,9 +17,20 @@ from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import SEARCHED, SHARE, Recommender, Searched, _Engine, answer_of, by_loop, choices, work
+from gauss_bench.advice.recommending import (
+    SEARCHED,
+    SHARE,
+    WRITTEN,
+    Recommender,
+    Searched,
+    _Engine,
+    answer_of,
+    by_loop,
+    choices,
+    work,
+)
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
-from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants
+from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants, with_snippet
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.cli import main
 from gauss_bench.engines import get
@@ -568,6 +579,9 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> N
         "not tried within the budget: no run ended in the 6 s that it had; a larger --budget helps": engine_with(late),
         "not reached in 1,000 steps; order 2.0 extrapolates to 2,000": engine_with(*near),
         "not reached in 20 steps: no run ended: SIGSEGV": engine_with(Trial(0.05, {}, 20, Status.CRASHED, "SIGSEGV")),
+        "not tried within the budget: the variants that had a turn refused (no drivers); a larger --budget helps": replace(
+            engine_with(Trial(0.1, {}, 0, Status.SKIP, "no drivers")), left=variants(offer("gauss"))[:1]
+        ),
         "cannot be modelled: no knife edge": engine_with(refused=(Status.SKIP, "no knife edge")),
         "not tried: not installed: no package exudyn": engine_with(refused=(Status.SKIP, "not installed: no package exudyn")),
         "not tried: ImportError: broken": engine_with(refused=(Status.ERROR, "ImportError: broken")),
@@ -614,10 +628,28 @@ def test_the_program_that_is_shown_is_that_of_the_advice() -> None:
     text = told_as([replace(raced, snippet="", message="no answer within 1 s"), unraced])
     assert "run_native()" not in text
     assert "Its program: no answer within 1 s." in text
+    assert "Take mujoco with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m in 5 ms a run. 1 other engine holds it" in text
     text = told_as([unraced])
     assert "Take gauss-native with rk4, step 0.01 s: it holds 1e-06 m with 1.0e-07 m (no setting was raced)." in text
     assert "run_native()" in text
     assert advised([unraced, raced]) is raced
+
+
+def test_the_program_of_the_advice_is_written_after_the_time_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all time is used, it has 15 s of work and a minute of elapsed time; any other program has 1 s and 4 s."""
+    limits: list[tuple[float, float]] = []
+
+    def call(worker: Worker, function: object, arguments: object, limit: float, longest: float) -> dict[str, str]:
+        limits.append((limit, longest))
+        return {"text": "run()"}
+
+    monkeypatch.setattr(Worker, "call", call)
+    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(1e-9), quiet) as recommender:
+        recommender.engines = {"exudyn": engine_with()}
+        answer = Answer("exudyn", "ok", "", "default", "rk4", "none", 0.01, errors={"position": 1e-7, "angle": 1e-7})
+        for least in (WRITTEN, 1.0):
+            assert with_snippet(recommender, answer, least).snippet == "run()"
+    assert limits == [(15.0, 60.0), (1.0, 4.0)]
 
 
 def test_an_engine_that_the_race_lost_says_why() -> None:
@@ -737,6 +769,9 @@ def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_wh
         assert recommender._next() is never
         recommender.engines = {"once": once, "twice": twice}
         assert recommender._next() is None
+        refuses = replace(engine_with(Trial(1e-3, {}, 0, Status.SKIP, "the compiled loop has no drivers")), left=[*left])
+        recommender.engines = {"once": once, "refuses": refuses}
+        assert recommender._next() is refuses, "it was asked and not run"
 
 
 def test_an_engine_that_refuses_is_asked_once_more_by_another_integrator() -> None:

@@ -590,6 +590,7 @@ def test_samples_lie_an_eighth_of_the_quickest_period_apart_where_that_is_short(
     assert sample_spacing(quick, 1.0) == pytest.approx(2 * np.pi / 2e4 / 8, rel=1e-3)
     assert sample_spacing(quick, 40.0) == pytest.approx(40.0 / 200_000)  # no more samples than memory has room for
     assert sample_spacing(quick, 4000.0) == 1e-3
+    assert sample_spacing(load("squeezer"), 0.03) == pytest.approx(0.3e-3)  # a hundred samples of a short run
 
 
 def test_of_a_long_run_the_first_part_is_repeated() -> None:

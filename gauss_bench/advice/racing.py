@@ -40,7 +40,7 @@ def race_there(
         left = deadline - time.monotonic() - ROUNDS[0] * round_time
         if (race.blocks and left <= 0) or way.engine in slow:
             continue
-        race.add(way, pace_run, run, way, int(steps), LEAD, samples, models)
+        race.add(way, pace_run, run, way, steps, LEAD, samples, models)
         if not (race.blocks and race.blocks[-1].entry == way):
             continue
         begun = time.monotonic()

@@ -35,9 +35,9 @@ from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
-from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
-from gauss_bench.runs.offers import in_python, offer
+from gauss_bench.runs.offers import in_python, interpreter_of, offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -62,6 +62,8 @@ AFTER = 0.05  # share of the budget by which a run may exceed the end of the sea
 ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in any case
 TRIED = 0.85  # share of the budget until which an engine without a run gets one
 LAST = 1.25  # end of writing the programs, which follows the race, in units of the budget
+WRITTEN = 15.0  # [s] that writing the program of the advised setting may take in any case
+WAITS = 4.0  # most elapsed time of it, in units of WRITTEN: other programs may have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine, which loads or compiles, twice that
 
 Told = Callable[[str], object]
@@ -77,9 +79,10 @@ class _Engine:
     """The state of the search for one engine.
 
     Attributes:
+        owner: the engine's authors if the variants are theirs, which are searched apart; empty if they are the suite's.
         left: variants that were not tried yet; options: settings -> options of the engine.
         trials: variant -> its trials; ended: variant -> why its search ended.
-        cut: whether time ended the search of a variant; busy: whether a lane runs it now; ran: whether it has been run.
+        cut: whether time ended the search of a variant; busy: whether a lane runs it now.
         longest: the largest time limit of its runs [s].
         refused: the status and the reason where the engine cannot run the linkage.
     """
@@ -94,9 +97,14 @@ class _Engine:
     ended: dict[Way, str] = field(default_factory=dict)
     cut: bool = False
     busy: bool = False
-    ran: bool = False
     longest: float = 0.0
     refused: tuple[Status, str] | None = None
+    owner: str = ""
+
+    @property
+    def title(self) -> str:
+        """The name of the engine, and the owner if the variants are its authors': the key of this search among all."""
+        return f"{self.name} {BY_AUTHORS}, {self.owner}" if self.owner else self.name
 
     def passing(self) -> dict[Way, Trial]:
         """Return the settings that meet the requirement, from the least work to the most; equal ones in the order of trying."""
@@ -110,14 +118,21 @@ class _Engine:
         """Return the name of the time loop that a setting uses, or an empty text where its options name none."""
         return str(self.options.get(way.settings, {}).get("loop", ""))
 
+    @property
+    def has_run(self) -> bool:
+        """Whether a variant has been run: one that refuses the linkage is tried and not run."""
+        return any(trial.status is not Status.SKIP for some in self.trials.values() for trial in some)
+
     def best(self) -> tuple[Way, Trial] | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
         return next(iter(self.passing().items()), None)
 
 
 def work(integrator: str, trial: Trial) -> float:
-    """Return the number of acceleration evaluations of a run; else steps times evaluations per step."""
-    return float(trial.evaluations or trial.steps * EVALUATIONS.get(integrator, 1))
+    """Return the number of acceleration evaluations of a run; else steps times evaluations per step; infinity if unknown."""
+    if trial.evaluations:
+        return float(trial.evaluations)
+    return math.inf if trial.steps is None else float(trial.steps * EVALUATIONS.get(integrator, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +141,7 @@ class Searched:
 
     Attributes:
         truth: the reference of all errors.
-        engines: name -> trials of every variant (sizes 0) in the order of trying.
+        engines: name -> trials of every variant of the suite (sizes 0) in the order of trying.
     """
 
     truth: Truth
@@ -139,6 +154,7 @@ class Recommender:
     Attributes:
         run: linkage, scenario and duration; wanted: kind of error -> largest allowed error [m], [rad], [N].
         spaces: engine -> its variants in the order in which they are tried, or a sentence why it has none.
+        owned: variants of these engines that their authors own; they are searched and raced apart from the suite's.
     """
 
     def __init__(
@@ -149,16 +165,18 @@ class Recommender:
         budget: Budget,
         told: Told,
         better: Better = lambda answer: None,
+        owned: Mapping[str, Sequence[Variant]] | None = None,
     ):
         self.run, self.wanted, self.budget = run, dict(wanted), budget
         self._better = better
         self._told, self._say, self._stack, self._state = told, threading.Lock(), ExitStack(), threading.Condition()
         self.judge = Evaluator(run.mechanism)
-        self.engines: dict[str, _Engine] = {}
+        self.engines: dict[str, _Engine] = {}  # by title
         self.lost: dict[str, str] = {}  # engine -> why the race went on without it
-        for name, space in spaces.items():
+        theirs = {(name, x.owner): [y for y in some if y.owner == x.owner] for name, some in (owned or {}).items() for x in some}
+        for (name, owner), space in [*(((name, ""), space) for name, space in spaces.items()), *theirs.items()]:
             offered = offer(name)
-            engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive)
+            engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive, owner=owner)
             if not offered.usable:
                 engine.refused = offered.status, offered.reason
             elif isinstance(space, str):
@@ -166,7 +184,7 @@ class Recommender:
             else:
                 engine.left, engine.variants = list(space), len(space)
                 engine.options = {x.name: x.options for x in space}
-            self.engines[name] = engine
+            self.engines[engine.title] = engine
         self.truth: Truth | None = None
 
     def __enter__(self) -> "Recommender":
@@ -208,7 +226,7 @@ class Recommender:
                 lane.join(0.2)
         if not failures.empty():
             raise failures.get()
-        return Searched(truth, {name: x.trials for name, x in self.engines.items()})
+        return Searched(truth, {x.name: x.trials for x in self.engines.values() if not x.owner})
 
     def _truth(self) -> Truth:
         """Compute the reference, in the worker of the compiled engine, so that its model is compiled once for both uses."""
@@ -231,11 +249,12 @@ class Recommender:
         """Return the idle engine with the fewest variants tried, or None at the end of the search.
 
         When the time for the search has ended, each engine without a run still gets one, with steps that should be accurate enough.
+        Variants that refuse the linkage take no time, so an engine that has only refused so far has had no run.
         """
         with self._state:
             while self._failures.empty():
                 due = self.budget.remaining(SEARCHED) > 0
-                open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.trials)]
+                open_ones = [x for x in self.engines.values() if x.left and x.refused is None and (due or not x.has_run)]
                 if not open_ones:
                     return None
                 free = [x for x in open_ones if not x.busy]
@@ -249,7 +268,7 @@ class Recommender:
     def _variant(self, engine: _Engine, variant: Variant) -> None:
         """Search one variant over step sizes or tolerances, and keep its trials."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
-        adaptive, before = variant.integrator in engine.adaptive, engine.best()
+        adaptive, before, first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
         trials: list[Trial] = []
         engine.trials[way] = trials
         scale, most = tolerances(smallest=12), 0
@@ -258,20 +277,18 @@ class Recommender:
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
         # The search asks for some sizes twice; each is run once.
         seen: dict[float, Trial] = {}
-        until = self.budget.seconds_used() + self._slice(engine)
+        until = self.budget.seconds_used() + self._slice(first)
 
         def evaluate(size: float) -> Trial:
             if size not in seen:
-                if (seen or len(engine.trials) > 1) and self.budget.seconds_used() >= until:
+                if (seen or not first) and self.budget.seconds_used() >= until:
                     raise _Over
                 seen[size] = self._evaluate(engine, way._replace(size=size), adaptive)
                 trials.append(seen[size])
             return seen[size]
 
         try:
-            late = (
-                len(engine.trials) == 1 and self.budget.remaining(SEARCHED) <= 0
-            )  # the engine gets a single run: its step is rather too fine
+            late = first and self.budget.remaining(SEARCHED) <= 0  # the engine gets a single run: its step is rather too fine
             start = scale if adaptive else no_coarser(scale, self.first / 2 if late else self.first)
             # Begin at coarser sizes as long as they hold: the cheapest setting may need fewer steps than the reference.
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
@@ -279,15 +296,15 @@ class Recommender:
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
         except _Over:
             engine.cut, engine.ended[way] = True, "its time for searching ended"
-        if trials and all(t.status is Status.SKIP for some in engine.trials.values() for t in some):
+        if trials and not engine.has_run:
             self._refuse(engine, trials[-1])
         self._tell(engine, before)
 
-    def _slice(self, engine: _Engine) -> float:
-        """Return the seconds that a variant may take. The first of an engine gets twice an equal share of the time."""
+    def _slice(self, first: bool) -> float:
+        """Return the seconds that a variant may take. The first that an engine runs gets twice an equal share of the time."""
         left = self.budget.remaining(SEARCHED)
         waiting = sum(not x.trials and x.refused is None for x in self.engines.values())
-        return left if len(engine.trials) > 1 else min(left, 2 * LANES * left / (1 + waiting))
+        return left if not first else min(left, 2 * LANES * left / (1 + waiting))
 
     def _refuse(self, engine: _Engine, trial: Trial) -> None:
         """Keep the variants with other time loops of an engine that refused the linkage, else one with another integrator.
@@ -315,7 +332,7 @@ class Recommender:
         samples = BEATS if adaptive else max(x for x in range(1, DENSE + 1) if steps % x == 0)
         wanted = sample(self.run, steps, samples)
         limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
-        engine.ran, engine.longest = True, max(engine.longest, min(limit, wall))
+        engine.longest = max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
         ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
         trial = judge_trial(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
@@ -331,7 +348,7 @@ class Recommender:
 
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]. The first run of an engine, which loads or compiles its library, has a minimum."""
-        if engine.ran:
+        if engine.has_run:
             return max(min(LONGEST * self.budget.seconds, self.budget.remaining(SEARCHED + AFTER)), 1.0)
         waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
         share = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
@@ -342,12 +359,12 @@ class Recommender:
         if after is None:
             best = nearest(trials, SHARE)
             if engine.refused:
-                self.report(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
+                self.report(f"{engine.title}: {engine.refused[0]}: {engine.refused[1]}")
             elif best is not None and len(engine.trials) == 1:
-                self.report(f"{engine.name}: not yet; nearest {self._errors(best)}")
+                self.report(f"{engine.title}: not yet; nearest {self._errors(best)}")
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
             how = "holds" if before is None else "better"
-            self.report(f"{engine.name}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
+            self.report(f"{engine.title}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
             with self._say:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
@@ -358,7 +375,7 @@ class Recommender:
 
     def race(self) -> dict[Way, Array]:
         """Time the accurate settings side by side in one process; return setting -> seconds of a run (rounds,)."""
-        chosen: dict[Way, int] = {}
+        chosen: dict[Way, int | None] = {}
         lists = [choices(x) for x in self.engines.values()]
         for place in range(CHOICES):  # first choices of all engines before second ones of any
             chosen |= {way: trial.steps for ways in lists for way, trial in ways[place : place + 1]}
@@ -388,28 +405,30 @@ class Recommender:
             ways = engine.passing()
             if raced := {way: times[way] for way in ways if way in times}:
                 winner = pick_winner(raced)[0]
-                chosen[engine.name] = winner, ways[winner]
+                chosen[engine.title] = winner, ways[winner]
             elif best := engine.best():
-                chosen[engine.name] = best
+                chosen[engine.title] = best
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
         held: list[Answer] = []
-        for name, (way, trial) in chosen.items():
-            engine = self.engines[name]
+        for title, (way, trial) in chosen.items():
+            engine = self.engines[title]
             answer = self._hold(engine, way, trial, times.get(way), fastest)
-            held.append(replace(answer, loops=by_loop(engine, times, fastest)))
+            own_times = {w: x for w, x in times.items() if w.settings in engine.options}
+            held.append(replace(answer, loops=by_loop(engine, own_times, fastest)))
         # Settings without a race have no ratio and come last.
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
-        return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
+        return held + [self._not_held(x) for x in self.engines.values() if x.title not in chosen]
 
-    def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Call a function in the engine's worker, until LAST times the budget at the latest.
+    def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
+        """Call a function in the engine's worker, until LAST times the budget at the latest, or for `least` seconds [s].
 
         Raises:
             WorkerFailure: the call failed or took too long.
         """
-        return self.engines[engine].worker.call(
-            function, arguments, max(1.0, self.budget.remaining(LAST)), longest=max(1.0, self.budget.remaining_wall_time(LAST))
-        )
+        limit = max(least, self.budget.remaining(LAST))
+        longest = max(WAITS * least, self.budget.remaining_wall_time(LAST))
+        worker = self.engines[engine].worker.under(interpreter_of(engine))
+        return worker.call(function, arguments, limit, longest=longest)
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
         evaluations = sum(map(len, engine.trials.values()))
@@ -426,13 +445,14 @@ class Recommender:
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
         columns.pop("size")
+        columns["owner"] = engine.owner
         message = "" if timed else f"holds, not raced: {self.lost.get(engine.name, f'the time ended first; {MORE}')}"
         columns["options"] = engine.options.get(way.settings, {})
         columns["in_python"] = in_python(way.engine, self.run.mechanism, choice_of(way, adaptive, self.run.until))
         return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
 
     def _not_held(self, engine: _Engine) -> Answer:
-        counts: dict[str, Any] = self._counts(engine)
+        counts: dict[str, Any] = self._counts(engine) | {"owner": engine.owner}
         found = answer_of(engine)
         status = str(Status.SKIP if found.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else found.kind)
         best = [(way, trial) for way, x in engine.trials.items() if (trial := nearest(x, SHARE)) is not None]
@@ -471,6 +491,9 @@ def answer_of(engine: _Engine) -> Reach:
         return Reach(Kind.NOT_TRIED, engine.refused[1])
     if engine.refused is not None:
         return reach([[Trial(math.nan, {}, 0, *engine.refused)]], [HALF])
+    if engine.trials and engine.left and not engine.has_run:
+        refused = next(trial.message for some in engine.trials.values() for trial in some)
+        return Reach(Kind.NOT_TRIED, f"the variants that had a turn refused ({refused}); {MORE}", within="within the budget")
     trials = [trial for some in engine.trials.values() for trial in some]
     if not trials:
         return Reach(Kind.NOT_TRIED, f"it had no turn; {MORE}", within="within the budget")

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -20,13 +21,15 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS
 from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.metrics import state_errors
+from gauss_bench.metrics import compare_joint_forces, state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_size, duration, offer
-from gauss_bench.runs.one_run import Run, Sampling
+from gauss_bench.runs.one_run import Asked, Run, Sampling
+from gauss_bench.runs.questions import joint_forces
 from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -34,6 +37,7 @@ STEP = 1e-3  # [s] where none is given
 BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion by default: in longer runs errors grow until they no longer add up linearly
 LEAST = 1.0  # [s] that every run may take, even after the deadline
+FORCED = 20  # states at which an engine is asked for its own joint forces
 KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] error bars that the reference must have: errors below 1e-6 are not diagnosed
 
 
@@ -52,7 +56,8 @@ class Diagnosis(OneRun):
         candidates: the explanations that reproduce the accelerations within their noise, each with its amount and residual.
         runs: status and message of each run.
         reference: how the reference was made.
-        remarks: sentences on the closures of a model file, and on whether a required accuracy is held.
+        remarks: sentences on the closures of a model file, on joint forces that the engine tells itself, and on whether a required
+            accuracy is held.
     """
 
     until: float
@@ -136,53 +141,138 @@ def diagnose(
     if required:
         list_requirements(**required)
     file = read_file(linkage, tuple(close))
-    mechanism = load(linkage, scenario) if file is None else file.mechanism
     if file is not None and scenario is not None:
         raise ChoiceError("--scenario: a model file has none, but starts at its keyframe")
+    mechanism = load(linkage, scenario) if file is None else file.mechanism
     if file is not None and file.kind == "MJCF" and engine in (None, "mujoco") and settings is None:
         subject = subject_as_it_stands(file, integrator, stabilization, step)
-    elif engine is None:
-        raise ChoiceError("--engine: say which engine is to be diagnosed")
     else:
-        offered = offer(engine)
-        choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
-        subject = Subject(engine, engine, choice.settings, choice, offered)
-    choice, offered = subject.choice, subject.offered
+        subject = subject_with_settings(engine, settings, integrator, stabilization, step)
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
-    check_size(choice.step, end)
-    checkpoints(choice.step, end)  # refused before anything is run
-
-    def make_diagnosis(verdict: Verdict, reference: str, remarks: Sequence[str] = ()) -> Diagnosis:
-        fields = ("cause", "parts", "numbers", "explanations", "candidates", "runs")
-        found = {x: getattr(verdict, x) for x in fields} | {"part": verdict.cause.part, "verdict": verdict.sentence}
-        names = name_run(mechanism, subject.name, replace(choice, settings=subject.settings))
-        return Diagnosis(**names, **found, until=end, reference=reference, remarks=tuple(remarks))
-
-    if not offered.usable:
-        return make_diagnosis(without_run(Ended(offered.status, offered.reason)), "")
-    adaptive = choice.integrator in offered.adaptive
-    runs: list[Run] = []
+    check_size(subject.choice.step, end)
+    checkpoints(subject.choice.step, end)  # refused before anything is run
+    if not subject.offered.usable:
+        missing = Ended(subject.offered.status, subject.offered.reason)
+        return make_diagnosis(mechanism, subject, end, without_run(missing), "", ())
     with Worker() as worker:
         if subject.file is not None:
             refuse_what_acts(subject.file, end, worker)
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the reference")
         reference = find_reference(linkage, mechanism, end, deadline, told)
-
-        def run(chosen: Choice, wanted: Sampling) -> Run:
-            left = max(LEAST, deadline - time.monotonic())
-            request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
-            runs.append(run_apart(request, mechanism, left, worker))
-            return runs[-1]
-
-        # drift is recognised by what projection takes off the error of the same setting
-        can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
-        projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
-        verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
+        question = AskedForces(mechanism, reference)
+        verdict, first = run_ladder(linkage, mechanism, subject, end, reference, deadline, worker, told, question)
     remarks = [] if subject.file is None else describe_closures(subject.file.settings)
-    if required and runs and runs[0].trajectory is not None:
-        remarks += compare_errors(mechanism, runs[0].trajectory, reference, required)
-    return make_diagnosis(verdict, reference.method, remarks)
+    remarks += question.remark(None if first is None else first.answer)
+    if required and first is not None and first.trajectory is not None:
+        remarks += compare_errors(mechanism, first.trajectory, reference, required)
+    return make_diagnosis(mechanism, subject, end, verdict, reference.method, remarks)
+
+
+def subject_with_settings(
+    engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
+) -> Subject:
+    """Return an engine with the settings that are asked for, and its defaults for the others.
+
+    Raises:
+        ChoiceError: no engine is named, or it does not offer what is asked for.
+        KeyError: unknown engine.
+    """
+    if engine is None:
+        raise ChoiceError("--engine: say which engine is to be diagnosed")
+    offered = offer(engine)
+    choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
+    return Subject(engine, engine, choice.settings, choice, offered)
+
+
+def run_ladder(
+    linkage: str,
+    mechanism: Mechanism,
+    subject: Subject,
+    end: float,
+    reference: Reference,
+    deadline: float,
+    worker: Worker,
+    told: Told,
+    question: "AskedForces",
+) -> tuple[Verdict, Run | None]:
+    """Run a subject with finer and finer steps or tolerances; return the verdict and the first run, which answers the question."""
+    choice, offered, runs = subject.choice, subject.offered, list[Run]()
+
+    def run(chosen: Choice, wanted: Sampling) -> Run:
+        left = max(LEAST, deadline - time.monotonic())
+        request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
+        if not runs:
+            request = replace(request, ask=question.ask, answers=question.count)
+        runs.append(run_apart(request, mechanism, left, worker))
+        return runs[-1]
+
+    adaptive = choice.integrator in offered.adaptive
+    # drift is recognised by what projection takes off the error of the same setting
+    can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
+    projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
+    verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)
+    return verdict, runs[0] if runs else None
+
+
+def make_diagnosis(
+    mechanism: Mechanism, subject: Subject, end: float, verdict: Verdict, reference: str, remarks: Sequence[str]
+) -> Diagnosis:
+    """Return a verdict with what was asked for."""
+    return Diagnosis(
+        **name_run(mechanism, subject.name, replace(subject.choice, settings=subject.settings)),
+        until=end,
+        cause=verdict.cause,
+        part=verdict.cause.part,
+        verdict=verdict.sentence,
+        parts=verdict.parts,
+        numbers=verdict.numbers,
+        explanations=verdict.explanations,
+        candidates=verdict.candidates,
+        runs=verdict.runs,
+        reference=reference,
+        remarks=tuple(remarks),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class AskedForces:
+    """The question for an engine's own joint forces at states of a reference.
+
+    Attributes:
+        mechanism: the linkage; reference: its motion.
+    """
+
+    mechanism: Mechanism
+    reference: Reference
+
+    @cached_property
+    def states(self) -> Trajectory:
+        """At most FORCED states of the reference, evenly spread over its samples."""
+        known = np.flatnonzero(np.isfinite(self.reference.a).all(axis=1))
+        k = known[np.unique(np.linspace(0, len(known) - 1, FORCED).round().astype(int))] if len(known) else known
+        return Trajectory(self.reference.t[k], self.reference.q[k], self.reference.v[k], self.reference.a[k], None)
+
+    @property
+    def ask(self) -> Asked:
+        """The question, for `Request`."""
+        names = tuple(joint.name for joint in self.mechanism.joints)
+        return partial(joint_forces, names, self.states.t, self.states.q, self.states.v)
+
+    @property
+    def count(self) -> int:
+        """The count of numbers in its answer."""
+        return 3 * len(self.mechanism.joints) * len(self.states.t)
+
+    def remark(self, answer: object) -> list[str]:
+        """Return the sentence on the error of the forces in an answer; none where the engine tells no forces."""
+        shape = (len(self.states.t), len(self.mechanism.joints), 3)
+        if not isinstance(answer, np.ndarray) or answer.shape != shape:
+            return []
+        error, largest = compare_joint_forces(Evaluator(self.mechanism), self.states, answer)
+        if np.isnan(error):
+            return []
+        return [f"its own joint forces are off by {error:.1e} (N, N m) at the same states, where the largest is {largest:.1e}"]
 
 
 def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,13 +18,14 @@ from gauss_bench.api.simulate import simulate
 from gauss_bench.api.telling import Result
 from gauss_bench.bench.provenance import environment
 from gauss_bench.compiler import user_cache
-from gauss_bench.engines import FOREIGN, get
+from gauss_bench.engines import SAFE, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.reach import ABSENT
+from gauss_bench.runs.apart import find_unbuilt
 from gauss_bench.runs.offers import Offer, offers
-from gauss_bench.runs.worker import THREADS
+from gauss_bench.runs.worker import THREADS, WorkerFailure, keep
 from gauss_bench.trajectory import Status
 
 TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # [s] the slowest engine generates and compiles C first
@@ -136,16 +136,28 @@ def _check_compiler() -> Finding:
 
 def _check_builds(there: Iterable[Offer]) -> Iterator[Finding]:
     """Report for each engine with code that is compiled once per user: built, not built yet, or why it cannot be built."""
-    for offer in (x for x in there if x.name in FOREIGN and x.usable and hasattr(get(x.name), "build_once")):
-        engine: Any = get(offer.name)
+    for offer in (x for x in there if x.usable and "build_once" in x.methods):
         name, choices = f"{offer.name}, compiled", [Choice(x.name, x.integrator, x.stabilization) for x in offer.variants.values()]
-        skipped = (engine.skip(load(TRIED), choice) for choice in choices)
-        if lacking := next((x for x in skipped if x and ABSENT.search(x)), ""):
+        if lacking := _find_lacking(offer, choices):
             yield Finding(name, "none", "missing", lacking)
-        elif what := next(filter(None, (engine.unbuilt(x.settings) for x in choices)), ""):
+            continue
+        try:
+            what = find_unbuilt(offer.name, [x.settings for x in choices], keep(offer.name))
+        except WorkerFailure as failure:
+            yield Finding(name, "none", "broken", str(failure))
+            continue
+        if what:
             yield Finding(name, "not built yet", "missing", f"a search builds {what}, and so does whoever names its settings")
         else:
             yield Finding(name, "built")
+
+
+def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
+    """Return what this machine lacks to compile the code of an adapter of this package, or an empty text."""
+    if offer.name not in SAFE:
+        return ""
+    skipped = (get(offer.name).skip(load(TRIED), choice) for choice in choices)
+    return next((x for x in skipped if x and ABSENT.search(x)), "")
 
 
 def _try_engine(offer: Offer) -> Finding:

@@ -19,20 +19,24 @@ from gauss_bench.api.recommend import list_requirements, setting_of, variants
 from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
 from gauss_bench.compiler.stepping.driver import INTEGRATORS
+from gauss_bench.engines import all_names, is_class
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import KINDS, Kind, export_linkage
+from gauss_bench.exchange.export import KINDS, Kind, describe_refusal, export_linkage, export_program
 from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS
-from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, offer
-from gauss_bench.runs.worker import Worker
+from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, interpreter_of, offer, offers_from_outside
+from gauss_bench.runs.programs import program_there, read_program, writes_programs
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.tables import write_text
+from gauss_bench.trajectory import RunFailure
 
 WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
 BUDGET = LIMIT  # [s] to look for a step or a setting
 STEP = 1e-3  # [s] of a file where nothing is measured
+TOLERANCE = 1e-8  # of a program whose integrator chooses its steps, where none is looked for
 OPEN, MOTION = 1e-6, 1e-4  # [m], [m and rad] requirements on a tuned step, which must need only half of them
 SHORTEST, LONGEST = 5.0, 10.0  # [s] that a step is tried for, whatever the scenario's duration
 
@@ -156,12 +160,15 @@ def export(
 ) -> Export:
     """Write a linkage as a file that runs without this package: MJCF, a script for Pinocchio, Exudyn or CasADi, or plain C.
 
+    An engine that writes programs itself (`program` in `gauss_bench.engines.base`) is a kind too.
+
     A script or program is run before it is written, and its head states its error. One whose motion the suite's judge refuses is
     not written: the result's `refused` gives the reason.
 
     Args:
         linkage: name of a built-in linkage, or a path.
-        engine: one of `gauss_bench.exchange.export.KINDS`: "mujoco", "pinocchio", "exudyn", "casadi" or "c".
+        engine: one of `gauss_bench.exchange.export.KINDS`: "mujoco", "pinocchio", "exudyn", "casadi" or "c"; or an
+            engine that writes programs itself.
         out: the file to write.
         scenario: of the linkage; the first with a start where not given.
         tuned: find the largest step that holds the loops to 1e-6 m and the motion to 1e-4 (m, rad), and say in the file what was
@@ -182,14 +189,14 @@ def export(
         MissingExtra: the library that builds the model is not installed.
         OSError: the file cannot be written.
     """
-    if engine not in KINDS:
-        raise ChoiceError(f"no export for {engine!r}; there are {', '.join(KINDS)}")
+    kind = find_kind(engine)
     if step is not None and not (np.isfinite(step) and step > 0):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
         raise ChoiceError("either a step, or tuned, which finds one")
-    kind = KINDS[engine]
-    wanted = required(engine, step is not None or tuned, position=position, angle=angle, force=force)
+    if kind.tolerance is not None and (step is not None or tuned):
+        raise ChoiceError(f"{engine} chooses its steps: --position, --angle or --force find its tolerance")
+    wanted = required(engine, kind, step is not None or tuned, position=position, angle=angle, force=force)
     path = writable(out, replace, suffix=kind.suffix, source=linkage)
     seconds = check_budget(budget, BUDGET)
     mechanism = load(linkage, scenario)
@@ -197,21 +204,27 @@ def export(
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
     choice, remarks = kind.choose(step or STEP), tuple[str, ...]()
     answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, choice.step, (), None)
-    model = write_file(linkage, mechanism.scenario, engine, choice.step)
+
+    def write(remarks: tuple[str, ...] = (), warning: str = "") -> dict[str, Any]:
+        if not kind.writer:
+            return write_engine_program(mechanism, kind, choice, remarks, warning)
+        return write_file(linkage, mechanism.scenario, engine, choice.step, remarks, choice, warning)
+
+    model = write()
     if tuned:
         tuning = tune(linkage, mechanism, kind, seconds, told)
         choice, remarks = kind.choose(tuning.step), tuning.sentences
         answer = replace_fields(answer, tuning=tuning, step=choice.step)
     if wanted:
         try:
-            choice, remark = find_setting(linkage, mechanism, engine, wanted, seconds, told)
+            choice, remark = find_setting(linkage, mechanism, engine, kind, wanted, seconds, told)
         except NotReached as reason:
             return replace_fields(answer, refused=str(reason))
         remarks, answer = (remark,), replace_fields(answer, step=choice.step)
     warning = ""
     if kind.is_program:
         if remarks and engine == "c":  # its step or integrator is another than that of the first text
-            model = write_file(linkage, mechanism.scenario, engine, choice.step, choice=choice)
+            model = write()
         source = model["text"] if engine == "c" else ""
         error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told)
         answer, warning = replace_fields(answer, error=error), error.warning
@@ -221,12 +234,30 @@ def export(
             return replace_fields(answer, refused=error.refusal)
         remarks = (*error.sentences, *remarks)
     if remarks:
-        model = write_file(linkage, mechanism.scenario, engine, choice.step, remarks, choice, warning)
+        model = write(remarks, warning)
     write_text(path, model["text"])
     return replace_fields(answer, bytes=len(model["text"].encode()), left_out=tuple(model["left_out"]))
 
 
-def required(engine: str, has_step: bool, **limits: float | None) -> dict[str, float]:
+def find_kind(name: str) -> Kind:
+    """Return the kind of files of that name: one of KINDS, or the programs that an engine writes itself.
+
+    Raises:
+        ChoiceError: there is none; the message lists those that there are.
+    """
+    if name in KINDS:
+        return KINDS[name]
+    if (is_class(name) or name in all_names()) and writes_programs(name):
+        offered = offer(name)
+        equal = [x for x in offered.integrators if x not in offered.adaptive]
+        usual = offered.choose(None, equal[0] if equal else None, None, STEP)
+        tolerance = None if equal else TOLERANCE
+        return Kind("", name, usual.settings, usual.integrator, usual.stabilization, "a Python program", ".py", tolerance)
+    writers = [x.name for x in offers_from_outside() if "program" in x.methods]
+    raise ChoiceError(f"no export for {name!r}; there are {', '.join([*KINDS, *writers])}, and engines with a method `program`")
+
+
+def required(engine: str, kind: Kind, has_step: bool, **limits: float | None) -> dict[str, float]:
     """Return the given requirements by kind, or {} if there are none.
 
     Raises:
@@ -234,9 +265,9 @@ def required(engine: str, has_step: bool, **limits: float | None) -> dict[str, f
     """
     if all(x is None for x in limits.values()):
         return {}
-    if not KINDS[engine].is_program:
+    if not kind.is_program:
         raise ChoiceError(
-            f"{engine}: {KINDS[engine].what} cannot hold the settings that --position, --angle and --force look for: take --tuned, "
+            f"{engine}: {kind.what} cannot hold the settings that --position, --angle and --force look for: take --tuned, "
             f"or `gauss-bench recommend --engine {engine} --out FOLDER`, which writes a program"
         )
     if has_step:
@@ -249,14 +280,14 @@ class NotReached(ArithmeticError):
 
 
 def find_setting(
-    linkage: str, mechanism: Mechanism, engine: str, wanted: Mapping[str, float], budget: float, told: Told
+    linkage: str, mechanism: Mechanism, engine: str, kind: Kind, wanted: Mapping[str, float], budget: float, told: Told
 ) -> tuple[Choice, str]:
     """Return the engine's cheapest setting that holds the requirement over the scenario's duration, and a sentence on it.
 
     Raises:
         NotReached: no setting holds it within the budget, or no reference is known well enough.
     """
-    kind, end = KINDS[engine], mechanism.duration
+    end = mechanism.duration
     tried = [x for x in variants(offer(kind.engine)) if engine != "c" or x.integrator in INTEGRATORS]
     limit = " and ".join(f"{x:g} {UNITS[name]}" for name, x in wanted.items())
     try:
@@ -298,6 +329,22 @@ def write_file(
     chosen = None if choice is None else astuple(choice)
     with Worker() as worker:
         return answer_in_worker(worker, write_there, (linkage, scenario, engine, step, remarks, chosen, warning), WRITING, linkage)
+
+
+def write_engine_program(
+    mechanism: Mechanism, kind: Kind, choice: Choice, remarks: tuple[str, ...], warning: str
+) -> dict[str, Any]:
+    """Return the text of a program that the engine itself writes, in a process of its own, and what the text leaves out.
+
+    Raises:
+        ExchangeError: the engine refuses the linkage, or what it wrote is no program.
+    """
+    try:
+        with Worker() as worker:
+            answer = worker.under(interpreter_of(kind.engine)).call(program_there, (kind.engine, mechanism, choice), WRITING)
+        return asdict(export_program(mechanism, read_program(kind.engine, answer), remarks, warning))
+    except (RunFailure, WorkerFailure) as failure:
+        raise ExchangeError(f"{describe_refusal(mechanism, kind)}: {failure}") from failure
 
 
 def write_there(

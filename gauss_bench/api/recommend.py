@@ -4,22 +4,26 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import LANES, Budget
-from gauss_bench.advice.recommending import BEATS, Better, Recommender
+from gauss_bench.advice.recommending import BEATS, WRITTEN, Better, Recommender
 from gauss_bench.api.in_worker import tell_plainly
 from gauss_bench.api.program_error import describe_error, describe_reference
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
-from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, all_names
+from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, SAFE, all_names
+from gauss_bench.engines.authors import candidates_of, read_settings
 from gauss_bench.engines.base import Choice, Variant
-from gauss_bench.exchange.snippets import WRITERS, holds, snippet
+from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
 from gauss_bench.linkage.load import built_in, find, load
-from gauss_bench.reach import UNITS
+from gauss_bench.reach import BY_AUTHORS, UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
+from gauss_bench.runs.programs import program_there, read_program, writes_programs
 from gauss_bench.runs.worker import WorkerFailure
+from gauss_bench.trajectory import RunFailure
 
 BUDGET = 60.0  # [s]
 FIRST = ("dop853_fixed", "rk4", "dop853")  # integrators tried first in engines without variants of their own
@@ -74,6 +78,7 @@ def recommend(
     budget: float | None = None,
     told: Told = nobody,
     better: Better = lambda answer: None,
+    authors: Sequence[str | Path] = (),
 ) -> Recommendation:
     """Find the cheapest setting of each engine whose error over the whole run is at most half of the requirement.
 
@@ -89,12 +94,14 @@ def recommend(
         scenario: of the file; the first with a start where not given.
         settings: as in `simulate`, only with a single engine; the search then varies integrator, stabilization and step.
         budget: seconds for everything (60). Time in which other programs had the processor does not count, but the search ends
-            after 1.45 times the budget of wall time.
+            after 1.45 times the budget of wall time; the program of the advised setting is written in any case.
         told: called with each sentence of progress.
         better: called with the first answer of an engine and with every cheaper one, before they are raced.
+        authors: files of settings that engines' authors own; they have an answer of their own beside the suite's.
 
     Raises:
         LinkageError: the file has faults.
+        SettingsFault: a file of settings has faults.
         ChoiceError: a requirement, time or setting that cannot be used.
         KeyError: unknown engine.
         NoTruth: no reference is known well enough.
@@ -107,12 +114,14 @@ def recommend(
     if settings is not None and len(offered) != 1:
         raise ChoiceError("settings are those of one engine: name it with --engine")
     spaces = {x.name: variants(x, settings) for x in offered}
+    owned = list_owned([x.name for x in offered], authors) if settings is None else {}
     run = Run(linkage, mechanism, end)
-    with Recommender(run, wanted, spaces, seconds, told, better) as recommender:
+    with Recommender(run, wanted, spaces, seconds, told, better, owned) as recommender:
         searched = recommender.search()
         answers = recommender.answers(recommender.race())
+        best = advised(answers)
         with ThreadPoolExecutor(LANES) as lanes:
-            answers = list(lanes.map(lambda x: with_snippet(recommender, x), answers))
+            answers = list(lanes.map(lambda x: with_snippet(recommender, x, WRITTEN if x is best else 1.0), answers))
     return Recommendation(
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
@@ -128,10 +137,11 @@ def recommend(
     )
 
 
-def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
+def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answer:
     """Add to an answer the program that runs its setting, or the reason why there is none.
 
-    Some programs need the engine's library to be written; these are written in the engine's worker.
+    Programs that need the engine's library to be written, or that the engine writes itself, are written in the engine's worker,
+    which has `least` seconds [s] for it in any case.
     """
     if answer.status != "ok":
         return answer
@@ -142,11 +152,9 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
         remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
         remarks.append(describe_reference(found.told, max(found.bars["position"], found.bars["angle"])))
     choice = (answer.settings, answer.integrator, answer.stabilization, answer.step or run.until / BEATS, answer.tolerance)
-    arguments = (run.linkage, run.mechanism.scenario, answer.engine, choice, run.until, remarks)
     try:
-        needs_library = answer.engine in WRITERS
-        program = recommender.call_worker(answer.engine, snippet_there, arguments) if needs_library else snippet_there(*arguments)
-    except WorkerFailure as failure:
+        program = write_program(recommender, answer.engine, choice, remarks, least)
+    except (WorkerFailure, RunFailure) as failure:
         program = {"refused": str(failure)}
     match program:
         case {"text": str(text)}:
@@ -154,6 +162,26 @@ def with_snippet(recommender: Recommender, answer: Answer) -> Answer:
         case {"refused": str(reason)} | {"missing": str(reason)}:
             return replace(answer, message="; ".join(filter(None, (answer.message, reason))))
     return answer
+
+
+def write_program(
+    recommender: Recommender, engine: str, choice: tuple[Any, ...], remarks: list[str], least: float
+) -> dict[str, Any]:
+    """Return the program of an engine with a choice as {"text": ...}, or the reason why there is none.
+
+    Raises:
+        WorkerFailure: the engine's process failed; RunFailure: the engine writes programs itself, and refused this one.
+    """
+    run = recommender.run
+    if engine not in WRITERS and writes_programs(engine):
+        mechanism = replace(run.mechanism, duration=run.until)
+        answer = recommender.call_worker(engine, program_there, (engine, mechanism, Choice(*choice)), least)
+        return {"text": with_head(mechanism, read_program(engine, answer), tuple(remarks))}
+    arguments = (run.linkage, run.mechanism.scenario, engine, choice, run.until, remarks)
+    if engine not in WRITERS:
+        return snippet_there(*arguments)
+    written: dict[str, Any] = recommender.call_worker(engine, snippet_there, arguments, least)
+    return written
 
 
 def snippet_there(
@@ -180,6 +208,20 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
         if not (math.isfinite(x) and x > 0):
             raise ChoiceError(f"the {kind} error that is allowed must be a positive number of {UNITS[kind]}, not {x:g}")
     return wanted
+
+
+def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str, list[Variant]]:
+    """Return engine -> settings that its authors own, of the engines that are asked.
+
+    Raises:
+        ChoiceError: a file is for an engine that is not asked.
+        SettingsFault: a file has faults.
+    """
+    for path in files:
+        if (name := read_settings(Path(path)).engine) not in engines:
+            raise ChoiceError(f"{path}: engine: {name} is not among the engines that are asked, {', '.join(engines)}")
+    owned = {name: candidates_of(name, files) for name in engines}
+    return {name: some for name, some in owned.items() if some}
 
 
 def order_kinds() -> list[str]:
@@ -219,8 +261,9 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
             ratios = ", ".join(f"{loop} {times:.3g}" for loop, times in x.loops.items())
             sentences.append(f"{x.engine} by who runs its loop, in times of the fastest engine: {ratios}")
         if x.in_python and x.engine not in OWN:
-            sentences.append(f"the time of {x.engine} holds of this suite's own in Python: {x.in_python}")
-    short = [x.engine for x in answers if not x.complete]
+            own = "of this suite's own in Python" if x.engine in (*SAFE, *ELSEWHERE) else "in Python, besides its library"
+            sentences.append(f"the time of {x.engine} holds {own}: {x.in_python}")
+    short = list(dict.fromkeys(x.engine for x in answers if not x.complete))
     if short:
         sentences.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")
     return sentences
@@ -249,13 +292,17 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     takes = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
     others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
     than = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
-    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}."
+    unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
+    hold = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
+    beside = f" {hold} it too and had no race." if unraced and best.ratio is not None else ""
+    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}.{beside}"
 
 
 def setting_of(answer: Answer) -> str:
     """Return a setting in words."""
     size = f"tolerance {answer.tolerance:.2g}" if answer.step is None else f"step {answer.step:.4g} s"
-    return f"{format_setting(answer.settings, answer.integrator, answer.stabilization)}, {size}"
+    words = [format_setting(answer.settings, answer.integrator, answer.stabilization), size]
+    return ", ".join([*words, *([BY_AUTHORS] if answer.owner else [])])
 
 
 def duration_of(seconds: float) -> str:

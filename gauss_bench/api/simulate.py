@@ -112,9 +112,10 @@ class Metrics(TypedDict, total=False):
         acceleration_error: median relative error of the accelerations at the run's own states.
         energy_error: largest error of the balance of energy, work and losses [J]; energy_error_bar: error of its quadrature [J].
         energy_scale: energy that moves in the run [J].
-        steps: number of steps; shortened_steps: number of them that were shortened to reach a time that was asked for.
+        steps: number of steps; null if the engine does not count them.
+        shortened_steps: number of steps that were shortened to reach a time that was asked for.
         evaluations: number of evaluations of the equations of motion; null if the engine does not count them.
-        build_time: time to build the model [s]; step_time: time of one step [s].
+        build_time: time to build the model [s]; step_time: time of one step [s]; null if steps are not counted.
         halving_length: largest change of a link's place by half the step [m]; null without a repetition.
         halving_angle: largest change of a link's angle by half the step [rad]; null without a repetition.
         steps_a_period: steps in a period of the fastest oscillation; null where it is not needed.
@@ -129,11 +130,11 @@ class Metrics(TypedDict, total=False):
     energy_error: float
     energy_error_bar: float
     energy_scale: float
-    steps: int
+    steps: int | None
     shortened_steps: int
     evaluations: int | None
     build_time: float
-    step_time: float
+    step_time: float | None
     halving_length: float | None
     halving_angle: float | None
     steps_a_period: float | None

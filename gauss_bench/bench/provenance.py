@@ -9,19 +9,27 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from gauss_bench.runs.offers import NOT_INSTALLED, offers_from_outside
 from gauss_bench.tables import ENVIRONMENT, TIMES, TableError, read_environment
 
-PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudyn", "mujoco")
+PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudyn", "mujoco")  # of the suite and its adapters
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of libraries and engines; those that are not installed are left out."""
+    """Return the versions of libraries and engines, and of the packages that engines name; what is not installed is left out.
+
+    A package that an engine has in another version, in an environment of its own, is listed as "PACKAGE of ENGINE".
+    """
     versions = {}
     for name in PACKAGES:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
             continue
+    for engine in offers_from_outside():
+        for name, found in engine.packages.items():
+            if found != NOT_INSTALLED:
+                versions[name if versions.get(name, found) == found else f"{name} of {engine.name}"] = found
     return versions
 
 

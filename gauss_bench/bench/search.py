@@ -119,7 +119,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
     unmet = [w for w in wanted if not any(t.meets(w) for t in trials) and not _is_undetermined(trials, w)]
     if not unmet:
         return "every requirement is met"
-    if not most or len(trials) <= STALLED or trials[-STALLED].steps < SETTLED:
+    if not most or len(trials) <= STALLED or (trials[-STALLED].steps or 0) < SETTLED:
         return ""
     if all(_has_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
         return f"no error fell in {STALLED} rungs"

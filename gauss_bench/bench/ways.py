@@ -11,7 +11,8 @@ import numpy as np
 
 from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import environment_of, get
-from gauss_bench.engines.base import Choice, Model, Variant
+from gauss_bench.engines.base import Choice, Model, Variant, ask
+from gauss_bench.engines.own_options import is_assignment
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
@@ -60,6 +61,8 @@ def space(engine: Offer) -> list[Variant]:
 def loop_of(way: Way) -> str:
     """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
     offered = offer(way.engine)
+    if is_assignment(way.settings):
+        return str(offered.resolve_settings(way.settings).get("loop", ""))
     variant = offered.variants.get(way.settings)
     return str((variant.options if variant else offered.settings.get(way.settings, {})).get("loop", ""))
 
@@ -104,7 +107,10 @@ def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: End
     force = joint_force_errors(judge, ran.trajectory, truth)
     largest = {"position": errors.length, "angle": errors.angle, "force": force}
     found = {kind: float(x.max()) for kind, x in largest.items()} | {"end": float(errors.length[-1].max())}
-    return Trial(way.size, found, ran.trajectory.steps, evaluations=ran.trajectory.evaluations)
+    steps = ran.trajectory.steps
+    if steps is None and not is_adaptive(way):  # equal steps: those that were asked for
+        steps = ran.sampling.count
+    return Trial(way.size, found, steps, evaluations=ran.trajectory.evaluations)
 
 
 def is_adaptive(way: Way) -> bool:
@@ -118,7 +124,7 @@ Models = dict[Way, Any]  # variant, as a way of size 0 -> model
 def build_model(run: Run, way: Way, models: Models) -> Model:
     """Return the model of a way; all sizes of a variant share a model if the engine is `resizable`."""
     engine, variant = get(way.engine), way._replace(size=0.0)
-    if variant not in models or not getattr(engine, "resizable", False):
+    if variant not in models or not ask(engine, "resizable"):
         models[variant] = engine.build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
     return cast(Model, models[variant])
 
@@ -134,28 +140,33 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
     return block_elsewhere(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until), work)
 
 
-def one_step(run: Run, way: Way, steps: int, models: Models) -> Block:
-    """Return a block of steps; if the integrator chooses its steps, the block is a whole run of `steps` repetitions."""
+def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
+    """Return a block of steps; if the integrator chooses its steps, the block is a whole run of `steps` repetitions.
+
+    A run whose steps are not counted is one repetition.
+    """
     if not is_adaptive(way):
         return block_of(run, way, models, partial(stepping, None, step=way.size, native=True))
     block = whole_run(run, way, steps, 0.0, math.inf, models)
-    block.count = max(1, steps)
+    block.count = steps or 1
     return block
 
 
-def whole_run(run: Run, way: Way, steps: int, seconds: float, lead: float, models: Models) -> Block:
+def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
     """Return a block of a whole run, repeated for BLOCK seconds; of equal steps only a part that takes `lead` [s].
+
+    `steps` is None where the integrator chooses them and the engine does not count them.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
     adaptive = is_adaptive(way)
-    share = 1.0 if adaptive else share_of(seconds, lead, steps)
+    share = 1.0 if adaptive or steps is None else share_of(seconds, lead, steps)
     choice = choice_of(way, adaptive, run.until)
     return block_of(run, way, models, partial(running, None, choice, np.array([0.0, share * run.until]), share))
 
 
-def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: Models) -> Block:
+def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
     """Return a block as `whole_run` does, for a way whose run time is not known: its first steps are timed before.
 
     If the integrator chooses its steps, the run has `samples` samples, as the run that was judged.
@@ -164,6 +175,6 @@ def pace_run(run: Run, way: Way, steps: int, lead: float, samples: int, models: 
         RunFailure: the engine cannot run the mechanism.
     """
     choice = choice_of(way, is_adaptive(way), run.until)
-    if is_adaptive(way):
+    if is_adaptive(way) or steps is None:
         return block_of(run, way, models, partial(running, None, choice, np.linspace(0.0, run.until, samples + 1), 1.0))
     return block_of(run, way, models, partial(leading, None, choice, run.until, steps, lead))

@@ -4,7 +4,7 @@ The bench measures time: it times `run`, and never `prepare` and `read`. An engi
 the absolute coordinates of the mechanism. It reports failures as RunFailure; whether its results are right is judged elsewhere.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -12,8 +12,10 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
+NOT_TOLD = "not told"
+EMPTY: Mapping[str, Any] = {}
 CHOSEN = ("integrator", "stabilization")  # knobs that are fields of a Choice, so that settings have no value for them
 
 
@@ -46,12 +48,14 @@ class Variant:
 
     Attributes:
         options: knob -> value, for every knob except `integrator` and `stabilization`.
+        owner: the engine's authors if the setting is theirs; empty if it is the suite's.
     """
 
     name: str
     integrator: str
     stabilization: str
     options: Mapping[str, Any]
+    owner: str = ""
 
 
 def sample_arrays(times: Array, *start: Array) -> list[Array]:
@@ -63,7 +67,10 @@ def sample_arrays(times: Array, *start: Array) -> list[Array]:
 
 
 class Model(Protocol):
-    """A mechanism built in an engine; it can run any number of times, each time after `prepare`."""
+    """A mechanism built in an engine; it can run any number of times, each time after `prepare`.
+
+    It may have the further members of `ModelDefaults`.
+    """
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the engine's accelerations (n,) at a given state q, v (n,), all in absolute coordinates.
@@ -87,6 +94,8 @@ class Model(Protocol):
     def read(self) -> Trajectory:
         """Return the samples in absolute coordinates, with their accelerations; not timed.
 
+        The trajectory's `steps` is None if the library does not count the steps that it chooses.
+
         Raises:
             RunFailure: the samples must not be used; it carries a status and a sentence.
         """
@@ -94,10 +103,7 @@ class Model(Protocol):
 
 
 class Engine(Protocol):
-    """An engine, which builds models of mechanisms.
-
-    It may also have a method `in_python(mechanism, choice)`, which names the suite's own Python code that runs inside the timed
-    part of a run; the text is empty if there is none.
+    """An engine, which builds models of mechanisms. It may have the further members of `EngineDefaults`.
 
     Attributes:
         name: its name on the command line and in the tables.
@@ -136,3 +142,136 @@ class Engine(Protocol):
             RunFailure: the engine refuses the model.
         """
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryCall:
+    """One evaluation of a library's right-hand side, in its own coordinates, as an expert of the library would call it.
+
+    Attributes:
+        call: the function that is timed.
+        acceleration: (n,) result of the call, translated to absolute coordinates.
+        ready: preparation before every call, not timed; by default it does nothing.
+        count: number of right-hand sides, or implicit steps, in one call.
+    """
+
+    call: Callable[[], object]
+    acceleration: Array
+    ready: Callable[[], object] = lambda: None
+    count: int = 1
+
+
+class EngineDefaults:
+    """All optional members of an engine, each as the suite takes it where an engine lacks it; `ask` reads them.
+
+    An engine need not inherit from this class.
+
+    Attributes:
+        adaptive: integrators that choose their own steps; the tolerance of a choice is meant for them.
+        variants: name -> `Variant`, the candidates of a search; without any, a search tries every setting, integrator and
+            stabilisation.
+        knobs: name -> object with `meaning`, `source` and `values`, as `variants.read_variants` returns them; each can be given by
+            itself (`--settings KNOB=VALUE`).
+        options: names that can be given by themselves, of an engine without knobs.
+        first: names of the variants that a search tries first if its time is short.
+        soft: name of settings or of a variant -> why J a = gamma holds only roughly under it.
+        unfinished: name of a variant -> why its solver stops before it has converged.
+        resizable: whether a model takes another step or tolerance if its attribute `choice` is replaced between two runs.
+        library_calls: name -> function (mechanism, q, v) -> `LibraryCall`, at a state q, v (n,); `growth` times each.
+        packages: names of installed packages whose versions belong to the provenance of a run.
+    """
+
+    adaptive: Sequence[str] = ("dop853",)
+    variants: Mapping[str, Variant] = EMPTY
+    knobs: Mapping[str, Any] = EMPTY
+    options: Sequence[str] = ()
+    first: Sequence[str] = ()
+    soft: Mapping[str, str] = EMPTY
+    unfinished: Mapping[str, str] = EMPTY
+    resizable: bool = False
+    library_calls: Mapping[str, Callable[[Mechanism, Array, Array], LibraryCall]] = EMPTY
+    packages: Sequence[str] = ()
+
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        """Name the Python code besides the library that runs inside the timed part of a run; empty if there is none."""
+        return NOT_TOLD
+
+    def unbuilt(self, settings: str) -> str:
+        """Name the code that these settings need and that is not compiled yet; empty if there is none."""
+        return ""
+
+    def build_once(self) -> None:
+        """Compile, before anything is timed, the code that is stored for all later runs."""
+
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        """Return a program in Python that runs the scenario over its duration with this choice, without this package.
+
+        `export` and `recommend --out` write it below a head of comments, which they add.
+
+        Raises:
+            RunFailure: no program can be written for this mechanism or choice.
+        """
+        raise RunFailure(Status.SKIP, "the engine writes no programs")
+
+
+class ModelDefaults:
+    """All optional members of a model, each as the suite takes it where a model lacks it; `ask` reads them."""
+
+    def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
+        """Return name of a joint -> (3,) the engine's own fx, fy [N] on its second link and moment [N m] about its point.
+
+        The state q, v (n,) is in absolute coordinates. Joints that the engine cannot tell are left out.
+
+        Raises:
+            RunFailure: the engine has no forces there.
+        """
+        return {}
+
+    def bare_calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
+        """Return the bare library call, and a call that does nothing else; asked of engines that a suite lists as `bare`.
+
+        Raises:
+            RunFailure: there are none.
+        """
+        raise RunFailure(Status.SKIP, "the engine has no bare call of its library")
+
+    def batch(self, q: Array, v: Array, steps: int) -> Callable[[], Array]:
+        """Return a call that steps many trajectories at once; asked of engines that a suite lists as `batch`.
+
+        Raises:
+            RunFailure: there is none.
+        """
+        raise RunFailure(Status.SKIP, "the engine has no steps of many trajectories at once")
+
+
+def _list_members(defaults: type) -> dict[str, type]:
+    """Return member -> the class that holds its default."""
+    return {name: defaults for name in vars(defaults) if not name.startswith("_")}
+
+
+OPTIONAL = {**_list_members(EngineDefaults), **_list_members(ModelDefaults)}
+REQUIRED = ("version", "skip", "build")  # methods without which an object is no engine
+
+
+def ask(asked: object, member: str) -> Any:
+    """Return an optional member of an engine or model, or the default where it has none.
+
+    Raises:
+        KeyError: there is no optional member of that name.
+    """
+    return getattr(asked, member, getattr(OPTIONAL[member](), member))
+
+
+def has_own(asked: object, member: str) -> bool:
+    """Tell whether an engine or model has an optional member of its own, which is not the inherited default.
+
+    Raises:
+        KeyError: there is no optional member of that name.
+    """
+    default = getattr(OPTIONAL[member], member)
+    return hasattr(asked, member) and getattr(type(asked), member, None) is not default
+
+
+def list_lacking(engine: object) -> list[str]:
+    """List the required methods that an object lacks."""
+    return [x for x in REQUIRED if not callable(getattr(engine, x, None))]

@@ -1,12 +1,13 @@
 """What adapters to foreign engines share: reasons to refuse a linkage, and checks of the built model against the linkage."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.tree import Tree, spanning_tree
+from gauss_bench.engines.base import LibraryCall as LibraryCall  # where plug-ins look for it
+from gauss_bench.engines.tree import Tree, spanning_tree, turning
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
@@ -29,23 +30,6 @@ from gauss_bench.trajectory import with_accelerations as with_accelerations
 
 SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start; speeds spread 10 times as far [1/s]
 PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
-
-
-@dataclass(frozen=True, eq=False)
-class LibraryCall:
-    """One evaluation of a library's right-hand side, in its own coordinates, as an expert of the library would call it.
-
-    Attributes:
-        call: the function that is timed.
-        acceleration: (n,) result of the call, translated to absolute coordinates.
-        ready: preparation before every call, not timed; by default it does nothing.
-        count: number of right-hand sides, or implicit steps, in one call.
-    """
-
-    call: Callable[[], object]
-    acceleration: Array
-    ready: Callable[[], object] = lambda: None
-    count: int = 1
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
@@ -79,8 +63,31 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
     """List for each driver of `jointed` the index of the tree coordinate that it prescribes, or None if it is not just one."""
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
-    slides = {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
+    slides = slide_indices(tree)
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
+
+
+def drivers_by_coordinate(mechanism: Mechanism, tree: Tree) -> dict[int, AngleDriver | SlideDriver]:
+    """Return index of a tree coordinate -> the driver that prescribes it; without drivers that do not prescribe just one."""
+    pairs = zip(driven_coordinates(mechanism, tree), jointed(mechanism), strict=True)
+    return {at: driver for at, driver in pairs if at is not None}
+
+
+def driven_rows(mechanism: Mechanism, tree: Tree) -> tuple[Array, Array]:
+    """Return rows (k, n) and constants (k,) of the drivers of `jointed`: each prescribes x = row . y + constant."""
+    drivers, slides, turns = jointed(mechanism), slide_indices(tree), turning(tree)
+    rows, constants = np.zeros((len(drivers), tree.n)), np.zeros(len(drivers))
+    for k, driver in enumerate(drivers):
+        if isinstance(driver, AngleDriver):
+            rows[k], constants[k] = turns.rows[driver.link], turns.constants[driver.link]
+        else:
+            rows[k, slides[driver.joint.name]] = 1.0
+    return rows, constants
+
+
+def slide_indices(tree: Tree) -> dict[str, int]:
+    """Return name of a slide -> index of its tree coordinate."""
+    return {b.joint.name: b.at for b in tree.branches if b.kind == "prismatic" and b.joint}
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:

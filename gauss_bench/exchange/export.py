@@ -9,6 +9,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import unsteady
 from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.text import python_comment
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, in_a_sentence
 
@@ -18,9 +19,9 @@ class Kind:
     """A kind of file.
 
     Attributes:
-        writer: name of the module whose `write` makes the text.
+        writer: name of the module whose `write` makes the text; empty if the engine writes it itself.
         engine: the suite's engine whose model the file holds.
-        settings, integrator, stabilization: the setting of that engine in the file.
+        settings, integrator, stabilization, tolerance: the setting of that engine in the file.
         what: the kind in words, such as "a Python script".
         suffix: the usual suffix of such files.
     """
@@ -32,10 +33,11 @@ class Kind:
     stabilization: str
     what: str
     suffix: str
+    tolerance: float | None = None
 
     def choose(self, step: float) -> Choice:
         """Return the choice of the engine in a file with this step [s]."""
-        return Choice(self.settings, self.integrator, self.stabilization, step)
+        return Choice(self.settings, self.integrator, self.stabilization, step, self.tolerance)
 
     @property
     def is_program(self) -> bool:
@@ -43,7 +45,7 @@ class Kind:
         return self.writer != "to_mjcf"
 
 
-KINDS: Mapping[str, Kind] = {
+KINDS: Mapping[str, Kind] = {  # those that this folder writes; an engine with a method `program` is one more
     "mujoco": Kind("to_mjcf", "mujoco", "tuned", "rk4", "none", "an MJCF model", ".xml"),
     "pinocchio": Kind("to_pinocchio", "pinocchio", "default", "rk4", "none", "a Python script", ".py"),
     "exudyn": Kind("to_exudyn", "exudyn", "tuned", "generalized_alpha", "none", "a Python script", ".py"),
@@ -78,6 +80,18 @@ def export_linkage(
     """
     kind = KINDS[name]
     choice = choice or kind.choose(step)
+    head, missing = write_head(mechanism, remarks, warning)
+    reason = unsteady(mechanism, kind.what) or get(kind.engine).skip(mechanism, choice)
+    return Exported(write_model(kind.writer, mechanism, choice, head, describe_refusal(mechanism, kind), reason), missing)
+
+
+def describe_refusal(mechanism: Mechanism, kind: Kind) -> str:
+    """Return the beginning of the sentence that says why a linkage cannot become a file of a kind."""
+    return f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become {kind.what}"
+
+
+def write_head(mechanism: Mechanism, remarks: tuple[str, ...], warning: str) -> tuple[list[str], tuple[str, ...]]:
+    """Return the sentences for the head of a file, and those on the parts of the linkage that no file holds."""
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     missing = [f"scenario{'s' * (len(others) > 1)} {', '.join(others)}"] if others else []
     missing += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
@@ -90,9 +104,13 @@ def export_linkage(
         *remarks,
         *(f"Not in this file: {x}" for x in missing),
     ]
-    refused = f"{mechanism.source}: {mechanism.name}, scenario {mechanism.scenario}: cannot become {kind.what}"
-    reason = unsteady(mechanism, kind.what) or get(kind.engine).skip(mechanism, choice)
-    return Exported(write_model(kind.writer, mechanism, choice, head, refused, reason), tuple(missing))
+    return head, tuple(missing)
+
+
+def export_program(mechanism: Mechanism, program: str, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
+    """Return a program in Python that an engine wrote, below the head that every exported file has."""
+    head, missing = write_head(mechanism, remarks, warning)
+    return Exported(f"{python_comment(head)}\n{program}", missing)
 
 
 def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[str], refused: str, reason: str | None = None) -> str:

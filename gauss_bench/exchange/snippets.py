@@ -4,8 +4,10 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import unsteady
 from gauss_bench.exchange.export import OWNED, write_model
 from gauss_bench.exchange.scripts import write_program
+from gauss_bench.exchange.text import python_comment
 from gauss_bench.mechanism.model import Mechanism
 
+# engines whose programs this folder writes; others may write their own (`program` in `engines/base.py`)
 WRITERS = {"mujoco": "to_mujoco", "pinocchio": "to_pinocchio", "exudyn": "to_exudyn", "casadi": "to_casadi"}
 
 
@@ -28,6 +30,16 @@ def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, unt
     if engine not in WRITERS:
         given = {"linkage": linkage, "engine": engine, "until": until}
         return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **given)
-    head = [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]
+    head = write_head(mechanism, remarks)
     refused, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
     return write_model(WRITERS[engine], mechanism, choice, head, refused, reason)
+
+
+def write_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
+    """Return the sentences for the head of a program that uses an engine's library."""
+    return [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]
+
+
+def with_head(mechanism: Mechanism, program: str, remarks: tuple[str, ...]) -> str:
+    """Return a program in Python that an engine wrote, below the head of such programs."""
+    return f"{python_comment(write_head(mechanism, remarks))}\n{program}"

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines import FOREIGN, get
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines import SAFE, get
+from gauss_bench.engines.base import Choice, ask
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.offers import interpreter_of, is_isolated
+from gauss_bench.runs.offers import LIMIT, interpreter_of, is_isolated, offer
 from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
@@ -104,7 +104,7 @@ def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
 def _run_again(request: Request, mechanism: Mechanism) -> Run:
     """Run with the kept model if it fits the request; else build one, and keep it if the run succeeds."""
     engine = get(request.engine)
-    if not getattr(engine, "resizable", False):
+    if not ask(engine, "resizable"):
         return _run(request, engine, mechanism)
     choice = request.choice
     place = request.linkage, request.scenario, mechanism.sha256, request.alter
@@ -132,13 +132,17 @@ _again = _Again()
 
 
 class _Keeping:
-    """An engine that builds a model once and gives it another step and tolerance from then on."""
+    """An engine as `one_run` needs it, which builds a model once and gives it another step and tolerance from then on."""
 
     def __init__(self, engine: Any):
         self.engine = engine
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.engine, name)
+    @property
+    def name(self) -> Any:
+        return self.engine.name
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> Any:
+        return self.engine.skip(mechanism, choice)
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Any:
         if _again.model is None:
@@ -174,7 +178,7 @@ def _seconds(x: object) -> float:
 def _trajectory(x: object) -> Trajectory | None:
     """Return the trajectory of an answer, or None if it holds none."""
     match x:
-        case {"steps": int(steps), "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
+        case {"steps": int() | None as steps, "evaluations": int() | None as evaluations, "note": str(note), **arrays}:
             samples = [y for key in ("t", *LEVELS) if isinstance(y := arrays.get(key), np.ndarray)]
             if len(samples) == 1 + len(LEVELS):
                 return Trajectory(samples[0], samples[1], samples[2], samples[3], steps, evaluations, note)
@@ -186,19 +190,36 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
 
     They are built in a worker, which ends its compilers when its parent dies. A failure is only reported: the run reports it again.
     """
-    if engine not in FOREIGN or not hasattr(get(engine), "build_once"):
+    if "build_once" not in offer(engine).methods:
         return
-    what = next(filter(None, map(get(engine).unbuilt, settings)), "")  # type: ignore[attr-defined]
-    if not what:
-        return
-    told(f"building {what}")
     with Worker() as worker:
         try:
-            worker.call(build_there, (engine,), BUILDING)
+            if what := find_unbuilt(engine, settings, worker):
+                told(f"building {what}")
+                worker.under(interpreter_of(engine)).call(build_there, (engine,), BUILDING)
         except WorkerFailure as failure:
             told(f"it was not built: {failure}")
 
 
+def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
+    """Name the code that settings of an engine need and that is not compiled yet; empty if there is none.
+
+    Adapters of this package are asked here, plug-ins in the worker.
+
+    Raises:
+        WorkerFailure: a plug-in gave no answer.
+    """
+    asked = (engine, list(settings))
+    if engine in SAFE:
+        return find_unbuilt_there(*asked)
+    return in_a_sentence(worker.under(interpreter_of(engine)).call(find_unbuilt_there, asked, LIMIT))
+
+
+def find_unbuilt_there(engine: str, settings: list[str]) -> str:
+    """Ask an engine in this process for the code that settings need and that is not compiled yet."""
+    return next(filter(None, map(ask(get(engine), "unbuilt"), settings)), "")
+
+
 def build_there(engine: str) -> None:
     """Build the libraries of an engine in this process."""
-    get(engine).build_once()  # type: ignore[attr-defined]
+    ask(get(engine), "build_once")()

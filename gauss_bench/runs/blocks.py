@@ -6,6 +6,7 @@ the race asks for one block at a time; such a process may have numpy alone, so t
 
 import gc
 import math
+import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import partial
@@ -13,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice, Model
+from gauss_bench.engines import environment_of, get
+from gauss_bench.engines.base import Choice, LibraryCall, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import interpreter_of
 from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.runs.worker import WorkerFailure, keep
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure
+from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 BLOCK = 2e-3  # [s] shortest block, long compared with the resolution of the clock and of the scheduler, 1 ms
 MOTION = 1.0  # [s] longest run in a block: drift would change the work of a longer one
@@ -115,6 +116,62 @@ def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: flo
     return running(entry, choice, np.array([0.0, share * until]), share, model)
 
 
+@dataclass(frozen=True, eq=False)
+class TimedCall:
+    """A call of an engine's library that can be timed.
+
+    Attributes:
+        block: of the call.
+        acceleration: (n,) its result, in absolute coordinates.
+        seconds: elapsed time of its preparation.
+    """
+
+    block: Block
+    acceleration: Array
+    seconds: float
+
+
+def prepare_call(asked: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
+    """Return the block of a call of a library at a state q, v (n,).
+
+    Raises:
+        RunFailure: the library cannot model the mechanism.
+    """
+    start = time.perf_counter()
+    made = asked(mechanism, q, v)
+    seconds = time.perf_counter() - start
+    block = lasting(None, made.call) if made.count == 1 else Block(None, made.ready, made.call, made.count)
+    return TimedCall(block, np.asarray(made.acceleration, dtype=float), seconds)
+
+
+def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
+    """Return one of the `library_calls` of an engine as a block: here, or in the environment in which the engine lives.
+
+    Raises:
+        RunFailure: the engine cannot model the mechanism, or its call failed.
+    """
+    if environment_of(engine) is None:
+        return _prepare_own_call(engine, name, mechanism, q, v)
+    ask_there = _asking_there(engine)
+    number, count, again, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
+    block = BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
+    return TimedCall(block, np.asarray(acceleration, dtype=float), seconds)
+
+
+def _prepare_own_call(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
+    """Return one of the `library_calls` of an engine of this environment.
+
+    Raises:
+        RunFailure: as `call_of`.
+    """
+    try:
+        return prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
+    except (RunFailure, ImportError):
+        raise
+    except Exception as error:  # an engine of others must not end the race of all
+        raise RunFailure(Status.ERROR, f"{type(error).__name__}: {in_a_sentence(error)}") from error
+
+
 def share_of(seconds: float, lead: float, steps: int) -> float:
     """The part of a run at equal steps, in whole steps, that takes `lead` [s]; 1 where all of it takes no longer."""
     return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
@@ -161,17 +218,26 @@ def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Wor
     Raises:
         RunFailure: the engine cannot run the mechanism, or the process gave no answer.
     """
+    ask_there = _asking_there(engine)
+    number, count, again = ask_there(make_there, engine, mechanism, choice, work)
+    return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
+
+
+def _asking_there(engine: str) -> Callable[..., Any]:
+    """Return the function that calls a function in the one process that an engine's environment has for this one's races.
+
+    It raises RunFailure where that process gives no answer.
+    """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)
 
-    def ask(function: Callable[..., Any], *arguments: Any) -> Any:
+    def ask_there(function: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return worker.call(function, arguments, LONGEST)
         except WorkerFailure as failure:
             raise RunFailure(failure.status, str(failure)) from failure
 
-    number, count, again = ask(make_there, engine, mechanism, choice, work)
-    return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask, time_there, number))
+    return ask_there
 
 
 _blocks: list[Block] = []  # of this process, for `time_there`
@@ -181,10 +247,17 @@ _models: dict[Any, Any] = {}
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
     """Make a block in this process; return its number, its count and how often it is repeated."""
     made, key = get(engine), (engine, mechanism.sha256, choice.settings, choice.integrator, choice.stabilization)
-    if key not in _models or not getattr(made, "resizable", False):
+    if key not in _models or not ask(made, "resizable"):
         _models[key] = made.build(mechanism, choice)
     _blocks.append(work(_models[key]))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
+
+
+def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[int, float, int, Array, float]:
+    """Make the block of a library's call in this process; return its number, count and repetitions, and the rest of TimedCall."""
+    made = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
+    _blocks.append(made.block)
+    return len(_blocks) - 1, made.block.count, made.block.again, made.acceleration, made.seconds
 
 
 def time_there(number: int) -> float:

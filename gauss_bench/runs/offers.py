@@ -16,7 +16,7 @@ import numpy as np
 
 from gauss_bench.engines import COMPILED, ELSEWHERE, OWN, all_names, environment_of, get, is_class, not_installed, unknown
 from gauss_bench.engines import SAFE as SAFE  # where others look for it
-from gauss_bench.engines.base import CHOSEN, Choice, Variant
+from gauss_bench.engines.base import CHOSEN, NOT_TOLD, Choice, Variant, ask, has_own, list_lacking
 from gauss_bench.engines.own_options import OptionError, OptionTable, is_assignment
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.worker import MEMORY, Interpreter, Worker, WorkerFailure, keep
@@ -24,9 +24,9 @@ from gauss_bench.trajectory import Status, in_a_sentence
 from gauss_bench.untrusted import BadInput
 
 LIMIT = 30.0  # [s] to import an engine and describe it; the slowest known library takes 3 s
+NOT_INSTALLED = "not installed"
 ALIASES = {"euler": "semi_implicit_euler"}
-CALLED = ("version", "skip", "build")
-NOT_TOLD = "not told"
+METHODS = ("in_python", "build_once", "program")  # optional ones, which are called only of engines that have them
 MOST_STEPS = 1e10  # an hour of the quickest compiled step
 MOST_SAMPLES = 5e6  # half a GiB of a four-bar's states, in each of their copies
 
@@ -48,10 +48,14 @@ class Offer:
         stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
         options: options that can be given one by one -> words that are allowed as values.
+        knobs: name -> its meaning and the address of its documentation, of an engine that declares knobs.
         first: variants that are tried first if time is short.
         soft: settings and variants that keep J a = gamma only approximately -> cause.
         unfinished: variants whose solver stops before it has converged -> cause.
         native_loop, python_loop: as in engines.base.
+        methods: those of METHODS that it has.
+        library_calls: names of the calls of its library that are timed alone.
+        packages: package -> version, of the packages that it names for the provenance of a run.
         environment: the interpreter that runs it and its version, where it lives in an environment of its own; else empty.
         status, reason: OK, or the reason why it cannot be used.
     """
@@ -64,11 +68,15 @@ class Offer:
     stabilizations: tuple[str, ...] = ()
     adaptive: tuple[str, ...] = ()
     options: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    knobs: dict[str, tuple[str, str]] = field(default_factory=dict)
     first: tuple[str, ...] = ()
     soft: dict[str, str] = field(default_factory=dict)
     unfinished: dict[str, str] = field(default_factory=dict)
     native_loop: bool = False
     python_loop: bool = False
+    methods: tuple[str, ...] = ()
+    library_calls: tuple[str, ...] = ()
+    packages: dict[str, str] = field(default_factory=dict)
     environment: str = ""
     status: Status = Status.OK
     reason: str = ""
@@ -147,11 +155,25 @@ class Offer:
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return in words which code of the suite runs in Python within an engine's time; NOT_TOLD for plug-ins."""
+    """Return in words which Python code besides the library runs within an engine's time; NOT_TOLD where it does not say.
+
+    Adapters of this package are asked here, plug-ins in their process.
+    """
     environment = environment_of(name)
-    safe = name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name))
-    describe_python = getattr(get(name), "in_python", None) if safe else None  # an adapter need not have it
-    return str(describe_python(mechanism, choice)) if describe_python else NOT_TOLD
+    if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
+        return str(ask(get(name), "in_python")(mechanism, choice))
+    if "in_python" not in offer(name).methods:
+        return NOT_TOLD
+    try:
+        worker = keep(name).under(interpreter_of(name))
+        return in_a_sentence(worker.call(in_python_there, (name, mechanism, choice), LIMIT))
+    except WorkerFailure:
+        return NOT_TOLD
+
+
+def in_python_there(name: str, mechanism: Mechanism, choice: Choice) -> str:
+    """Ask an engine in its process which Python code runs within its time."""
+    return str(ask(get(name), "in_python")(mechanism, choice))
 
 
 def is_isolated(name: str) -> bool:
@@ -203,6 +225,11 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         return [_known[name] for name in wanted]
 
 
+def offers_from_outside() -> list[Offer]:
+    """Return the offers of plug-ins and of engines of other environments; no library of this environment is imported for them."""
+    return offers([name for name in all_names() if name not in SAFE])
+
+
 def _ask(worker: Worker, name: str) -> Offer:
     try:
         return _read_offer(name, worker.under(interpreter_of(name)).call(_describe, (name,), LIMIT))
@@ -234,6 +261,8 @@ def _read_offer(name: str, answer: object) -> Offer:
         *offer.integrators,
         *offer.stabilizations,
         *offer.adaptive,
+        *offer.library_calls,
+        *(x for pair in offer.packages.items() for x in pair),
     )
     if odd := next((word for word in words if not word.isprintable()), ""):
         return _reject(name, TypeError(f"it tells {ascii(odd)[:80]}, which is no plain text"))
@@ -247,37 +276,44 @@ def describe(name: str) -> Offer:
     try:
         engine: Any = get(name)
     except ImportError as error:
-        return Offer(name, "not installed", status=Status.SKIP, reason=not_installed(error))
+        return Offer(name, NOT_INSTALLED, status=Status.SKIP, reason=not_installed(error))
     except Exception as error:
         return _reject(name, error)
     try:
-        lacking = [x for x in CALLED if not callable(getattr(engine, x, None))]
-        if lacking:
+        if lacking := list_lacking(engine):
             raise TypeError(f"it has no method {', '.join(lacking)}")
-        texts = [x for x in ("integrators", "stabilizations") if isinstance(getattr(engine, x), str)]
-        if texts:
-            raise TypeError(f"{texts[0]} is a text, not names")
+        for word, value in (("integrators", engine.integrators), ("stabilizations", engine.stabilizations)):
+            if isinstance(value, str):
+                raise TypeError(f"{word} is a text, not names")
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
             raise TypeError("settings is no table of options by name")
-        settings = {str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()}
-        variants = {str(k): _variant(str(k), v) for k, v in dict(getattr(engine, "variants", {})).items()}
-        integrators, stabilizations = (tuple(map(str, x)) for x in (engine.integrators, engine.stabilizations))
-        for word, offered in (("settings", settings), ("integrators", integrators), ("stabilizations", stabilizations)):
-            if not offered:
-                raise TypeError(f"it offers no {word}")
-        adaptive = tuple(map(str, getattr(engine, "adaptive", ("dop853",))))
-        options, first = _options(engine), tuple(map(str, getattr(engine, "first", ())))
-        soft, unfinished = (
-            {str(k): in_a_sentence(x) for k, x in dict(getattr(engine, word, {})).items()} for word in ("soft", "unfinished")
+        offer = Offer(
+            name,
+            settings={str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()},
+            variants={str(k): _variant(str(k), v) for k, v in dict(ask(engine, "variants")).items()},
+            integrators=tuple(map(str, engine.integrators)),
+            stabilizations=tuple(map(str, engine.stabilizations)),
+            adaptive=tuple(map(str, ask(engine, "adaptive"))),
+            options=_options(engine),
+            knobs={str(k): _explain_knob(x) for k, x in dict(ask(engine, "knobs")).items()},
+            first=tuple(map(str, ask(engine, "first"))),
+            soft=_causes(ask(engine, "soft")),
+            unfinished=_causes(ask(engine, "unfinished")),
+            native_loop=bool(engine.native_loop),
+            python_loop=bool(engine.python_loop),
+            methods=tuple(x for x in METHODS if has_own(engine, x)),
+            library_calls=tuple(map(str, ask(engine, "library_calls"))),
+            packages=_find_versions(ask(engine, "packages")),
         )
-        loops = bool(engine.native_loop), bool(engine.python_loop)
+        for word in ("settings", "integrators", "stabilizations"):
+            if not getattr(offer, word):
+                raise TypeError(f"it offers no {word}")
     except Exception as error:
         return _reject(name, error)
-    offer = Offer(name, "", settings, variants, integrators, stabilizations, adaptive, options, first, soft, unfinished, *loops)
     try:
         return replace(offer, version=_version(engine.version))
     except ImportError as error:
-        return replace(offer, version="not installed", status=Status.SKIP, reason=not_installed(error))
+        return replace(offer, version=NOT_INSTALLED, status=Status.SKIP, reason=not_installed(error))
 
 
 def _reject(name: str, error: Exception) -> Offer:
@@ -307,8 +343,39 @@ def _variant(name: str, said: Any) -> Variant:
 
 def _options(engine: Any) -> dict[str, tuple[str, ...]]:
     """Return the options that can be given one by one: the engine's declared knobs, or the options of its settings."""
-    knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(getattr(engine, "knobs", {})).items()}
-    return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, getattr(engine, "options", ())), ())
+    knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(ask(engine, "knobs")).items()}
+    return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, ask(engine, "options")), ())
+
+
+def _explain_knob(knob: object) -> tuple[str, str]:
+    """Return the meaning of a knob and the address of its documentation; plug-ins may leave out either."""
+    return in_a_sentence(getattr(knob, "meaning", "")), in_a_sentence(getattr(knob, "source", ""))
+
+
+def _causes(declared: Mapping[str, object]) -> dict[str, str]:
+    """Return what an engine declares to be inexact: name of settings or of a variant -> cause."""
+    return {str(k): in_a_sentence(x) for k, x in dict(declared).items()}
+
+
+def _find_versions(packages: Sequence[str]) -> dict[str, str]:
+    """Return package -> version as installed in this process's environment, or "not installed".
+
+    Raises:
+        TypeError: one text stands where names are wanted.
+    """
+    if isinstance(packages, str):
+        raise TypeError("packages is a text, not names")
+    if not packages:
+        return {}
+    from importlib.metadata import PackageNotFoundError, version  # slow to import, and most engines name no packages
+
+    versions = {}
+    for package in map(str, packages):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = NOT_INSTALLED
+    return versions
 
 
 def _plain(value: object) -> object:

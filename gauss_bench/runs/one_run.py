@@ -146,9 +146,10 @@ class Run:
     seconds: float = float("nan")
 
     @property
-    def step_time(self) -> float:
-        """Processor time per step [s], samples included."""
-        return self.seconds / max(1, self.sampling.count)
+    def step_time(self) -> float | None:
+        """Processor time per step [s], samples included; None where the engine does not count its steps."""
+        reached = self.trajectory or self.reached
+        return None if reached is not None and reached.steps is None else self.seconds / max(1, self.sampling.count)
 
 
 def one_run(
@@ -228,7 +229,7 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
         message = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
         return Run(status, message, None, reached, wanted, *costs)
     if reached is None:
-        return Run(Status.INCOMPLETE, "the engine does not count its steps", None, None, wanted, *costs)
+        return Run(Status.INCOMPLETE, "the engine's count of steps is no count", None, None, wanted, *costs)
     notes = (reached.note, wanted.note if reached.steps == wanted.count else "")
     whole = replace(reached, note="; ".join(filter(None, notes)))
     return Run(Status.OK, whole.note, whole, None, wanted, *costs)

@@ -32,6 +32,7 @@ RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # names of options for
 USUAL_TOLERANCE = 1e-6  # relative tolerance of an engine that states none
 FINER, SMALLEST_TOLERANCE = 100.0, 1e-14  # factor to, and least value of, a repetition's relative tolerance
 A_PERIOD = 8  # samples: the integral of a sine through them has an error of 1e-3
+LEAST = 100  # samples of a run: rates of a short one turn about as often as those of a long one
 MOST = 200_000  # samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
 MOVED = 1e-6  # [rad, m] of difference quotients: large compared with rounding, small compared with curvature
 FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
@@ -40,8 +41,8 @@ FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     """Return the largest spacing of samples [s] with which work and rates of a run can be integrated.
 
-    There are A_PERIOD samples in a period of the fastest force, of a table that rises and falls, and of the fastest mode at the
-    start, but no more than MOST samples in a run.
+    There are LEAST samples in a run at least, and A_PERIOD samples in a period of the fastest force, of a table that rises and
+    falls, and of the fastest mode at the start, but no more than MOST samples in a run.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
@@ -49,7 +50,7 @@ def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     if (period := mechanism.forcing_period) is not None:
         periods.append(period)
     periods += [2 * float(np.diff(x).min()) for x in turns(mechanism) if len(x) > 1]
-    return max(min(SAMPLING, *(x / A_PERIOD for x in periods), SAMPLING), min(SAMPLING, t_end / MOST))
+    return max(min(SAMPLING, t_end / LEAST, *(x / A_PERIOD for x in periods)), min(SAMPLING, t_end / MOST))
 
 
 def turns(mechanism: Mechanism) -> list[Array]:

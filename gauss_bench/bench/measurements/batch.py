@@ -16,7 +16,7 @@ from gauss_bench.bench.clock import Block, Key, Row, at_least, lasting, row
 from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
@@ -66,14 +66,14 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 def make(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
     """Return a block of `steps` steps of all trajectories from the states q, v (k, n)."""
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
-    block = lasting(key, model.batch(q, v, steps), steps * len(q))
+    block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
     """Return the largest difference between positions in lanes and alone [m, rad], and how many trajectories failed in lanes."""
-    ends = model.batch(q, v, steps)()
+    ends = ask(model, "batch")(q, v, steps)()
     lost = model.kernel.lost
     some = np.linspace(0, len(q) - 1, min(CHECKED, len(q))).astype(int)
-    alone = np.array([model.batch(q[k], v[k], steps)() for k in some])
+    alone = np.array([ask(model, "batch")(q[k], v[k], steps)() for k in some])
     return {"lanes": model.kernel.lanes, "lanes_error": float(np.abs(ends[some] - alone).max()), "lost": lost}

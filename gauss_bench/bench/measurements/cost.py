@@ -24,7 +24,7 @@ from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import LIMIT, Context, Rows, Tables, Task, patient, place_of
 from gauss_bench.engines import environment_of, get, names
-from gauss_bench.engines.base import Choice, Engine
+from gauss_bench.engines.base import Choice, Engine, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.blocks import accelerating, block_elsewhere
@@ -106,14 +106,14 @@ def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost)
     def batch() -> Block:
         """Return a block of steps of many trajectories, all of which begin at the start of the scenario."""
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
-        return lasting(None, model().batch(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
+        return lasting(None, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
         yield BUILD, lambda: lasting(None, lambda: first_step(engine, mechanism, choice))
         yield ACCELERATION, lambda: accelerating(None, *start, model())
         if engine.name in part.bare:
-            yield BARE, lambda: lasting(None, model().bare_calls()[0])
-            yield EMPTY, lambda: lasting(None, model().bare_calls()[1])
+            yield BARE, lambda: lasting(None, ask(model(), "bare_calls")()[0])
+            yield EMPTY, lambda: lasting(None, ask(model(), "bare_calls")()[1])
         if engine.name in part.batch and choice.settings == next(iter(offered.settings)):
             yield BATCH, batch
     if offered.python_loop:

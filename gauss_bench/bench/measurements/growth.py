@@ -1,8 +1,8 @@
 """The cost of one right-hand side against the number of loops: N-four-bars of N windows, own kernels against engines.
 
 Everything is asked for the accelerations of the same state, half a second after the start, where they are known in closed form
-(reference/exact.py). An engine's `library_calls` list the calls of its library that are timed, without the
-translation of coordinates around them.
+(reference/exact.py). Of libraries, calls are timed that experts would make, without the translation of coordinates around them:
+those of the suite's adapters (CONTENDERS), and those that engines from outside offer (`library_calls` in `engines/base.py`).
 
 Own kernels are timed in their own loop, a quarter of a step of Runge and Kutta, and called from Python for one state. All of a size
 are timed in one interleaved run, which is repeated in several processes: a time is the median of theirs. An exponent is fitted to
@@ -11,7 +11,6 @@ the times of all processes, and its spread is where that of a second race falls,
 
 import math
 import statistics
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -24,13 +23,15 @@ from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import compile_kernel
+from gauss_bench.engines.base import LibraryCall
 from gauss_bench.engines.exudyn import library_calls as exudyn
 from gauss_bench.engines.mujoco import library_calls as mujoco
 from gauss_bench.engines.pinocchio import library_calls as pinocchio
-from gauss_bench.engines.shared import LibraryCall
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
+from gauss_bench.runs.blocks import TimedCall, call_of, prepare_call
+from gauss_bench.runs.offers import offers_from_outside
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -46,8 +47,9 @@ TOO_LONG = {  # engine -> the largest size that is built, and why no larger one
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return a race for each process and size; the processes of a size lie apart in time."""
+    outside = [calls] if suite.growth and (calls := list_calls()) else []
     tasks = [
-        context.task("scaling_races", race_growth, (size, part.rounds, number), size=size, process=number)
+        context.task("scaling_races", race_growth, (size, part.rounds, number, *outside), size=size, process=number)
         for part in suite.growth
         for number in range(part.processes)
         for size in part.sizes
@@ -77,6 +79,9 @@ class ExactState:
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
+Contender = tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]  # quantities, and the function that makes their blocks
+
+
 def exact_state(size: int) -> ExactState:
     """Return the N-four-bar of a size at the time MOMENT, with its accelerations in closed form."""
     mechanism = load(f"n_four_bar_{size}")
@@ -85,22 +90,35 @@ def exact_state(size: int) -> ExactState:
     return ExactState(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
 
-def race_growth(size: int, rounds: int, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
+def list_calls() -> list[tuple[str, str]]:
+    """List engine and name of the library calls that engines offer themselves."""
+    return [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]
+
+
+def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
+    """Return all entries of a race: CONTENDERS, and calls (engine, name) that engines offer themselves."""
+    return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered, engine, call)) for engine, call in outside}
+
+
+def race_growth(
+    size: int, rounds: int, number: int = 0, outside: Sequence[Sequence[str]] = (), race: Callable[..., Any] = race_survivors
+) -> Tables:
     """Return the rows of one race; an entry that cannot be built, crashes or hangs has a status and a reason."""
-    measured = gather_rounds(race(entries, (size,), rounds, [*CONTENDERS]))
+    entered = contenders(outside)
+    measured = gather_rounds(race(entries, (size, outside), rounds, [*entered]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
 
     def summarise(key: Key) -> Row:
         return spread("seconds", measured.of(key)) | measured.facts.get(key, {})
 
-    keys = [Key(quantity, engine) for engine, (quantities, _) in CONTENDERS.items() for quantity in quantities]
+    keys = [Key(quantity, engine) for engine, (quantities, _) in entered.items() for quantity in quantities]
     return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, summarise, k) for k in keys]}
 
 
-def entries(size: int) -> Iterator[tuple[Key, Callable[[], Block]]]:
+def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[Key, Callable[[], Block]]]:
     """Yield every timed quantity of every engine, with the function that makes its block."""
     wanted = exact_state(size)
-    for engine, (quantities, make) in CONTENDERS.items():
+    for engine, (quantities, make) in contenders(outside).items():
         most, reason = TOO_LONG.get(engine.partition(",")[0], (size, ""))
         blocks = cache(partial(make, wanted) if size <= most else partial(refuse, reason))
         for k, quantity in enumerate(quantities):
@@ -132,14 +150,28 @@ def make_kernel(formulation: str, wanted: ExactState) -> list[Block]:
 
 def make_library(asked: Callable[[Mechanism, Array, Array], LibraryCall], wanted: ExactState) -> list[Block]:
     """Return the block of a call of an engine's library."""
-    start = time.perf_counter()
-    prepared = asked(wanted.mechanism, wanted.q, wanted.v)
-    facts = {"generate_seconds": time.perf_counter() - start, "compile_seconds": 0.0, "error": wanted.error(prepared.acceleration)}
-    block = lasting(None, prepared.call) if prepared.count == 1 else Block(None, prepared.ready, prepared.call, prepared.count)
-    return [replace(block, facts=lambda: facts)]
+    return [with_facts(prepare_call(asked, wanted.mechanism, wanted.q, wanted.v), wanted)]
 
 
-CONTENDERS: dict[str, tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]] = {
+def make_offered(engine: str, call: str, wanted: ExactState) -> list[Block]:
+    """Return the block of a library call that an engine offers itself.
+
+    Raises:
+        RunFailure: the engine cannot model the mechanism, or its accelerations have another shape.
+    """
+    made = call_of(engine, call, wanted.mechanism, wanted.q, wanted.v)
+    if made.acceleration.shape != wanted.a.shape:
+        raise RunFailure(Status.ERROR, f"accelerations of shape {made.acceleration.shape} where {wanted.a.shape} is wanted")
+    return [with_facts(made, wanted)]
+
+
+def with_facts(made: TimedCall, wanted: ExactState) -> Block:
+    """Return the block of a library call with the columns of its row: the time of its preparation, and its error."""
+    facts = {"generate_seconds": made.seconds, "compile_seconds": 0.0, "error": wanted.error(made.acceleration)}
+    return replace(made.block, facts=lambda: facts)
+
+
+CONTENDERS: dict[str, Contender] = {
     f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel, formulation)) for formulation in ("gauss", "lagrange")
 }
 for library, calls, quantity in (

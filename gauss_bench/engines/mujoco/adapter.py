@@ -3,80 +3,35 @@
 The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
 of the loops, at the start and at random tree states. Only the softness of the closures is not checked, because the settings vary
 it.
-
-Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
-A far larger than all masses, and the torque or force A law''(t). It then follows the law, with an error of the size load / A:
-
-    (A + m) theta'' = A law''(t) + load
-
-A driven length is a tendon between two sites with such an armature (in kg), and a motor on it.
 """
 
 import contextlib
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice, sample_arrays
-from gauss_bench.engines.mujoco.across_releases import disable, find_integrator, index_of, mass_matrix
-from gauss_bench.engines.mujoco.draft import Draft
-from gauss_bench.engines.mujoco.forces import native_forces
-from gauss_bench.engines.shared import (
-    beyond_a_tree,
-    driven_coordinates,
-    finite,
-    finite_acceleration,
-    joint_tree,
-    jointed,
-    open_tree,
-    require_agreement,
-    tree_states,
-    with_accelerations,
-)
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjcf.across_releases import disable, find_integrator, index_of, mass_matrix
+from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.drives import Drive, find_drives, set_armatures
+from gauss_bench.engines.mjcf.forces import native_forces
+from gauss_bench.engines.mjcf.settings import configure
+from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, finite, joint_tree
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
 AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
 
-
 VARIANTS = read_variants(Path(__file__).parent)
-FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be disabled -> whether a compiled model uses it
-    "mjDSBL_ISLAND": lambda model: False,  # a linkage is one island: searching for islands only costs time
-    "mjDSBL_CONTACT": lambda model: bool(model.ngeom),
-    "mjDSBL_MIDPHASE": lambda model: bool(model.ngeom),
-    "mjDSBL_SENSOR": lambda model: bool(model.nsensor),
-    "mjDSBL_LIMIT": lambda model: bool(model.jnt_limited.any() or model.tendon_limited.any()),
-    "mjDSBL_FRICTIONLOSS": lambda model: bool(model.dof_frictionloss.any() or model.tendon_frictionloss.any()),
-    "mjDSBL_CLAMPCTRL": lambda model: bool(model.actuator_ctrllimited.any()),
-}
-
-
-def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
-    """Set the options of a newly compiled model that takes steps of `step` [s].
-
-    A second call would scale the inverse weights twice, unless mj_setConst has computed them anew in between.
-    """
-    unit = step if options["solref_unit"] == "step" else 1.0
-    model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
-    model.eq_solimp[:] = options["solimp"]
-    model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
-    model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{options['solver'].upper()}")
-    model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
-    model.body_invweight0[:] *= options["body_invweight0_factor"]
-    if options["unused_features"] == "off":
-        disable(mujoco, model, (flag for flag, uses in FLAGS.items() if not uses(model)))
 
 
 class Mujoco:
@@ -115,39 +70,7 @@ class Mujoco:
         return MujocoModel(mechanism, choice)
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A driven joint coordinate, or a driven length, with its armature.
-
-    Attributes:
-        armature: of a hinge [kg m^2], of a slide or length [kg].
-        at: index of the joint coordinate, or of the tendon.
-        motor: index of the tendon's motor; None for a joint coordinate.
-    """
-
-    law: MotionLaw
-    armature: float
-    at: int
-    motor: int | None = None
-
-    def push(self, data: Any, t: float) -> None:
-        """Add the force armature * law''(t) to the joint coordinate, or set it at the motor."""
-        force = self.armature * float(self.law(t)[2])
-        if self.motor is None:
-            data.qfrc_applied[self.at] += force
-        else:
-            data.ctrl[self.motor] = force
-
-
-def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
-    """Set the armatures of drives in a compiled model, and compute anew the constants that depend on them."""
-    for drive in drives:
-        armatures = model.dof_armature if drive.motor is None else model.tendon_armature
-        armatures[drive.at] = drive.armature
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-class MujocoModel:
+class MujocoModel(TreeModel):
     """A mechanism in MuJoCo under one integrator and setting.
 
     Attributes:
@@ -160,13 +83,13 @@ class MujocoModel:
         drives: the driven coordinates.
     """
 
+    library = "MuJoCo"
+
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import mujoco
 
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.mujoco: Any = mujoco
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
-        self.tree = joint_tree(mechanism, self.options)
-        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
         try:
             draft = Draft(mujoco, mechanism, self.tree)
             self.model: Any = draft.spec.compile()
@@ -188,24 +111,13 @@ class MujocoModel:
         self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
         self.drives: list[Drive] = []
-        verify(self)
-        self.drives = self._find_drives(draft)
+        verify(mechanism, self.tree, self.describe, AGREEMENT)
+        share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
+        self.drives = find_drives(self.model, draft, mechanism, self.tree, share)
         if self.drives:
             for model in (self.model, self.still):
                 set_armatures(mujoco, model, self.drives)
                 configure(mujoco, model, self.options, choice.step)  # scales the inverse weights just computed anew
-
-    def _find_drives(self, draft: Draft) -> list[Drive]:
-        """Return the drives of all hinges, slides and lengths that follow a law."""
-        share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
-        drives = []
-        for k, driver in zip(driven_coordinates(self.mechanism, self.tree), jointed(self.mechanism), strict=True):
-            if k is not None:
-                drives.append(Drive(driver.law, share * float(self.model.dof_M0[k]), k))
-        for cylinder, tendon, motor in draft.cylinders:
-            mass = share / float(self.model.tendon_invweight0[tendon.id])
-            drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
-        return drives
 
     @property
     def sets_forces(self) -> bool:
@@ -230,17 +142,19 @@ class MujocoModel:
         self.mujoco.mj_forward(self.still, data)
         return data
 
-    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) in absolute coordinates at a tree state y, dy (n,)."""
-        return finite_acceleration(t, self.tree.absolute(y, dy, self.forward(y, dy, t).qacc)[2], "MuJoCo")
+    def describe(self, y: Array, dy: Array) -> OpenModel:
+        """Return what MuJoCo says of the tree at a tree state y, dy (n,); the forces of its closures are left out."""
+        data = self.forward(y, dy)
+        mass = mass_matrix(self.mujoco, self.still, data)
+        forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+        gaps = -np.array(data.efc_pos).reshape(-1, 3)[:, :2]  # MuJoCo's are point a minus point b
+        return OpenModel(gaps, mass, forces, positions=np.array(data.xipos[self.bodies])[:, :2])
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self.tree_acceleration(t, *self.tree.relative(q, v))
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        return np.array(self.forward(y, dy, t).qacc)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.times, self.native = times, native
-        self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
-        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
+        super().prepare(times, native)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
         self.data.time = times[0]
@@ -302,16 +216,10 @@ class MujocoModel:
         complaint = f"MuJoCo: {self.complaints[0]}" if self.complaints else ""
         subject = "the motion law is" if self.drives else "forces that vary are"
         note = f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does" if self.sets_forces else ""
-        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        steps = sum(stretch.steps for stretch in self.plan)
-
-        def acceleration_of_sample(k: int) -> Array:
-            return self.tree_acceleration(float(self.times[k]), self.y[k], self.dy[k])
-
         with collect_warnings(self.mujoco, []):  # those about samples of a diverged run are dropped: the judge finds such a run
             note = "; ".join(filter(None, (note, complaint)))
-            trajectory = with_accelerations(self.times, q, v, acceleration_of_sample, steps, note=note)
-        if finite(q, v) == len(q) and (complaint or any(w.number for w in self.data.warning)):
+            trajectory = self.trajectory(self.y, self.dy, self.count_steps(), note=note)
+        if finite(trajectory.q, trajectory.v) == len(self.times) and (complaint or any(w.number for w in self.data.warning)):
             advice = "a smaller step or another integrator may help"
             message = f"MuJoCo warned before t = {self.times[-1]:.6g} s{complaint and '; '}{complaint}; {advice}"
             raise RunFailure(Status.WARNING, message, trajectory)
@@ -327,32 +235,3 @@ def collect_warnings(mujoco: Any, complaints: list[str]) -> Iterator[None]:
         yield
     finally:
         mujoco.set_mju_user_warning(usual)
-
-
-def verify(built: MujocoModel) -> None:
-    """Compare a built model with the suite's own terms at tree states at which loops are open.
-
-    Raises:
-        RunFailure: a quantity of `comparison` differs.
-    """
-    evaluator = Evaluator(built.mechanism)
-    for y, dy in tree_states(built.tree, built.y0, built.dy0):
-        require_agreement(comparison(built, evaluator, y, dy), AGREEMENT)
-
-
-def comparison(built: MujocoModel, evaluator: Evaluator, y: Array, dy: Array) -> dict[str, tuple[Array, Array, float]]:
-    """Return quantity -> MuJoCo's value, the suite's, and the scale of a difference, at a tree state y, dy (n,).
-
-    Together they determine the model, except for the softness of its closures.
-    """
-    data, own = built.forward(y, dy), open_tree(evaluator, built.tree, y, dy)
-    forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
-    mass = mass_matrix(built.mujoco, built.still, data)
-    centres, gaps = np.array(data.xipos[built.bodies])[:, :2], np.array(data.efc_pos).reshape(-1, 3)[:, :2]
-    extent = float(np.abs(own.q).max())
-    return {
-        "positions of links": (centres, places(own.q), extent),
-        "gaps of open pins": (gaps, -own.gaps, extent),
-        "mass matrix": (mass, own.mass, float(own.mass.max())),
-        "forces and velocity terms": (forces, own.forces, own.load),
-    }

@@ -24,7 +24,7 @@ from gauss_bench.engines.bars import (
     relative,
     sum_up,
 )
-from gauss_bench.engines.mujoco.across_releases import disable
+from gauss_bench.engines.mjcf.across_releases import disable
 from gauss_bench.terms import Array
 
 SOLVERS = ("Newton", "CG", "PGS")

@@ -4,29 +4,22 @@ Simbody's integrators project states onto the constraints. With equal steps, too
 generated model is compared with the suite's own terms before it is used, at tree states at which loops are open.
 """
 
+from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.opensim.forces import JointForces
 from gauss_bench.engines.opensim.translate import Builder, Built, gaps, refusal
-from gauss_bench.engines.shared import (
-    beyond_a_tree,
-    finite_acceleration,
-    joint_tree,
-    open_tree,
-    require_agreement,
-    tree_states,
-    unsteady,
-    with_accelerations,
-)
+from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence
+from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 VARIANTS = read_variants(Path(__file__).parent)
 ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
@@ -67,35 +60,26 @@ class OpenSim:
         return OpenSimModel(mechanism, choice)
 
 
-class OpenSimModel:
+class OpenSimModel(TreeModel):
     """A mechanism in OpenSim under one choice."""
+
+    library = "OpenSim"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import opensim
 
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.opensim: Any = opensim
         opensim.Logger.setLevelString("Off")
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
-        self.tree = joint_tree(mechanism, self.options)
-        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
-        self._verify(Builder(opensim, mechanism, self.tree, whole=False).build())
+        opened = Builder(opensim, mechanism, self.tree, whole=False).build()
+        verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
         self.built = Builder(opensim, mechanism, self.tree).build()
 
-    def _verify(self, opened: Built) -> None:
-        """Compare the open tree with the suite's own terms.
-
-        Raises:
-            RunFailure: its accelerations, or the gaps of its pins, differ.
-        """
-        evaluator = Evaluator(self.mechanism)
-        for y, dy in tree_states(self.tree, self.y0, self.dy0):
-            own, state = open_tree(evaluator, self.tree, y, dy), self._state(opened, 0.0, y, dy)
-            forces = own.mass @ self._tree_acceleration(opened, state)
-            pairs = {
-                "forces of the open tree": (forces, own.forces, own.load or 1.0),
-                "gaps of open pins": (gaps(opened, state), own.gaps, float(np.abs(own.q).max())),
-            }
-            require_agreement(pairs, AGREEMENT)
+    def _describe(self, opened: Built, y: Array, dy: Array) -> OpenModel:
+        """Return the open tree at a tree state y, dy (n,), by OpenSim's own kinematics and dynamics."""
+        state = self._state(opened, 0.0, y, dy)
+        accelerations = self._accelerations(opened, state)
+        return OpenModel(gaps(opened, state), accelerations=accelerations)
 
     def _state(self, built: Built, t: float, y: Array, dy: Array) -> Any:
         """Return OpenSim's state at time t [s] and a tree state y, dy (n,)."""
@@ -106,7 +90,7 @@ class OpenSimModel:
             coordinate.setSpeedValue(state, float(rate))
         return state
 
-    def _tree_acceleration(self, built: Built, state: Any) -> Array:
+    def _accelerations(self, built: Built, state: Any) -> Array:
         """Return the accelerations (n,) of the tree coordinates.
 
         Raises:
@@ -118,17 +102,21 @@ class OpenSimModel:
             raise RunFailure(Status.ERROR, f"t = {state.getTime():.6g} s: Simbody: {in_a_sentence(error)}") from error
         return np.array([x.getAccelerationValue(state) for x in built.coordinates])
 
-    def _accelerate(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations in absolute coordinates (3 links,) at a tree state y, dy (n,)."""
-        ddy = self._tree_acceleration(self.built, self._state(self.built, t, y, dy))
-        return finite_acceleration(t, self.tree.absolute(y, dy, ddy)[2], "OpenSim")
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        return self._accelerations(self.built, self._state(self.built, t, y, dy))
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        return self._accelerate(t, *self.tree.relative(q, v))
+    @cached_property
+    def _joint_forces(self) -> JointForces:
+        return JointForces(self.mechanism, self.tree, self.built)
+
+    def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
+        """Return the forces that OpenSim has in joints and constraints; see `ModelDefaults`."""
+        state = self._state(self.built, t, *self.tree.relative(q, v))
+        self._accelerations(self.built, state)  # which brings the state to the stage that has forces
+        return self._joint_forces.read(state, q, v)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.times = times
-        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
+        super().prepare(times, native)
         self.manager = self._manager(recorded=False)
 
     def _manager(self, recorded: bool) -> Any:
@@ -166,22 +154,14 @@ class OpenSimModel:
             y[k] = [x.getValue(state) for x in self.built.coordinates]
             dy[k] = [x.getSpeedValue(state) for x in self.built.coordinates]
 
-    def read(self) -> Trajectory:
-        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-
-        def acceleration_of_sample(k: int) -> Array:
-            return self._accelerate(float(self.times[k]), self.y[k], self.dy[k])
-
-        return with_accelerations(self.times, q, v, acceleration_of_sample, self._count_steps())
-
-    def _count_steps(self) -> int:
+    def count_steps(self) -> int:
         """Return the number of steps of the run; one with chosen steps is repeated and recorded, as OpenSim does not count.
 
         Raises:
             RunFailure: the repeated run differs.
         """
         if not self.chooses_steps:
-            return sum(stretch.steps for stretch in stretches(self.times, self.choice.step))
+            return super().count_steps()
         manager, y, dy = self._manager(recorded=True), self.y.copy(), self.dy.copy()
         self._step_through(manager, y, dy)
         if not (np.array_equal(y, self.y) and np.array_equal(dy, self.dy)):

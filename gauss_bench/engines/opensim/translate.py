@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, driven_coordinates, jointed, spatial
+from gauss_bench.engines.shared import closing_pins, driven_coordinates, drivers_by_coordinate, spatial
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, sort_loads
 from gauss_bench.mechanism.coordinates import rotate
@@ -199,9 +199,7 @@ class Builder:
 
     def _prescribe(self) -> None:
         """Prescribe the driven coordinates."""
-        driven = driven_coordinates(self.mechanism, self.tree)
-        for at, driver in zip(driven, jointed(self.mechanism), strict=True):
-            assert at is not None
+        for at, driver in drivers_by_coordinate(self.mechanism, self.tree).items():
             speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
             self.coordinates[at].setPrescribedFunction(self.opensim.LinearFunction(speed, start))
             self.coordinates[at].setDefaultIsPrescribed(True)

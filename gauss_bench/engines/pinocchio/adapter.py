@@ -26,7 +26,8 @@ from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, beyond_the_
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
 from gauss_bench.engines.pinocchio.forces import TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
-from gauss_bench.engines.shared import beyond_a_tree, finite, finite_acceleration, joint_tree, with_accelerations
+from gauss_bench.engines.shared import beyond_a_tree, finite
+from gauss_bench.engines.tree_model import TreeModel
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -85,7 +86,7 @@ def is_compiled(settings: str) -> bool:
     return bool(VARIANTS.options(settings)["loop"] == "compiled")
 
 
-class PinocchioModel(OwnSteps):
+class PinocchioModel(OwnSteps, TreeModel):
     """A mechanism in Pinocchio under one integrator and stabilisation of the suite.
 
     Attributes:
@@ -93,14 +94,14 @@ class PinocchioModel(OwnSteps):
         stabilized: the dynamics that are integrated.
     """
 
+    library = "Pinocchio"
+
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import pinocchio
 
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pin: Any = pinocchio
-        self.mechanism, self.choice = mechanism, choice
-        self.options = VARIANTS.options(choice.settings)
-        self.tree, self.evaluator = joint_tree(mechanism, self.options), Evaluator(mechanism)
-        self.start = self.tree.relative(mechanism.q0, mechanism.v0)
+        self.evaluator, self.start = Evaluator(mechanism), (self.y0, self.dy0)
         self.tolerances = self.options["dop853_rtol"], self.options["dop853_atol"]
         body = Multibody(pinocchio, mechanism, self.tree)
         verify(body, mechanism, self.tree)
@@ -111,10 +112,12 @@ class PinocchioModel(OwnSteps):
         self.plain = dynamics(body, self.forces, self.options, (0.0, 0.0))
         self.stabilized = dynamics(body, self.forces, self.options, gains)
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        with np.errstate(all="ignore"):
-            y, dy = self.tree.relative(q, v)
-            return finite_acceleration(t, self.tree.absolute(y, dy, self.plain(t, y, dy))[2], "Pinocchio")
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        return self.plain(t, y, dy)
+
+    def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
+        # mapped as a batch of one, in numpy, like the states of the samples: plain numbers differ from it in the last digit
+        return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None])[2][0])
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
         """Return two calls at the start: Pinocchio's solver alone, and a trivial function, to time the call itself."""
@@ -144,15 +147,8 @@ class PinocchioModel(OwnSteps):
     def read(self) -> Trajectory:
         slow = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
         note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
-        q, v, _ = self.tree.absolute(self.x, self.dx, np.zeros_like(self.x))
-
-        def acceleration_of_sample(k: int) -> Array:
-            ddy = self.plain(float(self.times[k]), self.x[k], self.dx[k])
-            return np.asarray(self.tree.absolute(self.x[k : k + 1], self.dx[k : k + 1], ddy[None])[2][0])
-
-        evaluations = self.stabilized.evaluations
-        trajectory = with_accelerations(self.times, q, v, acceleration_of_sample, self.steps, evaluations, note)
-        if finite(q, v, trajectory.a) == len(q):
+        trajectory = self.trajectory(self.x, self.dx, self.steps, self.stabilized.evaluations, note)
+        if finite(trajectory.q, trajectory.v, trajectory.a) == len(self.times):
             self._check_constraints(trajectory)
         return trajectory
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.pinocchio.tree import Multibody
+from gauss_bench.engines.shared import driven_rows
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import AngleDriver, Force, LengthDriver, Mechanism, SlideDriver, factor_of
+from gauss_bench.mechanism.model import Force, LengthDriver, Mechanism, factor_of
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -45,7 +46,7 @@ class TreeForces:
         self.motion = Motion(tree, body)
         self.drivers = mechanism.drivers
         y = tree.relative(mechanism.q0, mechanism.v0)[0]
-        self.inertia = np.array(body.pin.crba(body.model, body.model.createData(), y))  # both triangles are filled
+        self.inertia = body.mass(y)
 
     def _fit_affine(self, f: Force) -> tuple[Array, Array] | None:
         """Return the constant (n,) and slope (n, 2n) of a force, found at unit states, or None if it is not affine."""
@@ -87,12 +88,8 @@ class DrivingTorques:
         self.laws = [d.law for d in forces.drivers]
         self.rows = np.zeros((len(self.laws), forces.tree.n))  # R where it is constant: x = rows . y + origin
         self.origin = np.zeros(len(self.laws))
-        for k, driver in enumerate(forces.drivers):
-            if isinstance(driver, AngleDriver):
-                self.rows[k], self.origin[k] = forces.motion.turns[driver.link], forces.motion.theta0[driver.link]
-            elif isinstance(driver, SlideDriver):
-                (at,) = [b.at for b in forces.tree.branches if b.joint and b.joint.name == driver.joint.name]
-                self.rows[k, at] = 1.0
+        joints = [k for k, d in enumerate(forces.drivers) if not isinstance(d, LengthDriver)]
+        self.rows[joints], self.origin[joints] = driven_rows(forces.weightless, forces.tree)
         self.lengths = [k for k, d in enumerate(forces.drivers) if isinstance(d, LengthDriver)]
         self.constraints = Constraints(forces.weightless)
         y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)

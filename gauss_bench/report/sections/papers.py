@@ -19,7 +19,7 @@ def section(run: Run) -> Section:
     audit = run.table("audit")
     if not audit:
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
-    blocks: list[Block] = [Text(layouts()["audit"]["introduction"]), Text(summarise(audit))]
+    blocks: list[Block] = [Text(summarise(audit)), Text(layouts()["audit"]["introduction"])]
     for paper, rows in group_by(audit, "paper").items():
         fine = [row for row in rows if row["verdict"] == "ok" and row["stands"]]
         off = [row for row in rows if row not in fine]

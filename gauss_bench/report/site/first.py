@@ -72,7 +72,7 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
             "page": f"engine-{file_name(x.engine)}.html",
             "over": ratio_text(x.seconds / timed[0].seconds),
             "words": describe_setting(run, x),
-            "steps": f"{x.steps:g}",
+            "steps": f"{x.steps:g} steps" if is_known(x.steps) else "steps not counted",
         }
         for x in timed
     ]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
-from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
 from gauss_bench.report.content import round_digits, to_json
 from gauss_bench.report.reaches import answer, engines_of
 from gauss_bench.report.rows import (
@@ -47,7 +47,7 @@ class Setting:
     """A setting of an engine with known errors.
 
     Attributes:
-        step [s], tolerance: NaN if the setting has none; steps: number of steps of the run.
+        step [s], tolerance: NaN if the setting has none; steps: number of steps of the run, NaN if the engine does not count them.
         seconds, low, high: processor time of the run [s], with its spread if it was raced; NaN if unknown.
         estimated: whether `seconds` was scaled from a race at another step.
         position, force: largest errors of the run [m, N]; force is NaN if it was not measured.
@@ -78,7 +78,8 @@ class Setting:
     @property
     def cost(self) -> tuple[float, float, str]:
         """Sort key: the time, or the number of steps of a setting without a time; settings with a time come first."""
-        return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, self.steps, self.words)
+        steps = self.steps if is_known(self.steps) else math.inf
+        return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, steps, self.words)
 
     @property
     def choice(self) -> tuple[Any, ...]:
@@ -122,11 +123,12 @@ def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
     """Return METHOD of each variant -> its options that differ from the engine's first variant, in words."""
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
-        first = json.loads(rows[0]["options"])
+        shipped = next((row for row in rows if not row.get("owner")), rows[0])
+        first = json.loads(shipped["options"])
         for row in rows:
             options = json.loads(row["options"]).items()
             changed = [_describe_option(k, v) for k, v in options if k not in COMMENTS and v != first.get(k)]
-            words[tuple(row[k] for k in METHOD)] = changed
+            words[tuple(row[k] for k in METHOD)] = [*changed, BY_AUTHORS] if row.get("owner") else changed
     return words
 
 
@@ -184,7 +186,7 @@ def _search(run: Run) -> Iterator[Setting]:
     steps_at = {place_of(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
         steps = number(row, "steps")
-        if row["status"] != "ok" or not steps > 0:
+        if row["status"] != "ok" or steps == 0:
             continue
         same = at_place.get(place_of(row))
         if same is not None:
@@ -192,7 +194,8 @@ def _search(run: Run) -> Iterator[Setting]:
         else:
             # estimate: time per step in the race of the same variant whose number of steps is nearest on a log scale
             seconds = {steps_at.get(place_of(r), math.nan): r["seconds"] for r in races.get(variant_of(row), ())}
-            near = min(seconds, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
+            counted = [n for n in seconds if is_known(n)]
+            near = min(counted, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
             time = {"seconds": seconds.get(near, math.nan) / max(near, 1.0) * steps}
         errors = {"position": row["position_error"], "force": number(row, "force_error")}
         yield make_setting(row, **time, **errors, estimated=same is None)
@@ -314,8 +317,12 @@ def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) ->
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()
-    trials = [[Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps)) for x in some] for some in variants]
-    return reach(trials, wanted)
+    return reach([[_trial_of_case(x) for x in some] for some in variants], wanted)
+
+
+def _trial_of_case(x: Setting) -> Trial:
+    """Return a case as a trial of a search."""
+    return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
 
 
 def scenarios(run: Run) -> dict[str, str]:

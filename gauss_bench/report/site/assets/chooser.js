@@ -53,7 +53,7 @@
     const name = element("a", "engine", engineName(one.engine)), what = element("div", "what", `${one.words}, ${size}`);
     name.href = engines[one.engine];
     name.style.setProperty("--dot", dots[one.engine]);
-    what.append(element("span", "", `error ${length(one.position)}${one.force == null ? "" : `, joint forces ${one.force.toExponential(1)} N`}, ${digits(one.steps, 6)} steps`));
+    what.append(element("span", "", `error ${length(one.position)}${one.force == null ? "" : `, joint forces ${one.force.toExponential(1)} N`}, ${one.steps == null ? "steps not counted" : `${digits(one.steps, 6)} steps`}`));
     const show = element("button", "", "Code");
     show.type = "button";
     show.setAttribute("aria-expanded", "false");

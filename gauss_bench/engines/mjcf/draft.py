@@ -10,8 +10,8 @@ from typing import Any, assert_never
 
 import numpy as np
 
-from gauss_bench.engines.mujoco.across_releases import new_spec, set_spring
-from gauss_bench.engines.mujoco.forces import AtSite, Native, Tendon, native_forces
+from gauss_bench.engines.mjcf.across_releases import new_spec, set_spring
+from gauss_bench.engines.mjcf.forces import AtSite, Native, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.engines.tree_loads import OnJoints, Steady

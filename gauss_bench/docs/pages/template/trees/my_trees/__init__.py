@@ -1,0 +1,149 @@
+"""An engine of joint trees for gauss_bench: raw links and joints become a tree of the library, which solves its own equations."""
+
+import inspect
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from gauss_bench.engines.base import LibraryCall
+from gauss_bench.engines.shared import beyond_a_tree, closing_pins, joint_tree, unsteady, with_accelerations
+from gauss_bench.engines.variants import read_variants
+from gauss_bench.integrate.fixed_step import step_counts
+from gauss_bench.mechanism.model import Along, Angle, Distance, PointForce, loads
+from my_trees import library
+
+VARIANTS = read_variants(Path(__file__).parent)
+PROGRAM = """
+tree = {tree}
+state, steps, h = np.array({start}), {steps}, {step}
+print("t", *{names}, sep=",")
+for k in range(steps + 1):
+    if k % {every} == 0:
+        x = follow(tree, *state)
+        print(k * h, *(z for i in {order} for z in (x.place[i].real, x.place[i].imag, x.angle[i])), sep=",")
+    state = step(tree, {method!r}, *state, h, {pull})
+"""
+
+
+def call_library(mechanism, q, v):
+    """Prepare a call of the library alone, at the state q, v (n,)."""
+    model = Model(mechanism, "default")
+    y, dy = model.tree.relative(q, v)
+    return LibraryCall(lambda: library.solve(model.built, y, dy), model.acceleration(0.0, q, v))
+
+
+class Trees:
+    """An engine; the members after `build` are optional."""
+
+    name = "trees"
+    integrators = ("rk4", "midpoint")
+    stabilizations = ("none",)
+    settings = VARIANTS.settings
+    native_loop, python_loop = False, True
+
+    def version(self):
+        return "trees 0.1"
+
+    def skip(self, mechanism, choice):
+        """Return why the library cannot model this linkage, or None."""
+        if reason := beyond_a_tree(mechanism, "trees") or unsteady(mechanism, "trees"):
+            return reason
+        if mechanism.drivers:
+            return "driven motions are not modelled in trees"
+        if any(b.kind == "free" for b in joint_tree(mechanism, VARIANTS.options(choice.settings)).branches):
+            return "trees has no link without a joint to the ground"
+        return None
+
+    def build(self, mechanism, choice):
+        return Model(mechanism, choice.settings, choice)
+
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    resizable = True
+    packages = ("numpy",)
+    library_calls: ClassVar = {"solve": call_library}
+
+    def in_python(self, mechanism, choice):
+        return "everything: the library is written in Python"
+
+    def program(self, mechanism, choice):
+        """Return the library's source, the numbers of this linkage, and a loop over its duration."""
+        model = Model(mechanism, choice.settings)
+        steps = max(1, round(mechanism.duration / choice.step))
+        numbers = {
+            "tree": model.built,
+            "start": [model.y0.tolist(), model.dy0.tolist()],
+            "names": [f"{link.name}.{x}" for link in mechanism.links for x in ("x", "y", "theta")],
+            "order": [model.place[i] for i in range(len(mechanism.links))],
+        }
+        way = {"steps": steps, "step": mechanism.duration / steps, "every": -(-steps // 100)}
+        return inspect.getsource(library) + PROGRAM.format(**numbers, **way, method=choice.integrator, pull=model.options["pull"])
+
+
+class Model:
+    """A linkage in the library; q, v, a hold x, y [m] and angle [rad] of every link, y those of the tree."""
+
+    def __init__(self, mechanism, settings, choice=None):
+        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(settings)
+        self.tree = joint_tree(mechanism, self.options)
+        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
+        self.place = {b.link: b.at for b in self.tree.branches} | {-1: -1}  # link of the file -> link of the library
+        self.built = self.describe()
+
+    def describe(self):
+        """Return the linkage as the library takes it, from its raw links, joints and forces."""
+        m, place = self.mechanism, self.place
+        links = [m.links[b.link] for b in self.tree.branches]
+        acting = loads(m.forces)
+        return library.Tree(
+            joints=[self.describe_joint(b) for b in self.tree.branches],
+            masses=[float(x.mass) for x in links],
+            inertias=[float(x.inertia) for x in links],
+            gravity=complex(*m.gravity),
+            pins=[(*self.end(a), *self.end(b)) for a, b in closing_pins(self.tree)],
+            pushes=[(*self.end(x.point), complex(*x.value), place[x.frame]) for x in acting if isinstance(x, PointForce)],
+            laws=[self.describe_law(x) for x in acting if not isinstance(x, PointForce)],
+        )
+
+    def describe_joint(self, branch):
+        near = complex(*(branch.parent_anchor + branch.base))
+        return library.Joint(self.place[branch.parent], near, complex(*branch.anchor), complex(*branch.axis), float(branch.turn))
+
+    def describe_law(self, law):
+        match law.coordinate:
+            case Angle(a, b):
+                coordinate = ("angle", self.place[a], self.place[b])
+            case Distance(a, b):
+                coordinate = ("distance", *self.end(a), *self.end(b), -1, 0.0)
+            case Along(origin, point) as x:
+                turned = np.pi / 2 if x.across else 0.0
+                coordinate = ("along", *self.end(origin), *self.end(point), self.place[x.axes], float(x.angle + turned))
+        return coordinate, *map(float, (law.k, law.c, law.rest, law.bias))
+
+    def end(self, point):
+        """Return link and place of a point as the library takes them."""
+        return self.place[point.link], complex(*point.local)
+
+    def acceleration(self, t, q, v):
+        y, dy = self.tree.relative(q, v)
+        return self.tree.absolute(y, dy, library.solve(self.built, y, dy, self.options["pull"])[0])[2]
+
+    def prepare(self, times, native=True):
+        self.times, self.y, self.steps = times, np.full((len(times), 2, self.tree.n), np.nan), 0
+        self.y[0] = self.y0, self.dy0
+
+    def run(self):
+        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
+            state = self.y[k]
+            for _ in range(count):
+                state = library.step(self.built, self.choice.integrator, *state, h, self.options["pull"])
+            self.y[k + 1], self.steps = state, self.steps + count
+
+    def read(self):
+        q, v, _ = self.tree.absolute(self.y[:, 0], self.y[:, 1], np.zeros_like(self.y[:, 0]))
+        return with_accelerations(self.times, q, v, lambda k: self.acceleration(self.times[k], q[k], v[k]), self.steps)
+
+    def joint_forces(self, t, q, v):
+        """Return the forces of the pins that close loops (optional)."""
+        forces = library.solve(self.built, *self.tree.relative(q, v))[1]
+        return {pin.name: np.array([x.real, x.imag, 0.0]) for pin, x in zip(self.tree.closures, forces, strict=True)}

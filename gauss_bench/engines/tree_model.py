@@ -1,0 +1,180 @@
+"""What all adapters to libraries of joint trees do alike: states and samples translated, the library's model checked.
+
+TreeModel               a mechanism in tree coordinates y (n,), with rates dy; the library supplies accelerations and a run
+verify                  the library's model of the tree is compared with the linkage, at states at which loops are open
+acceleration_by_steps   the acceleration of a library that only steps
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice, sample_arrays
+from gauss_bench.engines.shared import OpenTree, finite_acceleration, joint_tree, open_tree, require_agreement, tree_states
+from gauss_bench.engines.tree import Tree
+from gauss_bench.integrate.fixed_step import stretches
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import places
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory, with_accelerations
+
+
+class TreeModel(ABC):
+    """A mechanism in a library of joint trees, under one choice: the base of models (`Model` in `base.py`).
+
+    A subclass builds the library's model after this `__init__`, and supplies `tree_acceleration` and `run`, which steps through
+    `plan` and stores tree states in `y` and `dy`. One with more to prepare or to tell extends `prepare` or `read`.
+
+    Attributes:
+        library: the library's name in messages.
+        options: value of each knob; "tree" selects the spanning tree.
+        y0, dy0: (n,) tree state at the start.
+        plan: stretches of equal steps, from `prepare`.
+        y, dy: (k, n) samples of tree states.
+    """
+
+    library: str
+
+    def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        self.mechanism, self.choice, self.options = mechanism, choice, options
+        self.tree = joint_tree(mechanism, options)
+        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
+
+    @abstractmethod
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the library's accelerations (n,) of the tree coordinates at a tree state y, dy (n,), with closed loops.
+
+        Raises:
+            RunFailure: it has none there.
+        """
+
+    @abstractmethod
+    def run(self) -> None: ...
+
+    def accelerate(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (3 links,) in absolute coordinates at a tree state y, dy (n,).
+
+        Raises:
+            RunFailure: the library has none there, or they are not finite.
+        """
+        with np.errstate(all="ignore"):  # no warnings: values that are not finite are found here
+            return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy))[2], self.library)
+
+    def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (3 links,) of a sample of a run, like `accelerate`."""
+        return self.accelerate(t, y, dy)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return self.accelerate(t, *self.tree.relative(q, v))
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times, self.native = times, native
+        self.plan = list(stretches(times, self.choice.step, self.mechanism.kinks))
+        self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
+
+    def read(self) -> Trajectory:
+        return self.trajectory(self.y, self.dy, self.count_steps())
+
+    def count_steps(self) -> int:
+        """Return the number of steps of a run that follows the plan."""
+        return sum(stretch.steps for stretch in self.plan)
+
+    def trajectory(self, y: Array, dy: Array, steps: int, evaluations: int | None = None, note: str = "") -> Trajectory:
+        """Return samples y, dy (k, n) at the prepared times in absolute coordinates, with the library's accelerations.
+
+        Raises:
+            RunFailure: an acceleration fails; with the samples before it.
+        """
+        q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
+
+        def acceleration_of_sample(k: int) -> Array:
+            return self.accelerate_sample(float(self.times[k]), y[k], dy[k])
+
+        return with_accelerations(self.times, q, v, acceleration_of_sample, steps, evaluations, note)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenModel:
+    """What a library says of its model of the tree, without closures and drivers, at a tree state.
+
+    The mass matrix with the forces, or the accelerations alone, determine the motion. Either may be None, but not both.
+
+    Attributes:
+        gaps: (pins, 2) point b minus point a of each closing pin [m], by the library's own kinematics.
+        mass: (n, n); forces: (n,) generalised forces and velocity terms, so that mass y'' = forces.
+        accelerations: (n,) y''.
+        positions: (links, 2) centres of mass [m].
+    """
+
+    gaps: Array
+    mass: Array | None = None
+    forces: Array | None = None
+    accelerations: Array | None = None
+    positions: Array | None = None
+
+    def __post_init__(self) -> None:
+        if (self.mass is None or self.forces is None) and self.accelerations is None:
+            raise TypeError("neither the mass matrix with the forces nor the accelerations are told: they determine the motion")
+
+
+def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], OpenModel], tolerance: float) -> None:
+    """Compare a library's model of the tree with the linkage, at the start and at tree states at which loops are open.
+
+    Args:
+        describe: tree state y, dy (n,) -> what the library says of its model there.
+        tolerance: largest difference, relative to the scale of each quantity.
+
+    Raises:
+        RunFailure: a quantity differs by more.
+    """
+    evaluator = Evaluator(mechanism)
+    for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):
+        require_agreement(comparison(describe(y, dy), open_tree(evaluator, tree, y, dy)), tolerance)
+
+
+def comparison(model: OpenModel, own: OpenTree) -> dict[str, tuple[Array, Array, float]]:
+    """Return quantity -> the library's value, the suite's, and the scale of a difference."""
+    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # without any load, rounding of the library is compared with 1
+    pairs = {"gaps of open pins": (model.gaps, own.gaps, extent)}
+    if model.positions is not None:
+        pairs["positions of links"] = (model.positions, places(own.q), extent)
+    if model.mass is not None:
+        pairs["mass matrix"] = (model.mass, own.mass, float(own.mass.max()))
+    if model.forces is not None:
+        pairs["forces and velocity terms"] = (model.forces, own.forces, load)
+    if model.accelerations is not None:
+        pairs["forces of the open tree"] = (own.mass @ model.accelerations, own.forces, load)
+    return pairs
+
+
+TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # time, tree state, step -> rates after one step and two
+
+
+def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps: Sequence[float]) -> Array:
+    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,) that a library shows in steps of several sizes [s].
+
+    The rates change by h D(h) in a step of h, and D(h) = a + b h + ...; the polynomial through D at the sizes gives a = D(0). Where
+    a library treats springs and dampers implicitly, that is part of b, and drops out. Rounding of the rates by e causes errors of
+    some e / h.
+
+    A library whose constraints act on velocities leaves J v' = 0 with J of where the step began. A step from a state with J v = 0
+    would show J a = 0 and not gamma. Therefore D is taken from the second of two steps, of which the first begins at y - h dy, one
+    step before. Gaps there, of the size h^2, must not be drawn shut: such an impulse does not vanish with the step.
+    """
+    changes = []
+    for h in steps:
+        before, after = rates(t - h, y - h * dy, dy, h)
+        changes.append((after - before) / h)
+    return extrapolate(steps, changes)
+
+
+def extrapolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
+    """Return the limit at step 0 of values (n,) at several steps, by the polynomial through them (Aitken and Neville)."""
+    row = list(values)
+    for order in range(1, len(steps)):
+        row = [(steps[k] * row[k + 1] - steps[k + order] * row[k]) / (steps[k] - steps[k + order]) for k in range(len(row) - 1)]
+    return row[0]

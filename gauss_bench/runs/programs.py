@@ -1,0 +1,53 @@
+"""Programs that engines write themselves (`program` in `engines/base.py`): asked for in the engine's process, checked in this one.
+
+The process of an engine imports this file, and its environment may have numpy alone: nothing here imports more.
+"""
+
+from typing import Any
+
+from gauss_bench.engines import get, not_installed
+from gauss_bench.engines.base import Choice, ask
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.offers import offer
+from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
+
+LONGEST = 1 << 20  # characters of a program
+
+
+def writes_programs(engine: str) -> bool:
+    """Tell whether an engine writes programs itself; an engine that is not known here writes none."""
+    try:
+        return "program" in offer(engine).methods
+    except KeyError:
+        return False
+
+
+def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
+    """Ask an engine in its process for a program; return it as {"text": ...}, or {"refused": why there is none}."""
+    try:
+        adapter = get(engine)
+        if reason := adapter.skip(mechanism, choice):
+            return {"refused": in_a_sentence(reason)}
+        return {"text": ask(adapter, "program")(mechanism, choice)}
+    except RunFailure as failure:
+        return {"refused": in_a_sentence(failure)}
+    except ImportError as error:
+        return {"refused": f"{engine} is {not_installed(error)}"}
+
+
+def read_program(engine: str, answer: object) -> str:
+    """Return the program in the answer of `program_there`.
+
+    Raises:
+        RunFailure: the engine refused, or its answer is no program in Python.
+    """
+    match answer:
+        case {"refused": str(reason)}:
+            raise RunFailure(Status.SKIP, reason)
+        case {"text": str(text)} if text.strip() and len(text) <= LONGEST:
+            try:
+                compile(text, f"program of {engine}", "exec")
+            except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+                raise RunFailure(Status.ERROR, f"what {engine} wrote is no program in Python: {in_a_sentence(error)}") from error
+            return text
+    raise RunFailure(Status.ERROR, f"what {engine} wrote is no program of at most {LONGEST} characters")

@@ -1,0 +1,508 @@
+"""The interface of engines: all that is asked stands in one place with its default, and engines from outside may offer it all."""
+
+import ast
+import csv
+import json
+import math
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gauss_bench
+import gauss_bench.bench.conformance as rules
+from gauss_bench.advice.recommending import work
+from gauss_bench.api.telling import render
+from gauss_bench.bench import provenance
+from gauss_bench.bench.cases import Case
+from gauss_bench.bench.conformance import conformance
+from gauss_bench.bench.measure import measure
+from gauss_bench.bench.measurements.growth import CONTENDERS, contenders
+from gauss_bench.bench.ways import Run, Way, evaluate_run, one_step
+from gauss_bench.cli import main
+from gauss_bench.engines.base import (
+    OPTIONAL,
+    REQUIRED,
+    Engine,
+    EngineDefaults,
+    ModelDefaults,
+    ask,
+    has_own,
+    list_lacking,
+)
+from gauss_bench.judge import leading
+from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.metrics import compare_joint_forces, joint_forces
+from gauss_bench.reach import Requirement, Trial, convergence, reach, trial_of
+from gauss_bench.reference.certificate import find_certified
+from gauss_bench.report.content import make_cell
+from gauss_bench.report.site.settings import Setting
+from gauss_bench.runs import questions
+from gauss_bench.runs.apart import Request, run_of
+from gauss_bench.runs.offers import NOT_INSTALLED, ChoiceError, Offer, offer
+from gauss_bench.runs.one_run import sampling_at
+from gauss_bench.runs.programs import LONGEST, read_program
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from tests.plugin import installed
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "gauss_bench"
+PAGES = PACKAGE / "docs" / "pages"
+TEMPLATE = PAGES / "template" / "trees"
+FAULTY = "tests.faulty_engines"
+ASKED = {*OPTIONAL, *REQUIRED}
+
+
+def calls_of(path: Path) -> Iterator[ast.Call]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            yield node
+
+
+def asks_an_engine(call: ast.Call) -> bool:
+    """Whether a call is getattr or hasattr of an engine or model, or of one of their members by name."""
+    if not (isinstance(call.func, ast.Name) and call.func.id in ("getattr", "hasattr")):
+        return False
+    whom, what = call.args[:2]
+    named = isinstance(what, ast.Constant) and what.value in ASKED
+    return named or "engine" in ast.unparse(whom) or ast.unparse(whom).startswith(("get(", "model", "adapter"))
+
+
+def rooms() -> list[Path]:
+    """The files that ask engines: all but base.py, and the adapters' own folders."""
+    folders = [x for x in (PACKAGE / "engines").iterdir() if x.is_dir()]
+    return [
+        path
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if path != PACKAGE / "engines" / "base.py" and not any(x in path.parents for x in (*folders, PAGES))
+    ]
+
+
+@pytest.mark.parametrize("path", rooms(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_caller_has_a_default_of_its_own(path: Path) -> None:
+    found = [ast.unparse(x) for x in calls_of(path) if asks_an_engine(x)]
+    assert not found, "ask(engine, member) of engines/base.py knows the default"
+
+
+def test_a_caller_with_a_default_of_its_own_is_seen() -> None:
+    for text in ("getattr(x, 'first', ())", "hasattr(engine, 'name')", "getattr(get(x), y, {})"):
+        (call,) = (x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.Call) and asks_an_engine(x))
+        assert ast.unparse(call)
+    assert not any(asks_an_engine(x) for x in ast.walk(ast.parse("getattr(reference, 'q')")) if isinstance(x, ast.Call))
+
+
+def test_an_engine_that_has_nothing_optional_is_asked_nothing_else() -> None:
+    """Whatever is asked by name stands in the interface, and everything that stands there is asked somewhere."""
+    calls = (x for path in [*rooms(), PACKAGE / "engines" / "base.py"] for x in calls_of(path) if ast.unparse(x.func) == "ask")
+    asked = {x.args[1].value for x in calls if len(x.args) == 2 and isinstance(x.args[1], ast.Constant)}
+    assert asked == {*OPTIONAL}
+
+
+def rows_of_the_page() -> dict[str, list[str]]:
+    """Member -> default and meaning, as the page of engines has them."""
+    page = (PAGES / "engine.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\| `([a-z_]+)[^|]*\| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
+    return {name: list(more) for name, *more in lines}
+
+
+@pytest.mark.parametrize("member", OPTIONAL)
+def test_every_optional_member_is_on_the_page_of_engines_with_its_default(member: str) -> None:
+    default, meaning = rows_of_the_page()[member]
+    assert len(meaning) > 10
+    value = getattr(OPTIONAL[member], member)
+    if not callable(value):
+        shown = "none" if value in ((), {}) else repr(value).replace("'", '"')
+        assert default.strip("`") == shown
+
+
+def test_the_page_names_no_member_that_is_not_asked() -> None:
+    required = {x for x in dir(Engine) if not x.startswith("_")}
+    assert set(rows_of_the_page()) <= {*OPTIONAL, *required}
+
+
+class Bare:
+    """An engine with what is required alone."""
+
+    name, integrators, stabilizations, settings, native_loop, python_loop = "bare", ("a",), ("none",), {"default": {}}, False, True
+
+    def version(self) -> str:
+        return "1"
+
+    def skip(self, mechanism: Any, choice: Any) -> None:
+        return None
+
+    def build(self, mechanism: Any, choice: Any) -> Any:
+        return None
+
+
+class Heir(Bare, EngineDefaults):
+    """The same, with inherited defaults and one member of its own."""
+
+    first = ("one",)
+
+
+def test_what_an_engine_lacks_is_the_default_inherited_or_not() -> None:
+    for engine in (Bare(), Heir()):
+        assert ask(engine, "adaptive") == ("dop853",)
+        assert ask(engine, "unbuilt")("default") == ""
+        assert ask(engine, "in_python")(None, None) == "not told"
+        assert not has_own(engine, "program")
+        with pytest.raises(RunFailure, match="writes no programs"):
+            ask(engine, "program")(None, None)
+        assert not list_lacking(engine)
+    assert ask(Bare(), "first") == ()
+    assert ask(Heir(), "first") == ("one",)
+    assert has_own(Heir(), "first")
+    assert ask(object(), "joint_forces")(0.0, None, None) == {}
+    assert list_lacking(object()) == list(REQUIRED)
+    with pytest.raises(KeyError):
+        ask(Bare(), "firsts")
+    assert {*vars(EngineDefaults)} & {*vars(ModelDefaults)} <= {x for x in vars(EngineDefaults) if x.startswith("_")}
+
+
+# Steps that are not counted
+
+
+@pytest.mark.parametrize("name", ["Uncounted", "Chooser"])
+def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step(name: str) -> None:
+    run = gauss_bench.simulate("four_bar", f"{FAULTY}:{name}", at=[0.0, 0.05])
+    assert run.status is Status.OK
+    assert run.metrics["steps"] is None
+    assert run.metrics["step_time"] is None
+    text = render("simulate", run)
+    assert re.search(r"^steps +- \(the engine does not count them\)$", text, re.MULTILINE)
+    assert "step_time" not in text
+    row = measure(Case("four_bar", "torque", f"{FAULTY}:{name}", "default", run.integrator, "none", 1e-3, 0.05), "nowhere")["row"]
+    assert (row["status"], row["steps"]) == ("ok", None)
+
+
+def test_equal_steps_that_are_not_counted_are_those_asked_for_and_chosen_ones_are_unknown() -> None:
+    mechanism = load("four_bar")
+    run, truth = Run("four_bar", mechanism, 0.5), find_certified(mechanism, 0.5)
+    assert truth is not None
+    equal = evaluate_run(run, Evaluator(mechanism), truth, Way(f"{FAULTY}:Uncounted", "default", "rk4", "none", 0.005), False, 10)
+    chosen = evaluate_run(run, Evaluator(mechanism), truth, Way(f"{FAULTY}:Chooser", "default", "dop853", "none", 1e-8), True, 10)
+    assert (equal.status, equal.steps) == (Status.OK, 100)
+    assert (chosen.status, chosen.steps) == (Status.OK, None)
+    assert chosen.errors["position"] < 1e-6
+
+
+def test_work_of_unknown_steps_is_infinite_unless_evaluations_are_counted() -> None:
+    assert work("rk4", Trial(1e-3, {}, 100)) == 400
+    assert work("rk4", Trial(1e-6, {}, None)) == math.inf
+    assert work("rk4", Trial(1e-6, {}, None, evaluations=70)) == 70
+
+
+def test_answers_and_orders_need_no_count_of_steps() -> None:
+    wanted = Requirement("position", 1e-6)
+    uncounted = [Trial(x, {"position": 1e-3}, None) for x in (1e-3, 1e-4, 1e-5, 1e-6)]
+    assert reach([uncounted], [wanted]).words == "not reached"
+    assert all(map(math.isnan, convergence(uncounted, [wanted])))
+    row = {"tolerance": 1e-6, "step": math.nan, "steps": math.nan, "position_error": 1e-7, "status": "ok"}
+    assert trial_of(row).steps is None
+    assert trial_of(row | {"steps": 12.0}).steps == 12
+
+
+def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused() -> None:
+    choice = offer("lagrange").choose(None, "rk4", None, 1e-3)
+    run = run_of(Request("four_bar", "torque", "lagrange", choice, sampling_at(1e-3, [0.0, 0.01])), load("four_bar"), 60.0)
+    assert run.trajectory is not None
+    assert run.step_time == run.seconds / 10
+    assert replace(run, trajectory=replace(run.trajectory, steps=None)).step_time is None
+    for steps, known in ((10, True), (None, True), (-1, False), ("many", False), (10**400, False)):
+        told = replace(run.trajectory, steps=steps)  # type: ignore[arg-type]
+        assert (leading(told, run.trajectory.t, 9) is not None) is known
+
+
+@pytest.mark.slow
+def test_engines_that_count_no_steps_are_recommended_and_conform(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    engines = [f"{FAULTY}:Chooser", f"{FAULTY}:Uncounted"]
+    found = gauss_bench.recommend("four_bar", position=1e-4, until=0.2, engines=engines, budget=120)
+    steps = {x.engine.partition(":")[2]: x.steps for x in found.answers}
+    assert all(x.status == "ok" and x.seconds is not None for x in found.answers)
+    assert steps["Chooser"] is None
+    assert steps["Uncounted"]
+    assert json.loads(found.to_json())["answers"][0]["tolerance" if found.answers[0].tolerance else "step"]
+    monkeypatch.setattr(rules, "CHECKS", [rules._steps])
+    (_, check) = conformance(f"{FAULTY}:Uncounted")
+    assert (check.passed, check.message) == (None, "it does not count its steps")
+
+
+# What engines from outside may offer
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ({"text": "x ="}, "is no program in Python"),
+        ({"text": "x = '\0'"}, "is no program in Python"),
+        ({"text": "  \n"}, "is no program of at most"),
+        ({"text": "#" * (LONGEST + 1)}, "is no program of at most"),
+        ({"text": 5}, "is no program of at most"),
+        (None, "is no program of at most"),
+        ({"refused": "no slides"}, "^no slides$"),
+    ],
+)
+def test_what_is_no_program_is_not_written(answer: object, words: str) -> None:
+    with pytest.raises(RunFailure, match=words):
+        read_program("heun", answer)
+    assert read_program("heun", {"text": "#" * LONGEST}) == "#" * LONGEST
+
+
+def test_versions_of_the_packages_that_engines_name_are_provenance(monkeypatch: pytest.MonkeyPatch) -> None:
+    offers = [
+        Offer("one", packages={"library": "2.5", "numpy": np.__version__, "gone": NOT_INSTALLED}),
+        Offer("two", packages={"library": "2.6"}),
+    ]
+    monkeypatch.setattr(provenance, "offers_from_outside", lambda: offers)
+    found = provenance.package_versions()
+    assert (found["library"], found["library of two"], found["numpy"]) == ("2.5", "2.6", np.__version__)
+    assert not [x for x in found if x.startswith(("gone", "numpy of"))]
+
+
+def test_lists_of_the_suite_are_no_gate() -> None:
+    """Engines from outside are contenders beside those of the suite, and take nothing from them."""
+    entered = contenders([("heun", "solve")])
+    assert {*CONTENDERS} < {*entered}
+    assert entered["heun, solve"][0] == ("called from Python",)
+    with pytest.raises(ChoiceError, match="engines with a method `program`"):
+        gauss_bench.export("four_bar", "gauss", "nowhere.py")
+
+
+# Joint forces
+
+
+def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accelerations() -> None:
+    mechanism = load("four_bar")
+    truth = find_certified(mechanism, 0.5)
+    assert truth is not None
+    states = Trajectory(truth.t[:3], truth.q[:3], truth.v[:3], truth.a[:3], None)
+    found = joint_forces(Evaluator(mechanism), states)
+    told = np.array([[x["fx"], x["fy"], x["moment"]] for x in found.values()]).transpose(2, 0, 1)
+    largest = np.abs(told).max()
+    assert compare_joint_forces(Evaluator(mechanism), states, told) == (0.0, largest)
+    told[1, 2, 0] += 3.0
+    told[0, 1] = np.nan  # a joint that the engine does not tell
+    assert compare_joint_forces(Evaluator(mechanism), states, told) == (pytest.approx(3.0), largest)
+    assert np.isnan(compare_joint_forces(Evaluator(mechanism), states, np.full_like(told, np.nan))[0])
+    parallelogram = load("parallelogram")
+    none = np.zeros((1, len(parallelogram.joints), 3))
+    start = Trajectory(np.zeros(1), parallelogram.q0[None], parallelogram.v0[None], np.zeros((1, parallelogram.n)), None)
+    assert np.isnan(compare_joint_forces(Evaluator(parallelogram), start, none)[0])
+
+
+def test_a_model_is_asked_for_the_forces_of_the_joints_that_it_knows() -> None:
+    class Knows:
+        def joint_forces(self, t: float, q: Any, v: Any) -> dict[str, Any]:
+            if t > 1:
+                raise RunFailure(Status.SKIP, "singular")
+            return {"B": (1.0, 2.0, t)}
+
+    t, states = np.array([0.5, 2.0]), np.zeros((2, 3))
+    found = questions.joint_forces(("A", "B"), t, states, states, Knows())  # type: ignore[arg-type]
+    np.testing.assert_array_equal(found[0, 1], [1.0, 2.0, 0.5])
+    assert np.isnan(found[0, 0]).all()
+    assert np.isnan(found[1]).all()
+    assert np.isnan(questions.joint_forces(("A",), t, states, states, object())).all()  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "reactions"])
+    sound, opposed, silent = (conformance(f"{FAULTY}:{x}")[-1] for x in ("Reacting", "Opposed", "Sound"))
+    assert sound.passed
+    assert float(re.fullmatch(r"agree to (\d+\.\d) digits", sound.message)[1]) > 9  # type: ignore[index]
+    assert opposed.passed is False
+    assert "off by" in opposed.message
+    assert (silent.passed, silent.message) == (None, "it tells none")
+    remarks = gauss_bench.diagnose("four_bar", f"{FAULTY}:Opposed", until=0.1).remarks
+    off, largest = map(float, re.findall(r"\d\.\de[+-]\d+", next(x for x in remarks if "joint forces" in x)))
+    assert off == pytest.approx(2 * largest, rel=0.06)  # each is the opposite of what it should be; both are rounded
+    assert not gauss_bench.diagnose("four_bar", f"{FAULTY}:Sound", until=0.1).remarks
+
+
+# The template of an engine of joint trees
+
+
+@pytest.fixture(scope="module")
+def trees(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of processes in which the template is installed as a plug-in."""
+    folder = tmp_path_factory.mktemp("trees")
+    shutil.copytree(TEMPLATE / "my_trees", folder / "my_trees")
+    where = installed(folder, "from my_trees import Trees\n", ("trees",))
+    return where | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+
+
+def command(where: dict[str, str], *arguments: object) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, "-m", "gauss_bench", *map(str, arguments)]
+    return subprocess.run(line, capture_output=True, text=True, timeout=600, check=False, env=where)
+
+
+def test_the_template_asks_the_suite_for_no_equations() -> None:
+    """Its masses, forces and closures are its own, from raw links and joints."""
+    text = "".join(x.read_text(encoding="utf-8") for x in sorted(TEMPLATE.rglob("*.py")))
+    assert not re.search(r"Evaluator|lagrange|formulations|\bterms\b|AppliedForces", text)
+    library = (TEMPLATE / "my_trees" / "library.py").read_text(encoding="utf-8")
+    assert "import gauss_bench" not in library
+    assert "from gauss_bench" not in library
+
+
+@pytest.mark.slow
+def test_the_template_of_joint_trees_conforms(trees: dict[str, str]) -> None:
+    told = command(trees, "conformance", "trees", "--json")
+    assert told.returncode == 0, told.stdout
+    checks = {x["name"]: x for x in json.loads(told.stdout)["checks"]}
+    assert checks["every kind of force acts as defined"]["passed"]
+    assert checks["joint forces follow from the accelerations"]["passed"]
+    assert len(checks) > 30
+    assert len([x for x in checks.values() if x["passed"] is None]) == 1  # driven motions
+
+
+def test_the_template_is_simulated_and_listed(trees: dict[str, str], tmp_path: Path) -> None:
+    calls = (("simulate", "four_bar", "--engine", x, "--at", "0.2", "--json") for x in ("trees", "lagrange"))
+    found = [json.loads(command(trees, *x).stdout) for x in calls]
+    assert found[0]["status"] == "ok", found[0]["message"]
+    for key in ("x", "theta", "omega", "alpha"):
+        np.testing.assert_allclose(*(x["links"]["coupler"][key] for x in found), rtol=1e-6, atol=1e-6)
+    refused = command(trees, "export", "four_bar", "--engine", "nobody", "--out", tmp_path / "x")
+    assert refused.returncode == 2
+    assert "mujoco, pinocchio, exudyn, casadi, c, trees" in refused.stderr
+    refused = command(trees, "export", "four_bar", "--scenario", "cycloid", "--engine", "trees", "--out", tmp_path / "x")
+    assert refused.returncode == 2
+    assert "cannot become a Python program: driven motions are not modelled" in refused.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, str], tmp_path: Path) -> None:
+    file = tmp_path / "four_bar.py"
+    told = command(trees, "export", "four_bar", "--engine", "trees", "--step", "0.002", "--out", file, "--json")
+    assert told.returncode == 0, told.stderr
+    error = json.loads(told.stdout)["error"]
+    text = file.read_text(encoding="utf-8")
+    assert f"off by {error['position']:.1e} m at most" in text.splitlines()[5]
+    done = subprocess.run([sys.executable, "-I", str(file)], capture_output=True, text=True, check=True, cwd=tmp_path)
+    head, *rows = csv.reader(done.stdout.splitlines())
+    assert head[:4] == ["t", "crank.x", "crank.y", "crank.theta"]
+    run = command(trees, "simulate", "four_bar", "--engine", "trees", "--step", "0.002", "--at", rows[-1][0], "--json")
+    links = json.loads(run.stdout)["links"]
+    wanted = [links[name][key][0] for name in links for key in ("x", "y", "theta")]
+    np.testing.assert_allclose([float(x) for x in rows[-1][1:]], wanted, rtol=0, atol=1e-9)
+    assert len(rows) > 50
+
+
+@pytest.mark.slow
+def test_the_variants_of_the_template_are_searched_and_its_programs_written(trees: dict[str, str], tmp_path: Path) -> None:
+    asked = ("recommend", "four_bar", "--position", "1e-4", "--until", "0.2", "--engine", "trees")
+    told = command(trees, *asked, "--out", tmp_path / "out", "--json")
+    assert told.returncode == 0, told.stderr
+    (answer,) = json.loads(told.stdout)["answers"]
+    assert answer["status"] == "ok"
+    assert answer["settings"].split("/")[0] in ("plain", "pulled")
+    assert answer["variants"] == 6
+    assert answer["in_python"].startswith("everything")
+    program = (tmp_path / "out" / "run-trees.py").read_text(encoding="utf-8")
+    assert program == answer["snippet"]
+    assert "def solve(tree, y, dy" in program
+    done = subprocess.run([sys.executable, "-I", tmp_path / "out" / "run-trees.py"], capture_output=True, text=True, check=True)
+    assert float(done.stdout.splitlines()[-1].split(",")[0]) == pytest.approx(0.2)
+
+
+@pytest.mark.slow
+def test_the_template_is_diagnosed(trees: dict[str, str]) -> None:
+    asked = ("diagnose", "four_bar", "--engine", "trees", "--until", "0.5", "--step", "0.01", "--json")
+    told = json.loads(command(trees, *asked).stdout)
+    assert told["cause"] == "integrator"
+    assert 3.5 < told["numbers"]["order"] < 4.5
+    assert "its own joint forces are off by" in told["remarks"][0]
+
+
+def test_the_library_of_the_template_is_raced_by_growth(trees: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    code = """
+import json, sys
+from gauss_bench.bench.measurements import growth
+from gauss_bench.bench.provenance import package_versions
+from gauss_bench.bench.survived import race_here
+for name in list(growth.CONTENDERS):
+    del growth.CONTENDERS[name]
+calls = growth.list_calls()
+print(json.dumps([calls, growth.race_growth(2, 3, 0, calls, race_here)["scaling_races"], package_versions()["numpy"]]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=trees)
+    calls, (row,), numpy = json.loads(done.stdout)
+    assert calls == [["trees", "solve"]]
+    assert (row["engine"], row["quantity"], row["status"], row["size"]) == ("trees, solve", "called from Python", "ok", 2)
+    assert row["error"] < 1e-9
+    assert row["seconds"] > 0
+    assert numpy == np.__version__
+
+
+def test_a_whole_run_whose_steps_nobody_counts_is_one_repetition() -> None:
+    run, way = Run("four_bar", load("four_bar"), 0.01), Way(f"{FAULTY}:Chooser", "default", "dop853", "none", 1e-3)
+    assert [one_step(run, way, steps, {}).count for steps in (None, 7)] == [1, 7]
+
+
+def test_pages_sort_and_name_settings_whose_steps_nobody_counts() -> None:
+    numbers = {
+        "step": math.nan,
+        "tolerance": 1e-6,
+        "low": math.nan,
+        "high": math.nan,
+        "position": 1e-7,
+        "force": math.nan,
+        "until": 1.0,
+    }
+    names = {"mechanism": "four_bar", "scenario": "torque", "engine": "x", "integrator": "i", "stabilization": "none"}
+    uncounted, counted, timed = (
+        Setting(**names, **numbers, settings=name, steps=steps, seconds=seconds, estimated=False)
+        for name, steps, seconds in (("a", math.nan, math.nan), ("b", 50.0, math.nan), ("c", math.nan, 1.0))
+    )
+    assert sorted((uncounted, counted, timed), key=lambda x: x.cost) == [timed, counted, uncounted]
+    cell = make_cell({"status": "ok", "steps": math.nan}, "g", "steps")
+    assert (cell.text, cell.why) == ("-", "not counted by the engine")
+
+
+SMALL = f"""
+format = "gauss-bench-suite/1"
+title = "Engines that count no steps"
+
+[[accuracy]]
+linkages = {{ four_bar = "torque" }}
+engines = ["lagrange", "{FAULTY}:Uncounted", "{FAULTY}:Chooser"]
+steps = [1e-2]
+until = 0.2
+
+[[search]]
+linkages = {{ four_bar = "torque" }}
+engines = ["gauss-native", "{FAULTY}:Uncounted", "{FAULTY}:Chooser"]
+own = ["gauss-native"]
+until = 0.2
+position = [1e-3]
+budget = 6
+most_steps = 2000
+processes = 2
+rounds = 2
+lead = 0.03
+"""
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_engines_that_count_no_steps_are_in_every_table_and_page(tmp_path: Path) -> None:
+    suite, out = tmp_path / "small.toml", tmp_path / "out"
+    suite.write_text(SMALL, encoding="utf-8")
+    assert main(["run", "--suite", str(suite), "--out", str(out), "--report"]) == 0
+    with (out / "times" / "search_winners.csv").open(newline="", encoding="utf-8") as file:
+        steps = {r["engine"].partition(":")[2]: r["steps"] for r in csv.DictReader(file)}
+    assert steps["Chooser"] == ""
+    assert float(steps["Uncounted"]) >= 10
+    assert "steps not counted" in (out / "site" / "index.html").read_text(encoding="utf-8")
+    assert "not counted by the engine" in (out / "site" / "method.html").read_text(encoding="utf-8")
