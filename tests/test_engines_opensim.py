@@ -5,6 +5,7 @@ What needs OpenSim is skipped without its environment, in CI too.
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,19 @@ from gauss_bench.engines.opensim.adapter import OpenSim
 from gauss_bench.engines.opensim.translate import refusal
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import load
-from gauss_bench.reference.certificate import certificate_path, read_certificate
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.metrics import compare_joint_forces, joint_forces, relative_acceleration_error
+from gauss_bench.reference.build import random_states
+from gauss_bench.reference.certificate import certificate_path, find_certified, read_certificate
+from gauss_bench.runs import questions
+from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.offers import NOT_TOLD, in_python, offers
+from gauss_bench.runs.one_run import Asked, sampling_at
 from gauss_bench.runs.worker import keep
-from tests.conftest import everything
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status, Trajectory
+from tests.conftest import everything, redundant
 
 ENVIRONMENT = environment_of("opensim")
 
@@ -64,6 +74,75 @@ def test_the_crank_is_off_the_certificate_by_no_more_than_was_measured(
     assert crank is not None
     error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certificate.q[at, 3 * crank + 2])
     assert 0.5 * most < error < 1.2 * most
+
+
+def answer(mechanism: Mechanism, settings: str, question: Asked, count: int) -> Array:
+    """Return OpenSim's answer, of so many numbers, to a question about a mechanism under some settings."""
+    choice, wanted = Choice(settings), sampling_at(1e-3, [0.0, 1e-3])
+    request = Request(mechanism.sha256, mechanism.scenario, "opensim", choice, wanted, question, answers=count)
+    run = run_of(request, mechanism, limit=60.0)
+    assert run.status is Status.OK, run.message
+    return np.asarray(run.answer)
+
+
+def certified(mechanism: Mechanism) -> Trajectory:
+    """Return all states of a mechanism's certified motion, over one second at most."""
+    reference = find_certified(mechanism, min(mechanism.duration, 1.0))
+    assert reference is not None
+    return Trajectory(reference.t, reference.q, reference.v, reference.a, None)
+
+
+def told_forces(mechanism: Mechanism, settings: str, states: Trajectory) -> Array:
+    """Return the joint forces (k, joints, 3) that OpenSim tells at states; NaN where it tells none."""
+    names = tuple(joint.name for joint in mechanism.joints)
+    question = partial(questions.joint_forces, names, states.t, states.q, states.v)
+    return answer(mechanism, settings, question, 3 * len(names) * len(states.t))
+
+
+# least depth is another tree: other joints close the loops, and some hang the other way round
+FORCED = [
+    *(("crank_slider", x, "default") for x in ("paper", "driven")),
+    *(("shaper", x, y) for x in ("torque", "driven") for y in ("default", "merson/1e-12")),
+    *((name, "torque", y) for name in ("four_bar", "six_bar", "eight_bar") for y in ("default", "merson/1e-12")),
+    *(("squeezer", "squeeze", y) for y in ("default", "merson/1e-12")),
+    ("five_bar", "spring", "merson/1e-12"),
+    ("jansen", "driven", "default"),
+]
+EXACT = 1e-12  # relative to the largest
+
+
+@pytest.mark.slow(*{name for name, *_ in FORCED} - {"crank_slider", "four_bar"})
+@pytest.mark.usefixtures("opensim")
+@pytest.mark.parametrize(("name", "scenario", "settings"), FORCED)
+def test_forces_of_all_joints_are_those_of_the_certified_accelerations(name: str, scenario: str, settings: str) -> None:
+    mechanism = load(name, scenario)
+    states = certified(mechanism)
+    told = told_forces(mechanism, settings, states)
+    assert np.isfinite(told).all()
+    error, largest = compare_joint_forces(Evaluator(mechanism), states, told)
+    assert error <= EXACT * largest
+
+
+@pytest.mark.usefixtures("opensim")
+def test_forces_that_redundant_rows_leave_undetermined_are_not_told() -> None:
+    parallelogram, doubled = load("parallelogram", "torque"), redundant()  # a four-bar whose last pin stands there twice
+    assert np.isnan(told_forces(parallelogram, "default", certified(parallelogram))).all()
+    states = certified(load("four_bar", "torque"))
+    told, true = told_forces(doubled, "default", states), joint_forces(Evaluator(doubled), states)
+    assert np.isnan(told[:, 3:]).all()
+    sure = np.array([[x["fx"], x["fy"], x["moment"]] for x in true.values()]).transpose(2, 0, 1)[:, :3]
+    assert np.abs(told[:, :3] - sure).max() <= EXACT * np.abs(sure).max()
+
+
+@pytest.mark.slow(*{name for name, *_ in FORCED} - {"crank_slider", "four_bar"})
+@pytest.mark.usefixtures("opensim")
+@pytest.mark.parametrize(("name", "scenario", "settings"), [*FORCED, ("parallelogram", "torque", "default")])
+def test_accelerations_at_certified_and_at_200_random_states_are_exact(name: str, scenario: str, settings: str) -> None:
+    mechanism = load(name, scenario)
+    for states in (certified(mechanism), random_states(mechanism)):
+        question = partial(questions.accelerations, states.t, states.q, states.v)
+        told = answer(mechanism, settings, question, states.a.size)
+        assert relative_acceleration_error(told, states.a).max() <= EXACT
 
 
 @pytest.mark.usefixtures("opensim")
@@ -148,7 +227,12 @@ def test_outside_its_room_one_line_of_python_names_the_engine() -> None:
     package = Path(gauss_bench.__file__).parent
     for name in ELSEWHERE:
         files = [p for p in package.rglob("*.py") if package / "engines" / name not in p.parents]
-        lines = [line for p in files for line in p.read_text(encoding="utf-8").splitlines() if re.search(name, line, re.IGNORECASE)]
+        lines = [
+            line
+            for p in files
+            for line in p.read_text(encoding="utf-8").splitlines()
+            if re.search(rf"\b{name}\b", line, re.IGNORECASE)
+        ]
         assert len(lines) == 1
         assert (package / "engines" / name / "requirements.txt").exists()
         assert "://" not in (package / "engines" / name / "requirements.txt").read_text(encoding="utf-8")

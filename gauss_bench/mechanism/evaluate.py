@@ -93,6 +93,17 @@ class Constraints:
         return J.reshape(*entries.shape[:-1], self.m, self.n)
 
 
+def list_determined(mechanism: Mechanism) -> list[str]:
+    """List the joints whose forces follow from the motion at the start: those that no redundant rows involve.
+
+    Multipliers are determined but for the null space of J^T, so that a joint is determined if its two rows are zero there.
+    """
+    left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
+    rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
+    null = np.abs(left[:, rank:])
+    return [joint.name for k, joint in enumerate(mechanism.joints) if null[2 * k : 2 * k + 2].max(initial=0.0) <= RANK_TOLERANCE]
+
+
 class UndeterminedLoads(ArithmeticError):
     """Friction in the joints of a linkage whose constraint rows are redundant: their loads, and so the motion, are not unique."""
 
