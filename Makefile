@@ -18,6 +18,7 @@ publish: setup         ## run the suite `full` and write reports/, from a commit
 	  { echo "publish: only what is committed is published; changed:" >&2; echo "$$changed" >&2; exit 2; }
 	$(BIN)/gauss-bench run --suite full --report --jobs $(JOBS) --out reports
 	$(BIN)/python -m gauss_bench.report.pictures reports README.md
+	$(BIN)/python -m gauss_bench.report.citation reports CITATION.cff
 
 report: setup          ## write the summary and the site of OUT again from its tables
 	$(BIN)/gauss-bench report --out $(OUT)

@@ -23,7 +23,7 @@ from pkgutil import resolve_name
 from types import ModuleType
 from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 _ROOMS = {
     "linkage.load": "load",
     "api.simulate": "simulate Simulation",

@@ -17,6 +17,7 @@ from gauss_bench.trajectory import Status
 
 UNITS = {"position": "m", "angle": "rad", "force": "N", "end": "m"}  # of errors, by what they are errors of; `end`: of position
 ERRORS = {"end": "position at the end"}  # kinds of errors in words, where the kind is none
+BY_AUTHORS = "by its authors"  # of settings that the authors of an engine own
 RUNGS = 3  # of a ladder tell the order of convergence ...
 APART = 1.4  # ... if each has so many times the steps of the one before: nearer ones tell rounding
 STEADY = 0.2  # two orders of convergence that differ by less are one

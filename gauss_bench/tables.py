@@ -5,6 +5,8 @@ number NaN, a missing flag None. Writing refuses a column that the schema does n
 the number of the format and the schema in `tables.json`. A folder without this file is of format 1; rows of older formats are
 converted while they are read (`migrate_row`), a later format is refused.
 
+The checksums of all files are in `checksums.json` (`checksums.py`).
+
 Timed columns are stored apart, in files of the same names in the folder `times`, and rounded as far as their spread allows.
 A repeated run then changes those files, and in all others only the rows whose figures moved. Reading a table joins both parts.
 Date, machine and versions of a run are in `environment.json` alone.
@@ -21,6 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from gauss_bench import checksums
 from gauss_bench.untrusted import BadInput
 
 FORMAT = 5
@@ -216,9 +219,12 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
             write_text(path, csv_text(columns, some))
         else:
             write_parquet(name, columns, some, path)
+    if name == "baseline":  # which is no table of a run: it changes whenever figures are accepted
+        return tuple(contents)
     for stale in files_of(name, folder):
-        if stale not in contents and name != "baseline":
+        if stale not in contents:
             stale.unlink()
+    write_text(folder / checksums.FILE, checksums.with_files(folder, contents))
     return tuple(contents)
 
 

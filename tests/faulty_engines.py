@@ -145,6 +145,17 @@ class Springs(Regular):
         return wrapped
 
 
+def without_gamma(terms: Terms) -> Terms:
+    return replace(terms, gamma=0.0 * terms.gamma)
+
+
+class Gammaless(Sound):
+    """Leaves out the velocity term of its constraints, and declares soft loops."""
+
+    terms = staticmethod(without_gamma)
+    soft: ClassVar = {"default": "an excuse that is long enough to be read"}
+
+
 class Hasty(Sound):
     """Declares that its only settings stop before the end."""
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,19 +12,23 @@ import pytest
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import agreement, subject
 from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, refusal
-from gauss_bench.bench.conformance import conformance, lateness
+from gauss_bench.bench.conformance import conformance, explains_lateness, lateness, rates_fault
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, _share, changes, probe
 from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
-from gauss_bench.engines import all_names
+from gauss_bench.engines import SAFE, all_names
 from gauss_bench.engines.base import Choice
+from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.runs.offers import offer, offers
 from gauss_bench.runs.one_run import Run, sampling_at
+from gauss_bench.runs.questions import FINER, follow_accelerations
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Status
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status, Trajectory
 
 WRONG = "yuan_ge_eq16"  # as published
+LEAVES_OUT = "mjx"  # the velocity term of its constraints: its own test says so
 ALIKE = ("gauss_pinv", "schur", "udwadia_kalaba", "lagrange-native")  # by the adapter of another
 
 
@@ -53,7 +58,7 @@ def test_a_sound_adapter_keeps_every_rule() -> None:
 
 @pytest.mark.long("by_hand", "casadi", "exudyn", "gauss-native", "gauss", "lagrange", "minimal", "mujoco", "pinocchio")
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, *ALIKE)])
+@pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, LEAVES_OUT, *ALIKE)])
 def test_built_in_engines_keep_every_rule(name: str) -> None:
     assert not broken(name)
 
@@ -90,6 +95,30 @@ def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeyp
     assert not broken("tests.faulty_engines:Springs")
     only(monkeypatch, "same_states")
     assert "N^T (M a - Q)" in broken("tests.faulty_engines:Excused")["accelerations (default, rk4, none)"]
+    assert "J a is 0.00 of gamma" in broken("tests.faulty_engines:Gammaless")["accelerations (default, rk4, none)"]
+
+
+@pytest.mark.parametrize("share", [0.01, 0.4, 1.0, -1.0])
+def test_constraints_without_their_velocity_term_are_named_though_loops_are_soft(share: float) -> None:
+    on = probe("four_bar", "torque")
+    evaluator = AbsoluteCoordinates(on.mechanism).evaluator
+    given = []
+    for t, q, v in zip(on.t, on.q, on.v, strict=True):
+        terms = evaluator.terms(float(t), q, v)
+        K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((len(terms.J), len(terms.J)))]])
+        given.append(np.linalg.solve(K, np.concatenate([terms.Q, share * terms.gamma]))[: on.mechanism.n])
+    found = on.share_of_gamma(np.array(given))
+    assert found == pytest.approx(share, abs=1e-12)
+    fault = Answer(off=0.0, along=0.0, gamma=found).fault(soft=True)
+    assert fault == (
+        "" if share == 1.0 else f"J a is {share:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
+    )
+
+
+def test_without_any_velocity_term_none_is_missed() -> None:
+    on = probe("four_bar", "torque")
+    still = replace(on, v=0.0 * on.v)
+    assert still.share_of_gamma(0.0 * on.a) == 1.0
 
 
 def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(
@@ -97,7 +126,46 @@ def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anythi
 ) -> None:
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
-    assert {x.name for x in offers(all_names()) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
+    assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
+
+
+class StiffSpring:
+    """A mass on a spring and critical damper with a period of a millisecond: x = (1 + w t) exp(-w t) from x = 1 at rest."""
+
+    frequency = 2 * np.pi / 1e-3  # [rad/s]
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return -2 * self.frequency * v - self.frequency**2 * q
+
+
+def test_the_finer_steps_follow_a_vibration_of_a_millisecond() -> None:
+    """Explicit steps of a millisecond do not."""
+    start, rest, spring = np.ones(1), np.zeros(1), StiffSpring()
+    true = (1 + spring.frequency * agreement.TIMES) * np.exp(-spring.frequency * agreement.TIMES)
+    off = {}
+    for finer in (FINER, agreement.STIFF):
+        with np.errstate(all="ignore"):
+            places = follow_accelerations(dop853_tableau(), agreement.TIMES, start, rest, spring, finer=finer)[0, :, 0]  # type: ignore[arg-type]
+        off[finer] = np.abs(places - true).max()
+    assert off[agreement.STIFF] < 1e-8
+    assert not off[FINER] < 1e-3
+
+
+@pytest.mark.parametrize(("settings", "tried"), [("soft", [FINER, agreement.STIFF]), ("hard", [FINER])])
+def test_only_a_soft_loop_that_fails_is_followed_in_finer_steps(
+    settings: str, tried: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+
+    def follow(subject: object, choice: Choice, linkage: str, scenario: str, finer: int) -> Check:
+        found.append(finer)
+        return Check("a run", finer == agreement.STIFF)
+
+    monkeypatch.setattr(agreement, "_follow_motion", follow)
+    under_test = SimpleNamespace(offer=SimpleNamespace(soft={"soft": "a spring"}))
+    check = agreement._follow(under_test, Choice(settings), "four_bar", "torque")  # type: ignore[arg-type]
+    assert found == tried
+    assert check.passed is (settings == "soft")
 
 
 @pytest.mark.slow
@@ -243,6 +311,24 @@ def test_effects_are_told_apart_and_lateness_is_counted_in_samples() -> None:
     t = 0.01 * np.arange(100)[:, None]
     for shift in (0.0, 0.5, 1.0, -1.0):
         assert lateness(np.sin(t), np.sin(t - 0.01 * shift)) == pytest.approx(shift, abs=1e-2)
+
+
+def test_a_method_of_first_order_is_told_from_samples_that_are_late() -> None:
+    t = 0.01 * np.arange(630)  # a whole turn, over which sine and cosine do not mix
+
+    def run(h: float, order: int, shift: float) -> Trajectory:
+        """A motion sin t with the error h^order sin t, and accelerations that are early by `shift` [s]."""
+        q = (1.0 + h**order) * np.sin(t)
+        v = (1.0 + h**order) * np.cos(t)
+        return Trajectory(t, q[:, None], v[:, None], -np.sin(t + shift)[:, None], len(t))
+
+    steps = (0.01, 0.005, 0.0025)
+    of_first_order = [run(h, 1, 0.9 * h) for h in steps]
+    assert rates_fault(of_first_order[0]) == ("accelerations are 0.89 steps early", True)
+    assert explains_lateness(*of_first_order)
+    assert not explains_lateness(*[run(h, 4, 0.9 * h) for h in steps])
+    assert not explains_lateness(*[run(h, 1, 0.01) for h in steps])
+    assert not explains_lateness(of_first_order[0], None, None)
 
 
 def test_a_class_that_is_not_there_is_a_check_that_failed_and_an_unknown_name_bad_usage(capsys: pytest.CaptureFixture[str]) -> None:

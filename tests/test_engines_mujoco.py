@@ -1,15 +1,16 @@
 """MuJoCo: the generated model is the mechanism, up to a softness of the closures that the settings name."""
 
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
 
-from gauss_bench.engines import tree_loads
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mujoco import forces
-from gauss_bench.engines.mujoco.adapter import AGREEMENT, INTEGRATORS, VARIANTS, Mujoco, MujocoModel, configure
-from gauss_bench.engines.mujoco.draft import Draft
+from gauss_bench.engines.mujoco.adapter import AGREEMENT, INTEGRATORS, VARIANTS, Mujoco, MujocoModel
 from gauss_bench.engines.shared import open_tree
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.engines.tree_model import comparison, verify
@@ -201,7 +202,7 @@ def test_a_feature_that_a_model_uses_stays_on(monkeypatch):
     assert configured == bits.mjDSBL_AUTORESET  # as shipped, but for that
 
 
-@pytest.mark.parametrize("name", forces.MOVED)
-def test_names_of_loads_on_a_tree_are_found_under_their_former_module_with_a_warning(name: str) -> None:
-    with pytest.warns(DeprecationWarning, match=rf"engines\.tree_loads\.{name}"):
-        assert getattr(forces, name) is getattr(tree_loads, name)
+@pytest.mark.parametrize(("name", "home"), forces.MOVED.items())
+def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name: str, home: ModuleType) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"{home.__name__}\.{name}"):
+        assert getattr(forces, name) is getattr(home, name)

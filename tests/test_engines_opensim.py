@@ -228,7 +228,12 @@ def test_outside_its_room_one_line_of_python_names_the_engine() -> None:
     package = Path(gauss_bench.__file__).parent
     for name in ELSEWHERE:
         files = [p for p in package.rglob("*.py") if package / "engines" / name not in p.parents]
-        lines = [line for p in files for line in p.read_text(encoding="utf-8").splitlines() if re.search(name, line, re.IGNORECASE)]
+        lines = [
+            line
+            for p in files
+            for line in p.read_text(encoding="utf-8").splitlines()
+            if re.search(rf"\b{name}\b", line, re.IGNORECASE)
+        ]
         assert len(lines) == 1
         assert (package / "engines" / name / "requirements.txt").exists()
         assert "://" not in (package / "engines" / name / "requirements.txt").read_text(encoding="utf-8")

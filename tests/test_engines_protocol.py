@@ -25,7 +25,8 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.conformance import conformance
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.measurements.growth import CONTENDERS, contenders
-from gauss_bench.bench.ways import Run, Way, evaluate_run
+from gauss_bench.bench.ways import Run, Way, evaluate_run, one_step
+from gauss_bench.cli import main
 from gauss_bench.engines.base import (
     OPTIONAL,
     REQUIRED,
@@ -42,6 +43,8 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import compare_joint_forces, joint_forces
 from gauss_bench.reach import Requirement, Trial, convergence, reach, trial_of
 from gauss_bench.reference.certificate import find_certified
+from gauss_bench.report.content import make_cell
+from gauss_bench.report.site.settings import Setting
 from gauss_bench.runs import questions
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.offers import NOT_INSTALLED, ChoiceError, Offer, offer
@@ -440,3 +443,66 @@ print(json.dumps([calls, growth.race_growth(2, 3, 0, calls, race_here)["scaling_
     assert row["error"] < 1e-9
     assert row["seconds"] > 0
     assert numpy == np.__version__
+
+
+def test_a_whole_run_whose_steps_nobody_counts_is_one_repetition() -> None:
+    run, way = Run("four_bar", load("four_bar"), 0.01), Way(f"{FAULTY}:Chooser", "default", "dop853", "none", 1e-3)
+    assert [one_step(run, way, steps, {}).count for steps in (None, 7)] == [1, 7]
+
+
+def test_pages_sort_and_name_settings_whose_steps_nobody_counts() -> None:
+    numbers = {
+        "step": math.nan,
+        "tolerance": 1e-6,
+        "low": math.nan,
+        "high": math.nan,
+        "position": 1e-7,
+        "force": math.nan,
+        "until": 1.0,
+    }
+    names = {"mechanism": "four_bar", "scenario": "torque", "engine": "x", "integrator": "i", "stabilization": "none"}
+    uncounted, counted, timed = (
+        Setting(**names, **numbers, settings=name, steps=steps, seconds=seconds, estimated=False)
+        for name, steps, seconds in (("a", math.nan, math.nan), ("b", 50.0, math.nan), ("c", math.nan, 1.0))
+    )
+    assert sorted((uncounted, counted, timed), key=lambda x: x.cost) == [timed, counted, uncounted]
+    cell = make_cell({"status": "ok", "steps": math.nan}, "g", "steps")
+    assert (cell.text, cell.why) == ("-", "not counted by the engine")
+
+
+SMALL = f"""
+format = "gauss-bench-suite/1"
+title = "Engines that count no steps"
+
+[[accuracy]]
+linkages = {{ four_bar = "torque" }}
+engines = ["lagrange", "{FAULTY}:Uncounted", "{FAULTY}:Chooser"]
+steps = [1e-2]
+until = 0.2
+
+[[search]]
+linkages = {{ four_bar = "torque" }}
+engines = ["gauss-native", "{FAULTY}:Uncounted", "{FAULTY}:Chooser"]
+own = ["gauss-native"]
+until = 0.2
+position = [1e-3]
+budget = 6
+most_steps = 2000
+processes = 2
+rounds = 2
+lead = 0.03
+"""
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_engines_that_count_no_steps_are_in_every_table_and_page(tmp_path: Path) -> None:
+    suite, out = tmp_path / "small.toml", tmp_path / "out"
+    suite.write_text(SMALL, encoding="utf-8")
+    assert main(["run", "--suite", str(suite), "--out", str(out), "--report"]) == 0
+    with (out / "times" / "search_winners.csv").open(newline="", encoding="utf-8") as file:
+        steps = {r["engine"].partition(":")[2]: r["steps"] for r in csv.DictReader(file)}
+    assert steps["Chooser"] == ""
+    assert float(steps["Uncounted"]) >= 10
+    assert "steps not counted" in (out / "site" / "index.html").read_text(encoding="utf-8")
+    assert "not counted by the engine" in (out / "site" / "method.html").read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ import pytest
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import closing_pins, driven_rows, drivers_by_coordinate, jointed, open_tree
 from gauss_bench.engines.tree import Tree, spanning_tree
-from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, comparison, verify
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, comparison, extrapolate, verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import STEPS, held_back
 from gauss_bench.linkage.load import load
@@ -184,32 +184,47 @@ def test_the_angle_of_any_driven_link_is_its_row_of_tree_coordinates(name: str, 
     assert constants.any() == (name != "four_bar")  # the others have a slide whose block stands askew
 
 
-# accelerations of a library that only steps; y'' = -w^2 y - c y'
+# accelerations of a library that only steps
 
-W, C, H = 7.0, 0.9, 1e-3
+C, H = 0.9, 1e-3
 Y, DY = np.array([0.3, -0.2]), np.array([1.1, 0.4])
 
 
-def test_two_exact_steps_err_by_a_twelfth_of_the_square_of_the_step() -> None:
-    """2 D(h/2) - D(h) = a + h^2 a'' (2/24 - 1/6) + O(h^3), and a'' = w^4 y without a damper."""
-    found = acceleration_by_steps(lambda y, dy, h: dy * np.cos(W * h) - W * y * np.sin(W * h), Y, DY, H)
-    error, predicted = found + W**2 * Y, -(H**2) / 12 * W**4 * Y
-    np.testing.assert_allclose(error, predicted, rtol=W * H)
+def test_an_implicit_damper_loses_its_first_orders_in_the_step() -> None:
+    """dy' = dy / (1 + c h): a single step shows -c dy (1 - c h ...)."""
+
+    def rates(t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
+        return dy / (1 + C * h), dy / (1 + C * h) ** 2
+
+    one, several = (acceleration_by_steps(rates, 0.0, Y, DY, steps) for steps in ((H,), (H, H / 2, H / 4)))
+    np.testing.assert_allclose(one / (-C * DY) - 1, -2 * C * H, rtol=2 * C * H)
+    # D(h) = -c dy (1 + c h)^-2 has the terms 1 - 2 x + 3 x^2 - 4 x^3; three sizes leave 4 x^3 (1/2) (1/4)
+    np.testing.assert_allclose(several / (-C * DY) - 1, -4 * (C * H) ** 3 / 8, rtol=10 * C * H)
 
 
-def test_an_implicit_damper_loses_its_first_order_in_the_step() -> None:
-    """dy' = dy / (1 + c h), thus D(h) = -c dy (1 - x + x^2 ...) with x = c h, and 2 D(h/2) - D(h) = -c dy (1 - x^2 / 2 ...)."""
-    found = acceleration_by_steps(lambda y, dy, h: dy / (1 + C * h), Y, DY, H)
-    np.testing.assert_allclose(found / (-C * DY) - 1, -((C * H) ** 2) / 2, rtol=2 * C * H)
+class Bead:
+    """A mass on a ring of radius 1 in the plane, whose steps keep the ring as it is where they begin."""
+
+    weight = np.array([0.0, -9.81])
+
+    def rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
+        found = []
+        for _ in range(2):
+            dy = dy + h * self.weight
+            dy = dy - (y @ dy) / (y @ y) * y
+            y = y + h * dy
+            found.append(dy)
+        return found[0], found[1]
 
 
-def test_a_step_whose_rates_grow_by_h_a_shows_a_but_for_rounding() -> None:
-    found = acceleration_by_steps(lambda y, dy, h: dy + h * (-(W**2) * y - C * dy), Y, DY, H)
-    np.testing.assert_allclose(found, -(W**2) * Y - C * DY, atol=6e-16 * np.abs(DY).max() / H)
+def test_accelerations_are_measured_with_the_term_of_the_turning_constraint() -> None:
+    y, dy = np.array([np.cos(0.3), np.sin(0.3)]), 2.0 * np.array([-np.sin(0.3), np.cos(0.3)])
+    found = acceleration_by_steps(Bead().rates, 0.0, y, dy, (4e-5, 2e-5, 1e-5))
+    along = np.array([-np.sin(0.3), np.cos(0.3)])
+    np.testing.assert_allclose(found, (along @ Bead.weight) * along - 4.0 * y, rtol=1e-9)
 
 
-def test_an_impulse_that_does_not_vanish_with_the_step_is_seen_to_grow() -> None:
-    jump = 1e-3
-    one, half = (acceleration_by_steps(lambda y, dy, h: dy + jump, Y, DY, h) for h in (H, H / 2))
-    np.testing.assert_allclose(one, 3 * jump / H)  # 2 / (h / 2) - 1 / h
-    np.testing.assert_allclose(half, 2 * one)
+def test_values_of_a_parabola_are_extrapolated_to_its_value_at_zero() -> None:
+    steps = (0.4, 0.2, 0.1)
+    values = [np.array([3.0 + 2.0 * h - 5.0 * h * h, h]) for h in steps]
+    np.testing.assert_allclose(extrapolate(steps, values), [3.0, 0.0], atol=1e-14)

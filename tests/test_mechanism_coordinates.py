@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.engines.mujoco.forces import native_forces
+from gauss_bench.engines.mjcf.forces import native_forces
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import document_of, load, load_document

@@ -41,10 +41,11 @@ def make(tree: Path, goal: str) -> tuple[int, str, str]:
 def test_a_clean_tree_is_published(tree: Path) -> None:
     code, called, _ = make(tree, "publish")
     assert code == 0
-    first, second = called.splitlines()
+    first, second, third = called.splitlines()
     assert "--suite full" in first
     assert first.split()[-2:] == ["--out", "reports"]
     assert second == "-m gauss_bench.report.pictures reports README.md"  # whose table and pictures follow the rows
+    assert third == "-m gauss_bench.report.citation reports CITATION.cff"  # which names the rows
 
 
 @pytest.mark.parametrize(("name", "published"), [("source.py", False), ("new.py", False), ("reports/page.md", True)])

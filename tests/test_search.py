@@ -34,6 +34,7 @@ from gauss_bench.metrics import joint_force_errors
 from gauss_bench.reach import UNITS, Requirement, Trial
 from gauss_bench.reference.build import build_reference
 from gauss_bench.report.rows import Run
+from gauss_bench.report.sections.search import list_owned
 from gauss_bench.runs import apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import Run as Ended
@@ -374,6 +375,36 @@ def test_a_search_names_the_known_winner_and_a_second_one_names_it_again(clock: 
     assert compared(Run({}, rows)) == ["search"]
     for table in ("search_ladder", "search_races", "search_winners", "search_times"):
         assert [row_of(TABLES[table], row) for row in found[table]]
+
+
+def test_settings_of_an_engines_authors_race_beside_ours_however_far_they_are(clock: Clock, tmp_path: Path) -> None:
+    """`dear` is theirs: ours, `exact`, takes a 22nd of its time, and it would not race if it were ours."""
+    theirs = Variant("dear", "rk4", "none", {"number": 3}, "Those who wrote it")
+    kind = type(get("mujoco"))
+    kind.variants = {name: x for name, x in kind.variants.items() if name != "dear"}
+    rows: list[dict[str, Any]] = []
+    for variant in (*space(offer("mujoco")), theirs):
+        rows += ladder("four_bar", "torque", "mujoco", variant, PART, str(tmp_path))["search_ladder"]
+    races = first_race("four_bar", "torque", PART, rows)["search_races"]
+    for number in range(1, PART.processes):
+        races = races + further_race("four_bar", "torque", PART, rows, races, number)["search_races"]
+    found = winners_and_times("four_bar", "torque", PART, rows, races)
+    assert {r["settings"]: r["owner"] for r in rows} == {"rough": "", "exact": "", "same": "", "dear": "Those who wrote it"}
+    row = next(r for r in found["search_owned"] if r["accuracy"] == 1e-4)
+    assert (row["engine"], row["settings"], row["owner"], row["our_settings"]) == ("mujoco", "dear", "Those who wrote it", "exact")
+    assert row["seconds"] == pytest.approx(row["steps"] * WAYS["dear"][2])
+    assert row["our_seconds"] == pytest.approx(round(0.1 / row["our_step"]) * WAYS["exact"][2])
+    assert [row[f"ratio{end}"] for end in ("", "_low", "_high")] == pytest.approx([row["seconds"] / row["our_seconds"]] * 3)
+    assert row["ratio"] > 10
+    assert (row["variants"], row["our_variants"], row["budget"]) == (1, 3, PART.budget)
+    winner = next(r for r in found["search_winners"] if r["accuracy"] == 1e-4 and r["engine"] == "mujoco")
+    assert (winner["settings"], winner["owner"], winner["variants"]) == ("exact", "", 4)
+    assert row_of(TABLES["search_owned"], row)
+    lines = list_owned([row_of(TABLES["search_owned"], row)])
+    assert [(x["name"], x["settings"], x["seconds"]) for x in lines] == [
+        ("mujoco, by its authors", "dear", row["seconds"]),
+        ("mujoco", "exact", row["our_seconds"]),
+    ]
 
 
 def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(

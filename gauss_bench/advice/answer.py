@@ -29,6 +29,7 @@ class Answer:
         loops: time loop -> time of its cheapest setting over that of the fastest engine, where an engine has several loops.
         in_python: the part of the suite's own code that runs in Python inside the measured time.
         options: the engine's options under these settings.
+        owner: the engine's authors if the settings are theirs; empty if they are the suite's.
         snippet: a program that runs the setting, in the engine's own language where possible; empty where there is none.
     """
 
@@ -55,6 +56,7 @@ class Answer:
     loops: Mapping[str, float] = field(default_factory=dict)
     in_python: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
+    owner: str = ""
     snippet: str = ""
 
 

@@ -35,7 +35,7 @@ from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
-from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import in_python, interpreter_of, offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
@@ -79,6 +79,7 @@ class _Engine:
     """The state of the search for one engine.
 
     Attributes:
+        owner: the engine's authors if the variants are theirs, which are searched apart; empty if they are the suite's.
         left: variants that were not tried yet; options: settings -> options of the engine.
         trials: variant -> its trials; ended: variant -> why its search ended.
         cut: whether time ended the search of a variant; busy: whether a lane runs it now.
@@ -98,6 +99,12 @@ class _Engine:
     busy: bool = False
     longest: float = 0.0
     refused: tuple[Status, str] | None = None
+    owner: str = ""
+
+    @property
+    def title(self) -> str:
+        """The name of the engine, and the owner if the variants are its authors': the key of this search among all."""
+        return f"{self.name} {BY_AUTHORS}, {self.owner}" if self.owner else self.name
 
     def passing(self) -> dict[Way, Trial]:
         """Return the settings that meet the requirement, from the least work to the most; equal ones in the order of trying."""
@@ -134,7 +141,7 @@ class Searched:
 
     Attributes:
         truth: the reference of all errors.
-        engines: name -> trials of every variant (sizes 0) in the order of trying.
+        engines: name -> trials of every variant of the suite (sizes 0) in the order of trying.
     """
 
     truth: Truth
@@ -147,6 +154,7 @@ class Recommender:
     Attributes:
         run: linkage, scenario and duration; wanted: kind of error -> largest allowed error [m], [rad], [N].
         spaces: engine -> its variants in the order in which they are tried, or a sentence why it has none.
+        owned: variants of these engines that their authors own; they are searched and raced apart from the suite's.
     """
 
     def __init__(
@@ -157,16 +165,18 @@ class Recommender:
         budget: Budget,
         told: Told,
         better: Better = lambda answer: None,
+        owned: Mapping[str, Sequence[Variant]] | None = None,
     ):
         self.run, self.wanted, self.budget = run, dict(wanted), budget
         self._better = better
         self._told, self._say, self._stack, self._state = told, threading.Lock(), ExitStack(), threading.Condition()
         self.judge = Evaluator(run.mechanism)
-        self.engines: dict[str, _Engine] = {}
+        self.engines: dict[str, _Engine] = {}  # by title
         self.lost: dict[str, str] = {}  # engine -> why the race went on without it
-        for name, space in spaces.items():
+        theirs = {(name, x.owner): [y for y in some if y.owner == x.owner] for name, some in (owned or {}).items() for x in some}
+        for (name, owner), space in [*(((name, ""), space) for name, space in spaces.items()), *theirs.items()]:
             offered = offer(name)
-            engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive)
+            engine = _Engine(name, [], self._stack.enter_context(Worker()), offered.adaptive, owner=owner)
             if not offered.usable:
                 engine.refused = offered.status, offered.reason
             elif isinstance(space, str):
@@ -174,7 +184,7 @@ class Recommender:
             else:
                 engine.left, engine.variants = list(space), len(space)
                 engine.options = {x.name: x.options for x in space}
-            self.engines[name] = engine
+            self.engines[engine.title] = engine
         self.truth: Truth | None = None
 
     def __enter__(self) -> "Recommender":
@@ -216,7 +226,7 @@ class Recommender:
                 lane.join(0.2)
         if not failures.empty():
             raise failures.get()
-        return Searched(truth, {name: x.trials for name, x in self.engines.items()})
+        return Searched(truth, {x.name: x.trials for x in self.engines.values() if not x.owner})
 
     def _truth(self) -> Truth:
         """Compute the reference, in the worker of the compiled engine, so that its model is compiled once for both uses."""
@@ -349,12 +359,12 @@ class Recommender:
         if after is None:
             best = nearest(trials, SHARE)
             if engine.refused:
-                self.report(f"{engine.name}: {engine.refused[0]}: {engine.refused[1]}")
+                self.report(f"{engine.title}: {engine.refused[0]}: {engine.refused[1]}")
             elif best is not None and len(engine.trials) == 1:
-                self.report(f"{engine.name}: not yet; nearest {self._errors(best)}")
+                self.report(f"{engine.title}: not yet; nearest {self._errors(best)}")
         elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
             how = "holds" if before is None else "better"
-            self.report(f"{engine.name}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
+            self.report(f"{engine.title}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
             with self._say:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
@@ -395,18 +405,19 @@ class Recommender:
             ways = engine.passing()
             if raced := {way: times[way] for way in ways if way in times}:
                 winner = pick_winner(raced)[0]
-                chosen[engine.name] = winner, ways[winner]
+                chosen[engine.title] = winner, ways[winner]
             elif best := engine.best():
-                chosen[engine.name] = best
+                chosen[engine.title] = best
         fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
         held: list[Answer] = []
-        for name, (way, trial) in chosen.items():
-            engine = self.engines[name]
+        for title, (way, trial) in chosen.items():
+            engine = self.engines[title]
             answer = self._hold(engine, way, trial, times.get(way), fastest)
-            held.append(replace(answer, loops=by_loop(engine, times, fastest)))
+            own_times = {w: x for w, x in times.items() if w.settings in engine.options}
+            held.append(replace(answer, loops=by_loop(engine, own_times, fastest)))
         # Settings without a race have no ratio and come last.
         held.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)
-        return held + [self._not_held(x) for x in self.engines.values() if x.name not in chosen]
+        return held + [self._not_held(x) for x in self.engines.values() if x.title not in chosen]
 
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
         """Call a function in the engine's worker, until LAST times the budget at the latest, or for `least` seconds [s].
@@ -434,13 +445,14 @@ class Recommender:
         errors = {k: x for k, x in trial.errors.items() if k in UNITS and not math.isnan(x)}
         columns: dict[str, Any] = way._asdict() | size | timed | self._counts(engine)
         columns.pop("size")
+        columns["owner"] = engine.owner
         message = "" if timed else f"holds, not raced: {self.lost.get(engine.name, f'the time ended first; {MORE}')}"
         columns["options"] = engine.options.get(way.settings, {})
         columns["in_python"] = in_python(way.engine, self.run.mechanism, choice_of(way, adaptive, self.run.until))
         return Answer(status=str(Status.OK), message=message, steps=trial.steps, errors=errors, **columns)
 
     def _not_held(self, engine: _Engine) -> Answer:
-        counts: dict[str, Any] = self._counts(engine)
+        counts: dict[str, Any] = self._counts(engine) | {"owner": engine.owner}
         found = answer_of(engine)
         status = str(Status.SKIP if found.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else found.kind)
         best = [(way, trial) for way, x in engine.trials.items() if (trial := nearest(x, SHARE)) is not None]

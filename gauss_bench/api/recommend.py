@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from gauss_bench.advice.answer import Answer, format_setting
@@ -14,10 +15,11 @@ from gauss_bench.api.program_error import describe_error, describe_reference
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, SAFE, all_names
+from gauss_bench.engines.authors import candidates_of, read_settings
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
 from gauss_bench.linkage.load import built_in, find, load
-from gauss_bench.reach import UNITS
+from gauss_bench.reach import BY_AUTHORS, UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
 from gauss_bench.runs.programs import program_there, read_program, writes_programs
 from gauss_bench.runs.worker import WorkerFailure
@@ -76,6 +78,7 @@ def recommend(
     budget: float | None = None,
     told: Told = nobody,
     better: Better = lambda answer: None,
+    authors: Sequence[str | Path] = (),
 ) -> Recommendation:
     """Find the cheapest setting of each engine whose error over the whole run is at most half of the requirement.
 
@@ -94,9 +97,11 @@ def recommend(
             after 1.45 times the budget of wall time; the program of the advised setting is written in any case.
         told: called with each sentence of progress.
         better: called with the first answer of an engine and with every cheaper one, before they are raced.
+        authors: files of settings that engines' authors own; they have an answer of their own beside the suite's.
 
     Raises:
         LinkageError: the file has faults.
+        SettingsFault: a file of settings has faults.
         ChoiceError: a requirement, time or setting that cannot be used.
         KeyError: unknown engine.
         NoTruth: no reference is known well enough.
@@ -108,9 +113,12 @@ def recommend(
     offered = offers(list(dict.fromkeys(engines)) if engines else order_kinds())
     if settings is not None and len(offered) != 1:
         raise ChoiceError("settings are those of one engine: name it with --engine")
+    if settings is not None and authors:
+        raise ChoiceError("--settings asks for these settings alone, and --authors for more: give one of them")
     spaces = {x.name: variants(x, settings) for x in offered}
+    owned = list_owned([x.name for x in offered], authors) if settings is None else {}
     run = Run(linkage, mechanism, end)
-    with Recommender(run, wanted, spaces, seconds, told, better) as recommender:
+    with Recommender(run, wanted, spaces, seconds, told, better, owned) as recommender:
         searched = recommender.search()
         answers = recommender.answers(recommender.race())
         best = advised(answers)
@@ -204,6 +212,20 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
     return wanted
 
 
+def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str, list[Variant]]:
+    """Return engine -> settings that its authors own, of the engines that are asked.
+
+    Raises:
+        ChoiceError: a file is for an engine that is not asked.
+        SettingsFault: a file has faults.
+    """
+    for path in files:
+        if (name := read_settings(Path(path)).engine) not in engines:
+            raise ChoiceError(f"{path}: engine: {name} is not among the engines that are asked, {', '.join(engines)}")
+    owned = {name: candidates_of(name, files) for name in engines}
+    return {name: some for name, some in owned.items() if some}
+
+
 def order_kinds() -> list[str]:
     """Return the names of all engines, the quickest to answer first."""
     first, last = [*COMPILED, *DERIVED, *FOREIGN], [*OWN]
@@ -243,7 +265,7 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
         if x.in_python and x.engine not in OWN:
             own = "of this suite's own in Python" if x.engine in (*SAFE, *ELSEWHERE) else "in Python, besides its library"
             sentences.append(f"the time of {x.engine} holds {own}: {x.in_python}")
-    short = [x.engine for x in answers if not x.complete]
+    short = list(dict.fromkeys(x.engine for x in answers if not x.complete))
     if short:
         sentences.append(f"time ended before every variant was tried of {', '.join(short)}: a larger --budget may find better ones")
     return sentences
@@ -281,7 +303,8 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
 def setting_of(answer: Answer) -> str:
     """Return a setting in words."""
     size = f"tolerance {answer.tolerance:.2g}" if answer.step is None else f"step {answer.step:.4g} s"
-    return f"{format_setting(answer.settings, answer.integrator, answer.stabilization)}, {size}"
+    words = [format_setting(answer.settings, answer.integrator, answer.stabilization), size]
+    return ", ".join([*words, *([BY_AUTHORS] if answer.owner else [])])
 
 
 def duration_of(seconds: float) -> str:

@@ -7,6 +7,7 @@ This file checks the form of runs: times, start, repetition, counts. `agreement`
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +27,8 @@ ODD = (0.0, 0.0137, 0.02, 0.0555, 0.1)  # [s] times that a step of a millisecond
 START = 1e-9  # of the first sample, relative to the linkage's size and speed
 DERIVED = 0.02  # of velocities against differences of positions, and accelerations of velocities: the median, of the largest
 LATE = 0.75  # steps: first-order methods put rates half a step beside the differences of what they integrate
+FINER = (2, 4)  # parts of a step, in the runs that show of which order a method is
+FIRST_ORDER = (1.5, 3.0)  # times: what half the step changes less of velocities; 2 in theory, 4 for a method of second order
 
 
 def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) -> list[Check]:
@@ -84,18 +87,48 @@ def _start(subject: Subject) -> Iterator[Check]:
 
 def _derivatives(subject: Subject) -> Iterator[Check]:
     """Check that velocities are the rates of positions, and accelerations those of velocities."""
+    for linkage, scenario in PLAIN:
+        run = subject.whole[linkage]
+        title = f"velocities and accelerations are derivatives ({linkage})"
+        if run.trajectory is None:
+            yield Check(title, None if run.status is Status.SKIP else False, run.message)
+            continue
+        fault, is_late = rates_fault(run.trajectory)
+        if is_late:  # the steps of a method of first order may change accelerations by as much as this
+            finer = [
+                subject.perform(mechanism_of(linkage, scenario), replace(subject.usual, step=STEP / k), EVERY_STEP).trajectory
+                for k in FINER
+            ]
+            if explains_lateness(run.trajectory, *finer):
+                fault = f"{fault}, and less the shorter the steps are: a method of first order"
+                yield Check(title, True, fault)
+                continue
+        yield Check(title, not fault, fault)
 
-    def look(m: Mechanism, x: Trajectory) -> str:
-        for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
-            slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]
-            apart = np.median(np.abs(slope - reported).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
-            if apart > DERIVED:
-                return f"{words} and differences are {apart:.1%} apart: units, order of links, a reference point, or another time"
-            if abs(late := lateness(slope, reported)) > LATE:
-                return f"{words} are {abs(late):.2g} steps {'late' if late > 0 else 'early'}"
-        return ""
 
-    yield from _judge(subject, "velocities and accelerations are derivatives", look)
+def rates_fault(x: Trajectory) -> tuple[str, bool]:
+    """Return what is wrong with the velocities or accelerations of a trajectory, and whether it is that they are late or early."""
+    for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
+        slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]
+        apart = np.median(np.abs(slope - reported).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
+        if apart > DERIVED:
+            fault = f"{words} and differences are {apart:.1%} apart: units, order of links, a reference point, or another time"
+            return fault, False
+        if abs(late := lateness(slope, reported)) > LATE:
+            return f"{words} are {abs(late):.2g} steps {'late' if late > 0 else 'early'}", True
+    return "", False
+
+
+def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
+    """Tell whether rates that are late or early are so by a method of first order, from runs with the steps of FINER.
+
+    Then every halving of the step changes the velocities half as much, and the rates of the finest run are right at the samples. A
+    shift by whole samples stays as it is, and the changes of a method of higher order fall faster.
+    """
+    if half is None or quarter is None or rates_fault(quarter)[0]:
+        return False
+    change, finer = (float(np.abs(one.v - other.v).max()) for one, other in ((x, half), (half, quarter)))
+    return FIRST_ORDER[0] * finer < change < FIRST_ORDER[1] * finer
 
 
 def lateness(slope: Array, reported: Array) -> float:

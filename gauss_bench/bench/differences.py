@@ -8,6 +8,7 @@ from typing import Any
 
 from gauss_bench.bench.gate import Verdict, compare, facts
 from gauss_bench.bench.runner import frame
+from gauss_bench.checksums import require_unchanged
 from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
 
 
@@ -129,8 +130,10 @@ def accuracy_rows(folder: Path) -> tuple[dict[str, Any], ...]:
 
     Raises:
         TableError: there are none, or they cannot be read.
+        ChangedRows: a table of the run is not as the run wrote it.
     """
     rows = read_table("results", folder)
     if not rows:
         raise TableError(f"{folder}: no accuracy cases there: results.csv is missing or empty")
+    require_unchanged(folder)
     return rows

@@ -71,6 +71,19 @@ class Probe:
             loads.append(np.abs(N.T @ terms.Q).max(initial=0.0))
         return _share(np.array(left), np.array(loads))
 
+    def share_of_gamma(self, a: Array) -> float:
+        """Return the factor c by which J a is nearest to c gamma over all states; 1 where no gamma is required.
+
+        A loop that gives way changes it little, because its gap does not follow gamma; it is 0 where the term dJ/dt v is missing.
+        """
+        evaluator = AbsoluteCoordinates(self.mechanism).evaluator
+        product = square = 0.0
+        for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
+            terms = evaluator.terms(float(t), q, v)
+            product += float(terms.gamma @ (terms.J @ given))
+            square += float(terms.gamma @ terms.gamma)
+        return product / square if square else 1.0
+
 
 def _share(errors: Array, sizes: Array) -> float:
     """Return the largest error (k,) relative to its size (k,); infinite where an error is NaN."""

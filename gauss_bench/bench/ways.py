@@ -12,6 +12,7 @@ import numpy as np
 from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import environment_of, get
 from gauss_bench.engines.base import Choice, Model, Variant, ask
+from gauss_bench.engines.own_options import is_assignment
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
@@ -60,6 +61,8 @@ def space(engine: Offer) -> list[Variant]:
 def loop_of(way: Way) -> str:
     """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
     offered = offer(way.engine)
+    if is_assignment(way.settings):
+        return str(offered.resolve_settings(way.settings).get("loop", ""))
     variant = offered.variants.get(way.settings)
     return str((variant.options if variant else offered.settings.get(way.settings, {})).get("loop", ""))
 

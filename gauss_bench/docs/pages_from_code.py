@@ -92,7 +92,7 @@ def write_grammar() -> str:
 def write_commands(page: str) -> str:
     """Return the page with the summary of each verb below its heading, and its help below its example."""
     os.environ["COLUMNS"] = "100"
-    start, *rest = re.split(r"^## (\w+)\n", page, flags=re.MULTILINE)
+    start, *rest = re.split(r"^## ([\w-]+)\n", page, flags=re.MULTILINE)
     lines = [start]
     for name, example in zip(rest[::2], rest[1::2], strict=True):
         verb, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), VERBS[name]["help"]

@@ -40,6 +40,10 @@ RIVALS = {  # used by searches and by users who name them, but not by suites: th
 }
 ELSEWHERE = {  # adapters of this package whose library needs an environment of its own; not listed without one
     "opensim": "gauss_bench.engines.opensim.adapter:OpenSim",
+    "dart": "gauss_bench.engines.dart.adapter:Dart",
+    "drake": "gauss_bench.engines.drake.adapter:Drake",
+    "bullet": "gauss_bench.engines.bullet.adapter:Bullet",
+    "mjx": "gauss_bench.engines.mjx.adapter:Mjx",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")

@@ -48,12 +48,14 @@ class Variant:
 
     Attributes:
         options: knob -> value, for every knob except `integrator` and `stabilization`.
+        owner: the engine's authors if the setting is theirs; empty if it is the suite's.
     """
 
     name: str
     integrator: str
     stabilization: str
     options: Mapping[str, Any]
+    owner: str = ""
 
 
 def sample_arrays(times: Array, *start: Array) -> list[Array]:

@@ -4,6 +4,7 @@ Without a name the engine's first settings apply. These settings also define whi
 a number, a list must keep its length, and a word must be one that a setting or variant of the engine uses or that its knob lists.
 """
 
+import json
 import math
 import re
 import tomllib
@@ -70,8 +71,15 @@ class OptionTable:
         Raises:
             OptionError: it has another type, or is not in the range of the option.
         """
+        return self.check_value(key, _read(text), text)
+
+    def check_value(self, key: str, value: Any, shown: str) -> Any:
+        """Return the value of an option, with its numbers as floats where the default has floats; `shown` is the value as text.
+
+        Raises:
+            OptionError: it has another type than the default, or is not in the range of the option.
+        """
         usual = next(iter(self.labels.values()))[key]
-        value = _read(text)
         match usual:
             case bool():  # before int: Python's bool is an int
                 wanted, good = "true or false", isinstance(value, bool)
@@ -88,13 +96,18 @@ class OptionTable:
                 words = self._words(key)
                 wanted, good = f"one of: {'; '.join(words)}", value in words
         if not good:
-            raise OptionError(f"the option {key!r} takes {wanted}; not {text!r}")
+            raise OptionError(f"the option {key!r} takes {wanted}; not {shown!r}")
         return value
 
     def _words(self, key: str) -> list[str]:
         """List the words that an option may take, without repetition."""
         used = (options[key] for options in self.labels.values() if key in options)
         return list(dict.fromkeys([*used, *self.options[key]]))
+
+
+def write_options(name: str, changes: Mapping[str, Any]) -> str:
+    """Return the text NAME,KEY=VALUE,... from which `OptionTable.resolve` reads the same values, bit for bit."""
+    return ",".join([name, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in changes.items())])
 
 
 def is_assignment(text: str) -> bool:

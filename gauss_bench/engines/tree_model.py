@@ -6,7 +6,7 @@ acceleration_by_steps   the acceleration of a library that only steps
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,19 +151,30 @@ def comparison(model: OpenModel, own: OpenTree) -> dict[str, tuple[Array, Array,
     return pairs
 
 
-def acceleration_by_steps(step: Callable[[Array, Array, float], Array], y: Array, dy: Array, h: float) -> Array:
-    """Return the acceleration (n,) at a tree state y, dy (n,) that a library shows in a step of h and one of h / 2 [s].
+TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # time, tree state, step -> rates after one step and two
 
-    A step changes the rates by h D(h), and D(h) = a + b h + O(h^2), so that
 
-        a = 2 D(h / 2) - D(h) + O(h^2)
+def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps: Sequence[float]) -> Array:
+    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,) that a library shows in steps of several sizes [s].
 
-    Where a library treats springs and dampers implicitly, that is part of b, and drops out. Rounding of the rates by e causes
-    errors of up to 6 e / h. Trap: an impulse that does not vanish with the step, such as one that closes an open loop, is no
-    acceleration; divided by h it grows as h is made smaller.
+    The rates change by h D(h) in a step of h, and D(h) = a + b h + ...; the polynomial through D at the sizes gives a = D(0). Where
+    a library treats springs and dampers implicitly, that is part of b, and drops out. Rounding of the rates by e causes errors of
+    some e / h.
 
-    Args:
-        step: tree state and h -> rates (n,) after one step of h from there, whatever was stepped before.
+    A library whose constraints act on velocities leaves J v' = 0 with J of where the step began. A step from a state with J v = 0
+    would show J a = 0 and not gamma. Therefore D is taken from the second of two steps, of which the first begins at y - h dy, one
+    step before. Gaps there, of the size h^2, must not be drawn shut: such an impulse does not vanish with the step.
     """
-    long, short = (step(y, dy, x) for x in (h, h / 2))
-    return np.asarray(2 * (short - dy) / (h / 2) - (long - dy) / h)
+    changes = []
+    for h in steps:
+        before, after = rates(t - h, y - h * dy, dy, h)
+        changes.append((after - before) / h)
+    return extrapolate(steps, changes)
+
+
+def extrapolate(steps: Sequence[float], values: Sequence[Array]) -> Array:
+    """Return the limit at step 0 of values (n,) at several steps, by the polynomial through them (Aitken and Neville)."""
+    row = list(values)
+    for order in range(1, len(steps)):
+        row = [(steps[k] * row[k + 1] - steps[k + order] * row[k]) / (steps[k] - steps[k + order]) for k in range(len(row) - 1)]
+    return row[0]

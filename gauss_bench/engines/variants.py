@@ -1,7 +1,7 @@
 """An engine's knobs, settings and variants as data: the file `variants.toml` in the engine's folder, and its reader.
 
     [knobs]      NAME = { meaning = "...", source = "https://..." }, or own_search = "why" in the place of source; `values` lists
-                 further words that the knob may take besides those used in the file
+                 further words that the knob may take besides those used in the file, `range` the least and the largest number
     [settings]   LABEL = { KNOB = value, ... }: shown by suites; the first label gives every knob a value, others only differences
     [[unfinished]] KNOB = value, ... and cause = "...": variants that stop their solver before it has converged, and why
     [variants]   NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }: tried by searches
@@ -16,6 +16,7 @@ Every knob must give the address of a documentation page, example or tracker, or
 otherwise the file is refused, as is a value of an unknown knob. So a reader can look up every option that is compared.
 """
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -46,11 +47,19 @@ class Knob:
     Attributes:
         source: the address of its documentation, or OWN_SEARCH and the reason to try it.
         values: further words that it may take besides those used in the file.
+        range: least and largest number that it may be, or that a list may hold.
     """
 
     meaning: str
     source: str
     values: tuple[str, ...] = ()
+    range: tuple[float, float] = (-math.inf, math.inf)
+
+    def allows(self, value: Any) -> bool:
+        """Tell whether all numbers of a value are in the range; words always are."""
+        numbers = value if isinstance(value, (list, tuple)) else [value]
+        least, most = self.range
+        return all(least <= x <= most for x in numbers if isinstance(x, (int, float)) and not isinstance(x, bool))
 
 
 @dataclass(frozen=True)
@@ -79,8 +88,13 @@ class Variants:
             KeyError: no setting and no variant has that name.
             OptionError: an option is unknown, or its value has the wrong type.
         """
+        return self.table.resolve(name)
+
+    @property
+    def table(self) -> OptionTable:
+        """The settings and variants with the options that can be given one by one."""
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
-        return OptionTable(labels, {k: x.values for k, x in self.knobs.items() if k not in CHOSEN}).resolve(name)
+        return OptionTable(labels, {k: x.values for k, x in self.knobs.items() if k not in CHOSEN})
 
 
 def read_variants(room: Path) -> Variants:
@@ -114,6 +128,9 @@ def _read(file: Mapping[str, Any]) -> Variants:
             space[variant.name] = variant
             if label in soft:
                 soft[variant.name] = soft[label]
+    for label, values in [*settings.items(), *((x.name, x.options) for x in space.values())]:
+        outside = [k for k, knob in knobs.items() if k in values and not knob.allows(values[k])]
+        _require(not outside, label, f"{', '.join(outside)} is not in its own range")
     first = tuple(file.get("first", ()))
     for name in first:
         _require(name in space, "first", f"there is no variant {name!r}")
@@ -136,14 +153,22 @@ def _lines(file: Mapping[str, Any], name: str) -> dict[str, Line]:
 
 def _read_knob(place: str, line: Line) -> Knob:
     """Check one line of [knobs]: it must have a meaning, and either a source or a reason to try it."""
-    for field_name in line.keys() - {"meaning", "source", "own_search", "values"}:
+    for field_name in line.keys() - {"meaning", "source", "own_search", "values", "range"}:
         raise VariantError(f"{place}: unknown field {field_name}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
     _require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
     _require(bool(address) != bool(reason), place, "needs `source`, or `own_search`, why we try it")
     _require(not address or str(address).startswith("https://"), place, "`source` is no address")
     _require(not reason or len(str(reason)) >= LEAST_WORDS, place, "`own_search` gives no reason")
-    return Knob(meaning.strip(), address or OWN_SEARCH + reason, tuple(line.get("values", ())))
+    return Knob(meaning.strip(), address or OWN_SEARCH + reason, tuple(line.get("values", ())), _read_range(place, line))
+
+
+def _read_range(place: str, line: Line) -> tuple[float, float]:
+    """Return the range of a knob; one without a range takes all numbers."""
+    match line.get("range", list(Knob.range)):
+        case [int() | float() as least, int() | float() as most] if least < most:
+            return float(least), float(most)
+    raise VariantError(f"{place}: `range` must be the least and the largest number")
 
 
 def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:

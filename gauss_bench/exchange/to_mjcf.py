@@ -15,9 +15,10 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         RunFailure: MJCF cannot hold the mechanism.
         ImportError: MuJoCo is not installed.
     """
-    from gauss_bench.engines.mujoco.mjcf import START, mjcf
+    from gauss_bench.engines.mjcf.document import START, write_document
+    from gauss_bench.engines.mujoco.adapter import MujocoModel
 
-    document = mjcf(mechanism, choice)
+    document = write_document(MujocoModel(mechanism, choice))
     root = document.root
     closure = root.find("equality/connect")
     soft = "" if closure is None else f" solref {closure.get('solref')}, solimp {closure.get('solimp')}."

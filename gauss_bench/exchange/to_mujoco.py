@@ -17,10 +17,11 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         RunFailure: MuJoCo cannot model the mechanism.
         ImportError: MuJoCo is not installed.
     """
+    from gauss_bench.engines.mjcf.document import write_document
     from gauss_bench.engines.mujoco.adapter import VARIANTS, MujocoModel
-    from gauss_bench.engines.mujoco.mjcf import mjcf
 
-    root, built = mjcf(mechanism, choice, edited=True).root, MujocoModel(mechanism, choice)
+    built = MujocoModel(mechanism, choice)
+    root = write_document(built, edited=True).root
     indent(root)
     options, tree, laws = VARIANTS.options(choice.settings), built.tree, name_laws(mechanism)
     # angles of links are affine in the tree's coordinates: their values at 0 and at each unit vector determine them

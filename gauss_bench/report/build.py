@@ -7,6 +7,7 @@ Both take their content from `sections`, in the order of their PLACE. A section 
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from gauss_bench.checksums import checksum_of_run, read_checksums, require_unchanged
 from gauss_bench.report import sections
 from gauss_bench.report.content import Finding
 from gauss_bench.report.pages import markdown_page
@@ -34,12 +35,16 @@ def read_run(folder: Path) -> Run:
     Raises:
         NoRun: the folder has no run.
         TableError: a file is damaged, or has a later format than this version reads.
+        ChangedRows: a table is not as the run wrote it.
     """
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
     tables = {name: tuple(sorted(read_table(name, folder), key=sort_key)) for name in names}
-    return Run(read_environment(folder), tables)
+    require_unchanged(folder)  # last, as the reader says more of a file that is damaged
+    known = read_checksums(folder)
+    checksum = checksum_of_run(known) if known else ""
+    return Run(read_environment(folder), tables, checksum, read_table("baseline", folder))
 
 
 def all_findings(run: Run) -> Iterator[Finding]:

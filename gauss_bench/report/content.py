@@ -262,9 +262,11 @@ def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 def missing_reason(row: Row, key: str) -> str:
     """Return why a row has no value in a column, in a few words.
 
-    The reason is that of the column, if it never depends on the outcome; else the row's own, named `missing`; else its status, if
-    the case did not end; else that of the column for cases that ended.
+    The reason is that of this very cell, named `why_` and the column; else that of the column, if it never depends on the outcome;
+    else the row's own, named `missing`; else its status, if the case did not end; else that of the column for cases that ended.
     """
+    if row.get(f"why_{key}"):
+        return str(row[f"why_{key}"])
     reasons = layouts()["reasons"]
     status = row.get("status") or "ok"
     if key in reasons["always"]:

@@ -30,10 +30,17 @@ OWN_STEPS = 0.02  # relative difference of the number of steps from duration / s
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run of a suite: its environment, and its rows by table, typed and sorted."""
+    """A run of a suite: its environment, and its rows by table, typed and sorted.
+
+    Attributes:
+        checksum: of all its tables as they are stored; empty for a run without checksums.
+        accepted: the figures of the accuracy gate that lie beside the run, each with the date and the reason of its last change.
+    """
 
     environment: Mapping[str, Any] = field(default_factory=dict)
     tables: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
+    checksum: str = ""
+    accepted: tuple[Row, ...] = ()
 
     def table(self, name: str) -> tuple[Row, ...]:
         """Return the rows of a table; none if the run did not fill it."""

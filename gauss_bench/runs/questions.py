@@ -10,7 +10,7 @@ from gauss_bench.integrate.fixed_step import Tableau, explicit_step
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
 
-FINER = 5  # steps between two times of `follow_accelerations`
+FINER = 5  # steps between two times of `follow_accelerations`, where no loop is stiff
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
@@ -42,13 +42,17 @@ def run_before(times: Array, model: Model) -> None:
     model.read()
 
 
-def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, model: Model) -> Array:
-    """Return the motion (3, k, n), q, v and a, at the times (k,) [s] by a model's own accelerations from the state q0, v0 (n,)."""
+def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, model: Model, finer: int = FINER) -> Array:
+    """Return the motion (3, k, n), q, v and a, at the times (k,) [s] by a model's own accelerations from the state q0, v0 (n,).
+
+    Args:
+        finer: number of steps from time to time.
+    """
     q, v, samples = q0, v0, []
     for t, end in zip(times.tolist(), [*times[1:].tolist(), None], strict=True):
         samples.append((q, v, model.acceleration(t, q, v)))
         if end is not None:
-            h = (end - t) / FINER
-            for k in range(FINER):
+            h = (end - t) / finer
+            for k in range(finer):
                 q, v = explicit_step(tableau, model.acceleration, t + k * h, q, v, h)
     return np.array(samples).transpose(1, 0, 2)

@@ -89,13 +89,13 @@ def linkages_of(suite: Suite) -> tuple[str, ...]:
 
 
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
-    """Return the suite with only these engines in its accuracy, cost and search parts."""
+    """Return the suite with only these engines in its accuracy, cost, search and field parts."""
 
     def select(parts: tuple[Any, ...]) -> tuple[Any, ...]:
         chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
         return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
 
-    return suite.model_copy(update={name: select(getattr(suite, name)) for name in ("accuracy", "cost", "search")})
+    return suite.model_copy(update={name: select(getattr(suite, name)) for name in ("accuracy", "cost", "search", "field")})
 
 
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:

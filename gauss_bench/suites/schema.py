@@ -208,6 +208,8 @@ class Search(OnLinkages):
         lead: [s] of a run at fixed steps that is timed; longer ones are cut and scaled.
         aims: engine -> how many times as long as our own cheapest way its searched best should take, at least ...
         aimed: ... at these requirements of position [m].
+        authors: paths of files of settings by engines' authors, beside those in their rooms.
+        brief: whether only the variants are searched that an engine tries first, of all engines of the suite, those in numpy too.
     """
 
     engines: tuple[str, ...] = ()
@@ -225,6 +227,27 @@ class Search(OnLinkages):
     lead: Positive
     aims: Mapping[str, Positive] = {}
     aimed: tuple[Positive, ...] = ()
+    authors: tuple[str, ...] = ()
+    brief: Flag = False
+
+
+class SameQuestions(OnLinkages):
+    """The same questions to every engine: whether a run repeats bit by bit, joint forces, start and size.
+
+    Attributes:
+        engines: names; empty for all engines, with those that can be installed and are not.
+        redundant: linkages with redundant rows, whose accuracy cases the table shows too.
+        step, until: [s] of the runs.
+        processes: starts of each engine, one after the other.
+        position: [m] the accuracies at which the table shows the cost of each engine's searched best.
+    """
+
+    engines: tuple[str, ...] = ()
+    redundant: Linkages = {}
+    step: Positive
+    until: Positive
+    processes: Count = 3
+    position: tuple[Positive, ...]
 
 
 class Batch(OnLinkages):
@@ -368,6 +391,7 @@ class Suite(Section):
     bounds: tuple[Bounds, ...] = ()
     agreement: tuple[Agreement, ...] = ()
     search: tuple[Search, ...] = ()
+    field: tuple[SameQuestions, ...] = ()
     batch: tuple[Batch, ...] = ()
     growth: tuple[Growth, ...] = ()
     long_runs: tuple[LongRuns, ...] = ()

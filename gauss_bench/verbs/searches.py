@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api.files import usable_folder, writable
-from gauss_bench.api.recommend import Recommendation, order_kinds
+from gauss_bench.api.recommend import Recommendation, list_owned, order_kinds
 from gauss_bench.api.recommend import recommend as recommend_settings
 from gauss_bench.api.telling import Answer, Told
 from gauss_bench.atlas import chart, survey, table
@@ -23,18 +23,21 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
     engines, files = options.engines or [], {}
     if options.out is not None:
         usable_folder(options.out)
-        for name in engines or order_kinds():
+        asked = engines or order_kinds()
+        for name in [*asked, *(f"{x}-authors" for x in list_owned(asked, options.authors))]:
             files[name] = writable(options.out / program_name(name), options.replace, "--out", options.out, ".py", options.linkage)
     wanted = (options.position, options.angle, options.force, options.until)
     try:
-        result = recommend_settings(options.linkage, *wanted, engines, options.scenario, options.settings, options.budget, told)
+        named = (engines, options.scenario, options.settings, options.budget)
+        result = recommend_settings(options.linkage, *wanted, *named, told=told, authors=options.authors)
     except NoTruth as reason:
         return Answer(None, False, "", (f"{options.linkage}: nothing can be recommended: {reason}",))
     for answer in result.answers:
-        if answer.snippet and answer.engine in files:
+        name = f"{answer.engine}-authors" if answer.owner else answer.engine
+        if answer.snippet and name in files:
             options.out.mkdir(exist_ok=True)
-            write_text(files[answer.engine], answer.snippet)
-            told(f"{files[answer.engine]}")
+            write_text(files[name], answer.snippet)
+            told(f"{files[name]}")
     return result
 
 

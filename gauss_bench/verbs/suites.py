@@ -21,11 +21,13 @@ from gauss_bench.bench.runner import measure_all
 from gauss_bench.bench.runner import run as run_suite
 from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import require
+from gauss_bench.engines.authors import read_settings
 from gauss_bench.linkage.load import load
 from gauss_bench.report.build import build_report, refuse_pages_of_others
 from gauss_bench.runs.apart import build_first, is_unaltered
 from gauss_bench.runs.offers import ChoiceError, check_budget, offers
 from gauss_bench.suites.read import join_entries, of_engines, read_suite, restrict, scenario_of
+from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, read_environment
 
 LOCAL = Path("reports/local")  # what a user runs; beside it lies what is published
@@ -87,7 +89,23 @@ def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
     chosen = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
     offers(options.engines or [])
     suite = restrict(suite, chosen) if chosen else suite
-    return of_engines(suite, options.engines) if options.engines else suite
+    suite = of_engines(suite, options.engines) if options.engines else suite
+    return with_authors(suite, getattr(options, "authors", []))
+
+
+def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
+    """Return a suite whose searches race the settings in some files by engines' authors.
+
+    Raises:
+        SettingsFault: a file has a fault.
+        ChoiceError: no search of the suite is of the engine of a file.
+    """
+    searched = {x.name for part in suite.search for x in engines_of(part)}
+    for path in files:
+        if (engine := read_settings(path).engine) not in searched:
+            raise ChoiceError(f"{path}: engine: the suite searches no settings of {engine}; `--suite search` does")
+    names = tuple(str(path) for path in files)
+    return suite.model_copy(update={"search": tuple(x.model_copy(update={"authors": x.authors + names}) for x in suite.search)})
 
 
 def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:

@@ -6,6 +6,9 @@ beats that they meet: at a fifth of the run or oftener, from 50 steps on at a te
 engines: of a step of each variant that passed, which with the number of steps tells who is near the cheapest, then of whole runs
 (or of their first part, where steps are equal and a run takes longer than the lead) in several processes. Those of a linkage lie
 apart in time, so that what disturbs the machine for a minute is in few of them; winners are worked out from all of them together.
+
+Settings that an engine's authors own are further variants, with the same sizes, requirements and budget. Their cheapest always
+races, also where it is far from ours, so that a table shows the one beside the other.
 """
 
 import hashlib
@@ -37,8 +40,10 @@ from gauss_bench.bench.ways import (
     space,
     whole_run,
 )
-from gauss_bench.engines import OWN, all_names
+from gauss_bench.engines import OWN, all_names, names
+from gauss_bench.engines.authors import candidates_of
 from gauss_bench.engines.base import Variant
+from gauss_bench.engines.own_options import is_assignment
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
@@ -50,7 +55,9 @@ from gauss_bench.trajectory import Status
 STATUSES = dict.fromkeys(
     (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
 )  # in tables; other kinds are their own status
+BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
 Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
+Owners = dict[Way, str]  # variant that the authors of its engine own -> who they are
 Asked = list[tuple[Way, int | None, float]]  # ways, each with its number of steps, if it is counted, and its estimated time [s]
 
 
@@ -61,7 +68,21 @@ def requirements(part: Search) -> list[Requirement]:
 
 def engines_of(part: Search) -> list[Offer]:
     """Return the engines that a part of a suite searches."""
-    return [offer(x) for x in part.engines or (x for x in all_names() if x not in OWN)]
+    usual = names() if part.brief else [x for x in all_names() if x not in OWN]
+    return [offer(x) for x in part.engines or usual]
+
+
+def space_of(engine: Offer, part: Search) -> list[Variant]:
+    """Return the suite's variants of an engine that a part searches.
+
+    A brief search tries those that the engine names first; of an engine that names none its first integrators alone.
+    """
+    every = space(engine)
+    if not part.brief:
+        return every
+    if engine.first:
+        return [x for x in every if x.name in engine.first]
+    return [x for x in every if x.stabilization == "none" and x.integrator in engine.integrators[:BRIEF]] or every
 
 
 def motion_of(linkage: str, scenario: str, part: Search) -> Run:
@@ -74,12 +95,18 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return one task, a ladder, for each linkage, engine and variant."""
     tasks = []
     for part, place in _races(suite):
-        asked = part.model_copy(update={"linkages": {}, "engines": ()})
+        asked = part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
         for engine in engines_of(part):
-            for variant in space(engine):
+            for variant in [*space_of(engine, part), *owned_by_authors(engine, part)]:
                 arguments = (*place, engine.name, variant, asked, context.store)
-                tasks.append(context.task("search_ladder", ladder, arguments, *place, **names_of(engine.name, variant)))
+                names = names_of(engine.name, variant) | ({"owner": variant.owner} if variant.owner else {})
+                tasks.append(context.task("search_ladder", ladder, arguments, *place, **names))
     return tasks
+
+
+def owned_by_authors(engine: Offer, part: Search) -> list[Variant]:
+    """Return the variants that the authors of an engine own; none of an engine that cannot be used."""
+    return candidates_of(engine.name, part.authors) if engine.usable else []
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
@@ -133,9 +160,12 @@ def complete(suite: Suite, tables: Tables) -> None:
         ladders, races = (_here(tables, table, place) for table in ("search_ladder", "search_races"))
         for table, rows in winners_and_times(*place, part, ladders, races).items() if races else ():
             tables.setdefault(table, []).extend(rows)
-    engines = {x.name: x for part in suite.search for x in engines_of(part) if x.usable}
+    searched = [(x, part) for part in suite.search for x in engines_of(part) if x.usable]
+    engines = {x.name: x for x, _ in searched}
     if engines:
-        tables["search_space"] = [space_row(x, variant) for x in engines.values() for variant in space(x)]
+        rows = [space_row(x, variant) for x, part in searched for variant in [*space_of(x, part), *owned_by_authors(x, part)]]
+        by_engine = sorted(rows, key=lambda row: [*engines].index(row["engine"]))  # which keeps the order within an engine
+        tables["search_space"] = [row for k, row in enumerate(by_engine) if row not in by_engine[:k]]  # parts may share engines
         tables["search_knobs"] = [
             {"engine": x.name, "knob": name, "meaning": meaning, "source": source}
             for x in engines.values()
@@ -152,7 +182,8 @@ def names_of(engine: str, variant: Variant) -> dict[str, str]:
 def space_row(engine: Offer, variant: Variant) -> Row:
     """Return the row of a variant in the table of what was searched."""
     size = "tolerance" if variant.integrator in engine.adaptive else "step"
-    return names_of(engine.name, variant) | {"size": size, "options": json.dumps(dict(variant.options), sort_keys=True)}
+    options = json.dumps(dict(variant.options), sort_keys=True)
+    return names_of(engine.name, variant) | {"size": size, "options": options, "owner": variant.owner}
 
 
 # Ladders: the sizes that meet a requirement; no timing affects them
@@ -163,7 +194,7 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     run = motion_of(linkage, scenario, part)
     names = names_of(engine, variant)
     way = Way(**names, size=0.0)
-    start: Row = place_of(run.mechanism) | names | {"until": run.until}
+    start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
     truth = reference_of(linkage, scenario, run.until, store)
     beats = next((x for x in BEATS if has_samples(truth, run.until, x)), None)
@@ -196,6 +227,12 @@ def read_ladders(rows: Sequence[Row]) -> Ladders:
     return ladders
 
 
+def owners_of(rows: Rows) -> Owners:
+    """Return the variants (ways of size 0) that belong to the authors of their engine, by the rows of a ladder."""
+    owned = [r for r in rows if r.get("owner")]
+    return {Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0): r["owner"] for r in owned}
+
+
 def passing_ways(ladders: Ladders, part: Search) -> dict[tuple[Requirement, str], dict[Way, Trial]]:
     """Return (requirement, engine) -> way -> trial: each variant that meets the requirement, at the coarsest size that does."""
     found: dict[tuple[Requirement, str], dict[Way, Trial]] = {(w, e.name): {} for w in requirements(part) for e in engines_of(part)}
@@ -223,7 +260,7 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
     chosen: dict[Way, None] = {}
     for ways in passing.values():
-        for some in by_loop(ways):
+        for some in by_loop(ways, owners_of(rows)):
             chosen |= dict.fromkeys(finalists({way: costs[way] for way in some if way in costs}))
     rows_of_race, more = race_apart(
         race_entries, run, part, [(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead
@@ -236,7 +273,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
     run, measured = motion_of(linkage, scenario, part), gather_measured(first)
     near: dict[Way, int | None] = {}
     for ways in passing_ways(read_ladders(rows), part).values():
-        near |= {way: ways[way].steps for some in by_loop(ways) for way in near_ways(some, measured)}
+        near |= {way: ways[way].steps for some in by_loop(ways, owners_of(rows)) for way in near_ways(some, measured)}
     asked = [(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
     rows_of_race, lost = race_apart(race_entries, run, part, asked, part.rounds, list_lost(first), part.lead)
     return {"search_races": race_rows(run, number, rows_of_race, lost)}
@@ -267,12 +304,17 @@ def race_entries(linkage: str, scenario: str, until: float, asked: Asked, lead: 
         yield way, partial(whole_run, run, way, steps, cost, lead, models)
 
 
-def by_loop(ways: Iterable[Way]) -> list[list[Way]]:
-    """Group the ways of an engine by their time loop (option `loop`); the cheapest of each group race."""
-    loops: dict[str, list[Way]] = {}
+def by_loop(ways: Iterable[Way], owners: Owners) -> list[list[Way]]:
+    """Group the ways of an engine by their time loop (option `loop`) and their owner; the cheapest of each group race."""
+    groups: dict[tuple[str, str], list[Way]] = {}
     for way in ways:
-        loops.setdefault(loop_of(way), []).append(way)
-    return [*loops.values()]
+        groups.setdefault((loop_of(way), owner_of(way, owners)), []).append(way)
+    return [*groups.values()]
+
+
+def owner_of(way: Way, owners: Owners) -> str:
+    """Return the authors who own the variant of a way, or an empty text if it is the suite's."""
+    return owners.get(way._replace(size=0.0), "")
 
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
@@ -300,7 +342,8 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
     run, ladders = motion_of(linkage, scenario, part), read_ladders(ladder_rows)
     measured, lost = gather_measured(races), list_lost(races)
     start: Row = place_of(run.mechanism)
-    passing, winners = passing_ways(ladders, part), []
+    owners = owners_of(ladder_rows)
+    passing, winners, owned = passing_ways(ladders, part), [], []
     for wanted in requirements(part):
         engines = {engine: ways for (w, engine), ways in passing.items() if w == wanted}
         asked = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit}
@@ -308,12 +351,18 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
         for line in (x for x in lines if x["status"] == Status.OK):
             way = way_of(line)
             line["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
+            line["owner"] = owner_of(way, owners)
+        owned += [
+            row_of_authors(asked, wanted, e, ways, ladders, measured, part, owners)
+            for e, ways in engines.items()
+            if e not in lost and any(x.engine == e for x in owners)
+        ]
         winners += with_ratios(lines, measured, part) + [
             asked | {"engine": e} | reason for e, reason in lost.items() if e in engines
         ]
     entered = dict.fromkeys(way for way in (*measured.samples, *measured.failed) if isinstance(way, Way))
     times = [row(start | place(way), _time_over_processes, measured, way) for way in entered if way.engine not in lost]
-    return {"search_winners": winners, "search_times": times}
+    return {"search_winners": winners, "search_times": times} | ({"search_owned": owned} if owned else {})
 
 
 def _time_over_processes(measured: Measured, way: Way) -> Row:
@@ -374,13 +423,47 @@ def winner_row(
     if not near:
         return columns | row_without_winner(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
     winner, tied = pick_winner({way: measured.samples[way] for way in near})
-    options = next((x.options for x in space(offer(engine)) if x.name == winner.settings), {})
+    options = options_of(winner)
     columns |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
     columns |= {
         "options": json.dumps(dict(options), sort_keys=True),
         "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
     }
     return columns | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
+
+
+def options_of(way: Way) -> Mapping[str, Any]:
+    """Return the options of a way: those of a variant, or of a text of options."""
+    if is_assignment(way.settings):
+        return offer(way.engine).resolve_settings(way.settings)
+    return next((x.options for x in space(offer(way.engine)) if x.name == way.settings), {})
+
+
+def row_of_authors(
+    start: Row,
+    wanted: Requirement,
+    engine: str,
+    passing: Mapping[Way, Trial],
+    ladders: Ladders,
+    measured: Measured,
+    part: Search,
+    owners: Owners,
+) -> Row:
+    """Return the cheapest setting that the authors of an engine own, beside the suite's cheapest for the same requirement."""
+    sides: list[tuple[Row, list[Way]]] = []
+    for theirs in (True, False):
+        ways = {way: trial for way, trial in passing.items() if (owner_of(way, owners) != "") is theirs}
+        searched = {way: trials for way, trials in ladders.items() if (owner_of(way, owners) != "") is theirs}
+        found = winner_row(start, wanted, engine, ways, searched, measured, part)
+        sides.append((found, found.pop("ties", [])))
+    (row, tied), (ours, our_tied) = sides
+    row["owner"] = ", ".join(dict.fromkeys(x for way, x in owners.items() if way.engine == engine))
+    for key in ("settings", "integrator", "stabilization", "step", "tolerance", "error", "seconds", "variants", "message"):
+        row[f"our_{key}"] = ours.get(key)
+    if tied and our_tied:
+        times = ratio(measured.of(way_of(row)), measured.of(way_of(ours)))
+        row |= dict(zip(("ratio", "ratio_low", "ratio_high"), times, strict=True))
+    return {key: x for key, x in row.items() if key not in ("passing", "raced", "tied")}
 
 
 def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:

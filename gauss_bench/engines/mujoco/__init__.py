@@ -1,4 +1,4 @@
-"""MuJoCo: `forces` finds an element for each force, `draft` builds the model, `adapter` runs it, `mjcf` writes it as a document.
+"""MuJoCo: `adapter` runs the model of `engines/mjcf`, `own_model` that of a user's file.
 
 `compiled` reads documents of others. `library_calls` times the library alone.
 """

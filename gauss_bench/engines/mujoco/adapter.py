@@ -3,67 +3,34 @@
 The generated model is compared with the suite's own terms before it is used: mass matrix, velocity terms plus all forces, and gaps
 of the loops, at the start and at random tree states. Only the softness of the closures is not checked, because the settings vary
 it.
-
-Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
-A far larger than all masses, and the torque or force A law''(t). It then follows the law, with an error of the size load / A:
-
-    (A + m) theta'' = A law''(t) + load
-
-A driven length is a tendon between two sites with such an armature (in kg), and a motor on it.
 """
 
 import contextlib
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.draft import Draft
-from gauss_bench.engines.mujoco.forces import native_forces
-from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, drivers_by_coordinate, finite, joint_tree
+from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.drives import Drive, find_drives, set_armatures
+from gauss_bench.engines.mjcf.forces import native_forces
+from gauss_bench.engines.mjcf.settings import configure
+from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, finite, joint_tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST", "discrete": "mjINT_DISCRETE"}
 AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
 
-
 VARIANTS = read_variants(Path(__file__).parent)
-FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be disabled -> whether a compiled model uses it
-    "mjDSBL_ISLAND": lambda model: False,  # a linkage is one island: searching for islands only costs time
-    "mjDSBL_CONTACT": lambda model: bool(model.ngeom),
-    "mjDSBL_MIDPHASE": lambda model: bool(model.ngeom),
-    "mjDSBL_SENSOR": lambda model: bool(model.nsensor),
-    "mjDSBL_LIMIT": lambda model: bool(model.jnt_limited.any() or model.tendon_limited.any()),
-    "mjDSBL_FRICTIONLOSS": lambda model: bool(model.dof_frictionloss.any() or model.tendon_frictionloss.any()),
-    "mjDSBL_CLAMPCTRL": lambda model: bool(model.actuator_ctrllimited.any()),
-}
-
-
-def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) -> None:
-    """Set the options of a newly compiled model that takes steps of `step` [s].
-
-    A second call would scale the inverse weights twice, unless mj_setConst has computed them anew in between.
-    """
-    unit = step if options["solref_unit"] == "step" else 1.0
-    model.eq_solref[:] = [options["solref"][0] * unit, options["solref"][1]]
-    model.eq_solimp[:] = options["solimp"]
-    model.opt.tolerance, model.opt.iterations = options["tolerance"], options["iterations"]
-    model.opt.solver = getattr(mujoco.mjtSolver, f"mjSOL_{options['solver'].upper()}")
-    model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
-    model.body_invweight0[:] *= options["body_invweight0_factor"]
-    if options["unused_features"] == "off":
-        unused = (flag for flag, uses in FLAGS.items() if not uses(model))
-        model.opt.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, flag)) for flag in unused)
 
 
 class Mujoco:
@@ -100,38 +67,6 @@ class Mujoco:
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "MujocoModel":
         return MujocoModel(mechanism, choice)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A driven joint coordinate, or a driven length, with its armature.
-
-    Attributes:
-        armature: of a hinge [kg m^2], of a slide or length [kg].
-        at: index of the joint coordinate, or of the tendon.
-        motor: index of the tendon's motor; None for a joint coordinate.
-    """
-
-    law: MotionLaw
-    armature: float
-    at: int
-    motor: int | None = None
-
-    def push(self, data: Any, t: float) -> None:
-        """Add the force armature * law''(t) to the joint coordinate, or set it at the motor."""
-        force = self.armature * float(self.law(t)[2])
-        if self.motor is None:
-            data.qfrc_applied[self.at] += force
-        else:
-            data.ctrl[self.motor] = force
-
-
-def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
-    """Set the armatures of drives in a compiled model, and compute anew the constants that depend on them."""
-    for drive in drives:
-        armatures = model.dof_armature if drive.motor is None else model.tendon_armature
-        armatures[drive.at] = drive.armature
-    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 class MujocoModel(TreeModel):
@@ -175,21 +110,12 @@ class MujocoModel(TreeModel):
         self.last = np.inf  # [s] end of the present stretch: forces that jump there are evaluated before the jump
         self.drives: list[Drive] = []
         verify(mechanism, self.tree, self.describe, AGREEMENT)
-        self.drives = self._find_drives(draft)
+        share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
+        self.drives = find_drives(self.model, draft, mechanism, self.tree, share)
         if self.drives:
             for model in (self.model, self.still):
                 set_armatures(mujoco, model, self.drives)
                 configure(mujoco, model, self.options, choice.step)  # scales the inverse weights just computed anew
-
-    def _find_drives(self, draft: Draft) -> list[Drive]:
-        """Return the drives of all hinges, slides and lengths that follow a law."""
-        share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
-        driven = drivers_by_coordinate(self.mechanism, self.tree)
-        drives = [Drive(driver.law, share * float(self.model.dof_M0[k]), k) for k, driver in driven.items()]
-        for cylinder, tendon, motor in draft.cylinders:
-            mass = share / float(self.model.tendon_invweight0[tendon.id])
-            drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
-        return drives
 
     @property
     def sets_forces(self) -> bool:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from gauss_bench.reach import ERRORS, Kind, Reach, Requirement
+from gauss_bench.reach import BY_AUTHORS, ERRORS, Kind, Reach, Requirement
 from gauss_bench.report.content import (
     Block,
     Finding,
@@ -25,7 +25,18 @@ from gauss_bench.report.content import (
     ratio_text,
 )
 from gauss_bench.report.reaches import answer
-from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
+from gauss_bench.report.rows import (
+    Row,
+    Run,
+    first_number,
+    group_by,
+    is_known,
+    number,
+    search_span,
+    setting_words,
+    spread,
+    with_number,
+)
 from gauss_bench.report.site.settings import race_multiples
 
 PLACE = 15
@@ -47,6 +58,7 @@ def section(run: Run) -> Section | None:
     for kind, group in group_by(rows, "required").items():
         winners = list_winners(run, group)
         blocks.append(lay_out("search", winners, kind=ERRORS.get(kind, kind), folded=kind not in ("position", "end")))
+    blocks += blocks_of("search_owned", list_owned(run.table("search_owned")))
     space = run.table("search_space")
     blocks += blocks_of("search_space", space, variants=count(len(space), "variant"))
     blocks += blocks_of("search_knobs", run.table("search_knobs"))
@@ -59,6 +71,7 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     winners = []
     for row in rows:
         marks = [mark for mark, is_so in (("own", row["engine"] in run.own_engines), ("base", row.get("own"))) if is_so]
+        marks += [BY_AUTHORS] if row.get("owner") else []
         more: dict[str, Any] = {
             "within": f"{limit_text(row['accuracy'])} {row['unit']}",
             "name": f"{row['engine']} ({', '.join(marks)})" if marks else row["engine"],
@@ -77,6 +90,20 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
         return row["mechanism"], -row["accuracy"], seconds if is_known(seconds) else math.inf
 
     return sorted(winners, key=order)
+
+
+def list_owned(rows: Sequence[Row]) -> list[Row]:
+    """Return a row for the settings by an engine's authors and one for ours below it, for each requirement that both tried."""
+    lines: list[Row] = []
+    for row in rows:
+        place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
+        ours = {k.removeprefix("our_"): x for k, x in row.items() if k.startswith("our_")}
+        their_name = {"name": f"{row['engine']}, {BY_AUTHORS}", "owner": row["owner"]}
+        for side, names in ((row, their_name), (ours, {"name": row["engine"], "owner": ""})):
+            size = first_number(number(side, "step"), number(side, "tolerance"))
+            words = setting_words(side) if is_known(number(side, "seconds")) else ""
+            lines.append({**place, **side, **names, "size": size, "words": words, "remark": side.get("message", "")})
+    return lines
 
 
 def describe_effort(rows: Sequence[Row]) -> str:
@@ -101,6 +128,7 @@ def findings(run: Run) -> Iterator[Finding]:
         text = f"The race of {count(len(lost_races), 'linkage')} was lost: {'; '.join(lost_races)}."
         unsearched = [r for r in rows if not r["required"]]
         yield Finding("Not searched", text, "bad", behind=(lay_out("behind_lost", unsearched),))
+    yield from compare_owned(run)
     groups = group_by((r for r in rows if r["required"]), "required", "accuracy")
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
         group = over_the_cheaper(groups[kind, accuracy])
@@ -116,6 +144,23 @@ def findings(run: Run) -> Iterator[Finding]:
             )
             title = f"Within {limit_text(accuracy)} {group[0]['unit']} of {ERRORS.get(kind, kind)} {search_span(run)}"
             yield Finding(title, text, "warn" if lost else "", compare_best(run, group), (list_ratios(run, group),))
+
+
+def compare_owned(run: Run) -> Iterator[Finding]:
+    """Yield for each engine how long the settings that its authors own take, in times of our cheapest one."""
+    for engine, rows in group_by(run.table("search_owned"), "engine").items():
+        races = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
+        missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
+        parts = [f"hold {itemise(races)} times as long as our cheapest"] if races else []
+        parts += [f"do not hold {itemise(missed)}"] if missed else []
+        if parts:
+            text = f"The settings of `{engine}` {BY_AUTHORS} {'; they '.join(parts)}."
+            yield Finding(f"{engine}, {BY_AUTHORS}", text, behind=(lay_out("search_owned", list_owned(rows)),))
+
+
+def _place(row: Row) -> str:
+    """Return the linkage and the requirement of a row in words."""
+    return f"{limit_text(row['accuracy'])} {row['unit']} of {ERRORS.get(row['required'], row['required'])} on {row['mechanism']}"
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:

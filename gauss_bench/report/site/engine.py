@@ -1,6 +1,7 @@
 """An engine's page: its cases, its best settings, its races, its failures, and how to object to the results."""
 
 import math
+import shlex
 from collections.abc import Iterator, Sequence
 from statistics import geometric_mean
 
@@ -9,10 +10,13 @@ from gauss_bench.report.content import Table, count, error_text, itemise, lay_ou
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.reaches import engines_of
 from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, number, setting_words, with_number
+from gauss_bench.report.sections import field
+from gauss_bench.report.sections.search import list_owned
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
     USUAL,
+    Setting,
     all_settings,
     answer_of,
     cheapest_stored,
@@ -29,7 +33,7 @@ TABLED = sorted({*POSITIONS[1::2], USUAL}, reverse=True)  # [m] accuracies in th
 
 def engine_names(run: Run) -> list[str]:
     """Return the names of the engines that were run or searched, sorted."""
-    rows = (*run.results, *run.table("search_winners"), *run.table("search_ladder"))
+    rows = (*run.results, *run.table("search_winners"), *run.table("search_ladder"), *run.table("field"))
     return sorted({r["engine"] for r in rows} - {""})
 
 
@@ -40,12 +44,16 @@ def engine_page(run: Run, name: str) -> Page:
     version = installed.get("version") if isinstance(installed, dict) else ""
     body = render(
         "engine.html",
+        asked=lay_out("field", field.answers(run, name), title="In the field"),
+        commands=list_commands(run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
         bests=bests(run, name),
         races=list_races(run, name),
         why=explain_time(run, name),
         broken=list_failures(run, name),
         atlas=atlas_table([r for r in run.table("atlas") if r["engine"] == name]),
+        owned=lay_out("search_owned", list_owned([r for r in run.table("search_owned") if r["engine"] == name])),
+        history=lay_out("engine_history", list_changes([r for r in run.accepted if r["engine"] == name])),
         knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
     )
     wrong = "A negative control, wrong on purpose: it must never pass."
@@ -55,6 +63,26 @@ def engine_page(run: Run, name: str) -> Page:
         else f"{version or name}: as shipped, as set here, and with the best settings found."
     )
     return Page(f"engine-{file_name(name)}", name, lead, body)
+
+
+def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
+    """Return the engine's cheapest setting within TABLED accuracies, as commands to paste, each with a sentence."""
+    commands = []
+    for linkage, scenario in scenarios(run).items():
+        for position in TABLED:
+            one = cheapest_stored(run, linkage, position).get(name)
+            if one is not None:
+                commands.append((f"{linkage} within {limit_text(position)} m", command_of(one, scenario)))
+    return list({command: (words, command) for words, command in reversed(commands)}.values())[::-1]
+
+
+def command_of(one: Setting, scenario: str) -> str:
+    """Return the command that runs a setting once."""
+    words = ["gauss-bench", "simulate", one.mechanism, "--scenario", scenario, "--engine", one.engine, "--settings", one.settings]
+    words += ["--integrator", one.integrator, "--stabilization", one.stabilization or "none"]
+    words += ["--step", f"{one.step:.10g}"] if is_known(one.step) else []
+    words += ["--tolerance", f"{one.tolerance:.10g}"] if is_known(one.tolerance) else []
+    return shlex.join([*words, "--at", f"{one.until:g}"])
 
 
 def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
@@ -128,6 +156,13 @@ def list_races(run: Run, name: str) -> Table:
     return lay_out("engine_races", lines, note=note)
 
 
+def list_changes(figures: Sequence[Row]) -> list[Row]:
+    """Return a row for each accepted change of the engine's figures, the latest first: its date, its reason, its figures."""
+    groups = group_by(figures, "accepted")
+    dated = [(*accepted.split(" ", 1), len(some)) for accepted, some in groups.items() if " " in accepted]
+    return [{"date": date, "reason": reason, "figures": number_of} for date, reason, number_of in sorted(dated, reverse=True)]
+
+
 def list_failures(run: Run, name: str) -> list[str]:
     """Return sentences on where the engine failed, was invalid, or does not model a linkage."""
     rows = [r for r in run.results if r["engine"] == name]
@@ -182,7 +217,9 @@ def engines_page(run: Run) -> Page:
     for name in engine_names(run):
         rows = [r for r in run.results if r["engine"] == name]
         valid = sum(bool(r["valid"]) for r in rows)
-        words = f"{valid} of {count(len(rows), 'case')} valid" if rows else "searched alone"
+        absent = [r["message"] for r in run.table("field") if r["engine"] == name and r["message"]]
+        words = f"{valid} of {count(len(rows), 'case')} valid" if rows else next(iter(absent), "searched alone")
         lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
     lead = "Each engine as shipped, as set here, and with the best settings found."
-    return plain_page("engines", "Engines", lead, "Engines", engines=lines)
+    table = field.section(run)
+    return plain_page("engines", "Engines", lead, "Engines", engines=lines, sections=[table] if table else [])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
-from gauss_bench.reach import Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
 from gauss_bench.report.content import round_digits, to_json
 from gauss_bench.report.reaches import answer, engines_of
 from gauss_bench.report.rows import (
@@ -123,11 +123,12 @@ def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
     """Return METHOD of each variant -> its options that differ from the engine's first variant, in words."""
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
-        first = json.loads(rows[0]["options"])
+        shipped = next((row for row in rows if not row.get("owner")), rows[0])
+        first = json.loads(shipped["options"])
         for row in rows:
             options = json.loads(row["options"]).items()
             changed = [_describe_option(k, v) for k, v in options if k not in COMMENTS and v != first.get(k)]
-            words[tuple(row[k] for k in METHOD)] = changed
+            words[tuple(row[k] for k in METHOD)] = [*changed, BY_AUTHORS] if row.get("owner") else changed
     return words
 
 

@@ -62,6 +62,7 @@ def cite_page(run: Run) -> Page:
     known = run.environment
     version = known.get("versions", {}).get("gauss-bench", "")
     facts = {"version": version, "date": known.get("date", ""), "commit": str(known.get("commit", ""))[:12]}
+    facts["checksum"] = run.checksum
     entry = ENVIRONMENT.get_template("citation.txt").render(facts, dirty=known.get("dirty"), cpu=known.get("cpu", ""))
     lead = "How to cite these results, so that a reader can find the same rows."
     return plain_page("cite", "Cite", lead, "Cite", paragraphs=(CITED,), entry=entry)

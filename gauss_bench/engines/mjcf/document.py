@@ -1,20 +1,21 @@
-"""The adapter's model as an MJCF document that runs in MuJoCo without this suite.
+"""A built model as an MJCF document that runs in MuJoCo without this suite.
 
 Trap: MuJoCo's own writer keeps six digits, too few for closed loops, so this module writes every number in full. Then MuJoCo reads
-the document, and its accelerations are compared with those of the adapter's model.
+the document, and its accelerations are compared with those of the built model.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.adapter import MujocoModel, set_armatures
-from gauss_bench.engines.mujoco.draft import Draft
+from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.drives import Drive, set_armatures
 from gauss_bench.engines.shared import require_agreement, size, spatial, tree_states
+from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -22,7 +23,36 @@ from gauss_bench.trajectory import RunFailure, Status
 AGREEMENT = 1e-9  # relative, of accelerations: MuJoCo computes both from the same numbers
 THICKNESS = 0.02  # thickness of a drawn bar, relative to the longest bar
 START = "start"  # name of the keyframe
-INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # spelling in a document, where it differs from the adapter's
+INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # spelling in a document, where it differs from an engine's
+
+
+class Built(Protocol):
+    """The parts of an engine's built model that a document needs.
+
+    Attributes:
+        mujoco: the library.
+        options: of the choice's settings.
+        y0, dy0: tree coordinates and rates (n,) at the start.
+        model: MuJoCo's compiled model; still: a copy that evaluates accelerations.
+        drives: the driven coordinates.
+    """
+
+    mujoco: Any
+    mechanism: Mechanism
+    choice: Choice
+    options: Mapping[str, Any]
+    tree: Tree
+    y0: Array
+    dy0: Array
+    model: Any
+    still: Any
+
+    @property
+    def drives(self) -> Sequence[Drive]: ...
+
+    def forward(self, y: Array, dy: Array) -> Any:
+        """Evaluate `still` at a tree state y, dy (n,) and t = 0, and return MuJoCo's data."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -33,7 +63,7 @@ class Document:
     controlled: tuple[str, ...]
 
 
-def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Document:
+def write_document(built: Built, edited: bool = False) -> Document:
     """Return a document that holds the mechanism, its start as the keyframe START, and the choice's options.
 
     Constant forces are motors, with their values as the controls of the keyframe.
@@ -42,13 +72,12 @@ def mjcf(mechanism: Mechanism, choice: Choice, edited: bool = False) -> Document
     model, as an exported script does; without it such a mechanism is refused.
 
     Raises:
-        RunFailure: MuJoCo cannot model the mechanism, or a document cannot hold it.
-        ImportError: MuJoCo is not installed.
+        RunFailure: a document cannot hold the mechanism.
     """
+    mechanism = built.mechanism
     if mechanism.drivers and not edited:
         names = ", ".join(d.name for d in mechanism.drivers)
         raise RunFailure(Status.SKIP, f"MJCF has no motion laws, and this scenario prescribes {names}")
-    built = MujocoModel(mechanism, choice)
     if built.options["body_invweight0_factor"] != 1.0 and not edited:
         raise RunFailure(Status.SKIP, "MJCF cannot scale the compiled inverse weights, as these settings do")
     root = Element("mujoco", model=mechanism.name)
@@ -76,8 +105,8 @@ def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]
 
 
-def _add_option(root: Element, built: MujocoModel) -> None:
-    """Add the <option> element with the options that the adapter has set in the compiled model."""
+def _add_option(root: Element, built: Built) -> None:
+    """Add the <option> element with the options that are set in the compiled model."""
     mujoco, opt, integrator = built.mujoco, built.model.opt, built.choice.integrator or "rk4"
     option = SubElement(
         root,
@@ -98,7 +127,7 @@ def _add_option(root: Element, built: MujocoModel) -> None:
 class _Writer:
     """Writes the parts of a draft as elements of a document; what the compiler computes is taken from the built model."""
 
-    def __init__(self, built: MujocoModel, draft: Draft):
+    def __init__(self, built: Built, draft: Draft):
         self.mujoco, self.mechanism, self.model, self.spec = built.mujoco, built.mechanism, built.model, draft.spec
         self.links = {draft.bodies[i].name: i for i in range(len(self.mechanism.links))}
         bars = [bar for link in range(len(self.mechanism.links)) for bar in draw(self.mechanism, link)]
@@ -173,8 +202,8 @@ class _Writer:
                 yield Element("general", written, gainprm="0", biastype="affine", biasprm=bias)
 
 
-def _verify(root: Element, built: MujocoModel) -> None:
-    """Have MuJoCo read the document, and compare its accelerations with those of the adapter's model at states near the start.
+def _verify(root: Element, built: Built) -> None:
+    """Have MuJoCo read the document, and compare its accelerations with those of the built model at states near the start.
 
     Raises:
         RunFailure: the start or the accelerations differ.

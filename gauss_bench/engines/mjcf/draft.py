@@ -10,7 +10,7 @@ from typing import Any, assert_never
 
 import numpy as np
 
-from gauss_bench.engines.mujoco.forces import AtSite, Native, Tendon, native_forces
+from gauss_bench.engines.mjcf.forces import AtSite, Native, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.engines.tree_loads import OnJoints, Steady

@@ -1,0 +1,90 @@
+"""The size on disk of what an engine needs beside this suite: its environment, or its library with all that it requires."""
+
+import math
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from pathlib import Path
+
+from gauss_bench.engines import AUTHORED, ELSEWHERE, environment_of
+from gauss_bench.engines.installation import read_offered
+
+MEGABYTE = 1e6
+VENV = "pyvenv.cfg"  # file in every environment that venv makes
+CACHES = "__pycache__"  # folders that grow with use
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+PACKAGE = "gauss-bench"
+
+
+@dataclass(frozen=True)
+class Size:
+    """A size on disk.
+
+    Attributes:
+        megabytes: NaN if it is not known.
+        of: what was measured, or why nothing was.
+    """
+
+    megabytes: float
+    of: str
+
+
+def size_of(engine: str) -> Size:
+    """Return the size of what an engine needs."""
+    if environment := environment_of(engine):
+        folder = Path(environment.python).parent.parent
+        if not (folder / VENV).is_file():
+            return Size(math.nan, "its interpreter is in no environment of its own that could be measured")
+        return Size(size_of_folder(folder) / MEGABYTE, "its environment")
+    if engine in ELSEWHERE:
+        return Size(read_offered(engine).installed, "its environment, as told before it is installed")
+    if engine in AUTHORED:
+        return Size(math.nan, "a part of the suite")
+    found = [*required_by(direct_requirements(engine))]
+    if not found:
+        return Size(math.nan, "no package of this environment is known to be its library")
+    return Size(sum(map(size_of_distribution, found)) / MEGABYTE, "its library and what that requires")
+
+
+def size_of_folder(folder: Path) -> int:
+    """Return the bytes of the files below a folder, without caches of compiled Python; links are not followed."""
+    total = 0
+    for place, folders, files in os.walk(folder):
+        folders[:] = [x for x in folders if x != CACHES]
+        total += sum(os.lstat(os.path.join(place, x)).st_size for x in files if not os.path.islink(os.path.join(place, x)))
+    return total
+
+
+def size_of_distribution(found: Distribution) -> int:
+    """Return the bytes of the files of an installed package, without caches of compiled Python."""
+    paths = [Path(str(x.locate())) for x in found.files or () if CACHES not in x.parts]
+    return sum(path.stat().st_size for path in paths if path.is_file() and not path.is_symlink())
+
+
+def direct_requirements(engine: str) -> list[str]:
+    """Return the packages of the extra that has the name of an engine."""
+    try:
+        lines = distribution(PACKAGE).requires or []
+    except PackageNotFoundError:
+        return []
+    of_extra = re.compile(rf"extra == ['\"]{re.escape(engine)}['\"]")
+    return [found[0] for line in lines if of_extra.search(line) and (found := NAME.match(line))]
+
+
+def required_by(names: Iterable[str]) -> Iterator[Distribution]:
+    """Yield the installed packages of these names and all that they require, each once; packages of extras are left out."""
+    waiting, seen = [*names], set()
+    while waiting:
+        name = waiting.pop()
+        plain = re.sub(r"[-_.]+", "-", name).lower()  # the same package may be spelt in several ways
+        if plain in seen:
+            continue
+        seen.add(plain)
+        try:
+            found = distribution(name)
+        except PackageNotFoundError:  # required on other systems
+            continue
+        yield found
+        waiting += [x[0] for line in found.requires or () if "extra ==" not in line and (x := NAME.match(line))]

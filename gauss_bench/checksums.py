@@ -1,0 +1,70 @@
+"""Checksums of the tables of a run, by which a row that was changed afterwards is found.
+
+The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes, which are the same for equal
+rows. It is written with the tables. A folder of an older version has no such file, and is read as it is. The SHA-256 of the whole
+list is the checksum of the run, by which it is cited.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from gauss_bench.untrusted import BadInput, read_bytes
+
+FILE = "checksums.json"
+LARGEST = 1 << 20  # bytes of that file
+
+
+class ChangedRows(BadInput, ValueError):
+    """Tables that are not those of the run; the message names the file."""
+
+
+def read_checksums(folder: Path) -> dict[str, str]:
+    """Return file of a table -> its checksum; empty for a folder without checksums.
+
+    Raises:
+        ChangedRows: the list of checksums is damaged.
+    """
+    path = folder / FILE
+    try:
+        listed = json.loads(read_bytes(path, LARGEST))
+    except FileNotFoundError:
+        return {}
+    except ValueError as error:
+        raise ChangedRows(f"{path}: no JSON: {error}") from error
+    if not (isinstance(listed, dict) and all(isinstance(x, str) for x in listed.values())):
+        raise ChangedRows(f"{path}: not an object of texts")
+    return listed
+
+
+def with_files(folder: Path, paths: Iterable[Path]) -> str:
+    """Return the text of `checksums.json` with the checksums of some files renewed, and without files that are gone."""
+    renewed = read_checksums(folder) | {str(path.relative_to(folder)): checksum_of(path) for path in paths}
+    there = {name: x for name, x in sorted(renewed.items()) if (folder / name).is_file()}
+    return json.dumps(there, indent=1) + "\n"
+
+
+def require_unchanged(folder: Path) -> None:
+    """Check that the tables of a run have the rows with which they were written.
+
+    Raises:
+        ChangedRows: a table was changed or is missing, or the list is damaged.
+    """
+    for name, checksum in read_checksums(folder).items():
+        path = folder / name
+        if not path.is_file():
+            raise ChangedRows(f"{path}: is missing; {FILE} beside it lists it")
+        if checksum_of(path) != checksum:
+            raise ChangedRows(f"{path}: a row was changed after the run: its checksum is not the one in {FILE}; run it again")
+
+
+def checksum_of(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def checksum_of_run(checksums: Mapping[str, str]) -> str:
+    """Return the SHA-256 of the lines "CHECKSUM  FILE", sorted by file, as `sha256sum` prints them."""
+    lines = [f"{checksum}  {name}\n" for name, checksum in sorted(checksums.items())]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()

@@ -1,0 +1,206 @@
+"""Bullet, through PyBullet: a tree of Featherstone's joints or free bodies, closed by point-to-point constraints on velocities.
+
+A step is one of the semi-implicit Euler method: velocities follow from the forces at the beginning of the step and from impulses
+that keep loops closed, and positions from these velocities. Impulses are found one after the other, again and again (sequential
+impulses, a projected Gauss-Seidel method), or by Dantzig's direct method. Velocities belong to the positions at the beginning of
+the step: those of a run miss the constraints at its positions by the change over one step.
+
+The generated model is compared with the suite's own terms before it is used, at states at which loops are open.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice, Model, sample_arrays
+from gauss_bench.engines.bullet.accelerations import CONVERGED, Accelerations
+from gauss_bench.engines.bullet.bodies import BodyWorld
+from gauss_bench.engines.bullet.joints import TreeWorld
+from gauss_bench.engines.bullet.translate import BodyForces, JointForces, joint_forces, refusal
+from gauss_bench.engines.shared import drivers_by_coordinate, finite_acceleration, joint_tree, require_agreement, size
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
+from gauss_bench.engines.variants import read_variants
+from gauss_bench.integrate.fixed_step import Stretch, stretches
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory, with_accelerations
+
+VARIANTS = read_variants(Path(__file__).parent)
+UNDAMPED = {"damping": 0.0, "substeps": 0}
+SHORT = 1e-3  # [s] of a step of free bodies
+AGREEMENT = 1e-9  # relative: rounding causes about 1e-15, a wrong sign or factor about 1
+
+
+class Bullet:
+    """Bullet with the semi-implicit Euler method, the only one that PyBullet offers."""
+
+    name = "bullet"
+    integrators = ("semi_implicit_euler",)
+    stabilizations = ("none",)
+    settings = VARIANTS.settings
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    packages = ("pybullet",)
+    resizable = True
+    native_loop = False
+    python_loop = True
+
+    def version(self) -> str:
+        from importlib.metadata import version
+
+        return f"pybullet {version('pybullet')}"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        options = VARIANTS.options(choice.settings)
+        return refusal(mechanism, joint_tree(mechanism, options), options["coordinates"])
+
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "a call for every step, and the forces, which Bullet forgets after every step"
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> Model:
+        of_bodies = VARIANTS.options(choice.settings)["coordinates"] == "bodies"
+        return BodyModel(mechanism, choice) if of_bodies else JointModel(mechanism, choice)
+
+
+def step_through(
+    world: TreeWorld | BodyWorld,
+    forces: JointForces | BodyForces,
+    laws: Mapping[int, MotionLaw],
+    plan: Sequence[Stretch],
+    samples: tuple[Array, Array],
+) -> None:
+    """Take all steps of a plan, and store the states x, dx (k, n) in the world's coordinates at the samples.
+
+    Args:
+        laws: index of a driven joint -> its law.
+    """
+    constant = forces.constant.tolist() if forces.are_constant and not laws else None
+    length = 0.0
+    for begin, count, h, last, row in plan:
+        if h != length:
+            world.set_step(h)
+            length = h
+        for k in range(count):
+            if constant is not None:
+                world.step(constant)
+                continue
+            t, (x, dx) = begin + k * h, world.state()
+            for joint, law in laws.items():
+                # at this rate the joint is where the law has it at the end of the step
+                world.drive(joint, (float(law(t + h)[0]) - float(x[joint])) / h)
+            world.step(forces(min(t, last), x, dx).tolist())
+        if row is not None:
+            samples[0][row], samples[1][row] = world.state()
+
+
+class JointModel(TreeModel):
+    """A mechanism as a tree of joints in Bullet under one choice.
+
+    Attributes:
+        laws: index of a driven joint -> its law.
+    """
+
+    library = "Bullet"
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        import pybullet
+
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        self.pybullet: Any = pybullet
+        self.forces, self.evaluator = joint_forces(mechanism, self.tree), Evaluator(mechanism)
+        self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
+        self._verify()
+        self.accelerations = Accelerations(self._world({**self.options, **CONVERGED}), self.forces, self.laws)
+
+    def _world(self, options: Mapping[str, Any], closed: bool = True) -> TreeWorld:
+        """Return a new world of the linkage under given options."""
+        world = TreeWorld(self.pybullet, self.mechanism, self.tree, options, closed)
+        world.damp(self.forces.joint_damping)
+        return world
+
+    def _verify(self) -> None:
+        """Compare the open tree with the linkage.
+
+        Raises:
+            RunFailure: they differ.
+        """
+        world = self._world({**self.options, **UNDAMPED}, closed=False)
+        world.set_step(1.0)  # velocities of the open tree change in proportion to the step, so that no error depends on its length
+
+        def describe(y: Array, dy: Array) -> OpenModel:
+            world.put(y, dy)
+            gaps = world.gaps()
+            world.step(self.forces(0.0, y, dy).tolist())
+            return OpenModel(gaps, accelerations=world.state()[1] - dy)
+
+        verify(self.mechanism, self.tree, describe, AGREEMENT)
+
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        return self.accelerations(t, y, dy)
+
+    def accelerate(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (3 links,) at the state on the constraints that is nearest to a tree state y, dy (n,).
+
+        Where loops are open, redundant closures contradict each other, and Bullet's solver would not converge.
+        """
+        q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
+        return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        super().prepare(times, native)
+        self.world = self._world(self.options)  # a new one, which knows nothing of the run before
+        self.world.put(self.y0, self.dy0)
+
+    def run(self) -> None:
+        step_through(self.world, self.forces, self.laws, self.plan, (self.y, self.dy))
+
+
+class BodyModel:
+    """A mechanism as free bodies in Bullet, in absolute coordinates, under one choice."""
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        import pybullet
+
+        self.pybullet: Any = pybullet
+        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
+        self.forces, self.evaluator = BodyForces(mechanism), Evaluator(mechanism)
+        self._verify()
+        still = BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED})
+        self.accelerations = Accelerations(still, self.forces, {})
+
+    def _verify(self) -> None:
+        """Compare the free bodies with the linkage, at its start.
+
+        Raises:
+            RunFailure: their accelerations differ.
+        """
+        q, v = self.mechanism.q0, self.mechanism.v0
+        world = BodyWorld(self.pybullet, self.mechanism, {**self.options, **UNDAMPED}, closed=False)
+        world.set_step(SHORT)  # Bullet turns no rigid body by more than a quarter of a turn in a step
+        world.put(q, v)
+        world.step(self.forces(0.0, q, v).tolist())
+        loads, own = self.evaluator.mass * (world.state()[1] - v) / SHORT, self.evaluator.applied.generalised(q, v, 0.0)
+        require_agreement({"forces on free bodies": (loads, own, size(own))}, AGREEMENT)
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the accelerations (3 links,) at the state on the constraints that is nearest to q, v (3 links,)."""
+        return finite_acceleration(t, self.accelerations(t, *self.evaluator.project(t, q, v)), "Bullet")
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times, self.plan = times, list(stretches(times, self.choice.step, self.mechanism.kinks))
+        self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
+        self.world = BodyWorld(self.pybullet, self.mechanism, self.options)
+        self.world.put(self.mechanism.q0, self.mechanism.v0)
+
+    def run(self) -> None:
+        step_through(self.world, self.forces, {}, self.plan, (self.q, self.v))
+
+    def read(self) -> Trajectory:
+        def acceleration_of_sample(k: int) -> Array:
+            return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
+
+        steps = sum(stretch.steps for stretch in self.plan)
+        return with_accelerations(self.times, self.q, self.v, acceleration_of_sample, steps)

@@ -1,0 +1,161 @@
+"""A linkage as a tree of Bullet's joints, whose open pins are closed by point-to-point constraints.
+
+Bullet's frames never turn against each other at y = 0: the constant angle between block and guide of a slide is taken into the
+points of the block, so that no angle is rounded to a quaternion. A free link is three joints, with two links of no mass between.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.bullet.world import NO_SHAPE, ORIGIN, World
+from gauss_bench.engines.shared import closing_pins, spatial
+from gauss_bench.engines.tree import Tree, turning
+from gauss_bench.mechanism.coordinates import rotate
+from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.terms import Array
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)  # quaternion of no turn
+UPWARDS: Sequence[float] = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of Bullet's tree, with the link that hangs in it.
+
+    Attributes:
+        parent: index of the parent among Bullet's joints, from 1 on; 0 is the base.
+        origin: of the joint in the parent's frame [m]; axis: there.
+        centre: centre of mass of the link in the joint's frame [m].
+        mass [kg]; inertia [kg m^2].
+    """
+
+    parent: int
+    turns: bool
+    origin: Sequence[float]
+    axis: Sequence[float]
+    centre: Sequence[float]
+    mass: float
+    inertia: float
+
+
+def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
+    """List Bullet's joints in the order of the tree coordinates."""
+    angles = turning(tree).constants  # by which frames of links are turned against Bullet's at y = 0; the last is the ground's
+    carriers = {GROUND: 0}  # link -> 1 + index of the joint that carries it
+    origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
+    joints: list[Joint] = []
+    for b in tree.branches:
+        mass, inertia = mechanism.links[b.link].mass, mechanism.links[b.link].inertia
+        if b.kind == "free":
+            joints.append(Joint(0, False, ORIGIN, (1.0, 0.0, 0.0), ORIGIN, 0.0, 0.0))
+            joints.append(Joint(len(joints), False, ORIGIN, (0.0, 1.0, 0.0), ORIGIN, 0.0, 0.0))
+            joints.append(Joint(len(joints), True, ORIGIN, UPWARDS, ORIGIN, mass, inertia))
+            carriers[b.link], origins[b.link] = len(joints), np.zeros(2)
+            continue
+        place = spatial(rotate(b.parent_anchor + b.base, angles[b.parent]) - origins[b.parent])
+        axis = UPWARDS if b.kind == "revolute" else spatial(rotate(b.axis, angles[b.parent]))
+        origins[b.link] = rotate(b.anchor, angles[b.link])
+        centre = spatial(-origins[b.link])
+        joints.append(Joint(carriers[b.parent], b.kind == "revolute", place, axis, centre, mass, inertia))
+        carriers[b.link] = len(joints)
+    return joints
+
+
+class TreeWorld(World):
+    """The world of a linkage whose links hang in a tree of joints; without `closed` it has no closures."""
+
+    def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
+        super().__init__(pybullet, mechanism, options)
+        self.tree, self.pins = tree, closing_pins(tree)
+        self.joints = list_joints(mechanism, tree)
+        self.all = list(range(len(self.joints)))
+        self.body = self._add_body()
+        self._free_from_limits(self.body)
+        for k in self.all:
+            self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
+        for a, b in self.pins if closed else ():
+            near, far = (self.body, self._carrier(a.link)), (self.body, self._carrier(b.link))
+            self._close(near, far, self._pivot(a), self._pivot(b))
+        # bound once, because a run calls them at every step
+        joints = {"bodyUniqueId": self.body, "jointIndices": self.all, "physicsClientId": self.client}
+        self._push = partial(pybullet.setJointMotorControlArray, controlMode=pybullet.TORQUE_CONTROL, **joints)
+        self._read = partial(pybullet.getJointStates, **joints)
+
+    def _add_body(self) -> int:
+        """Add the tree to the world, with masses and inertias, and return Bullet's number of it."""
+        pybullet, joints, count = self.pybullet, self.joints, len(self.joints)
+        kinds = [pybullet.JOINT_REVOLUTE if x.turns else pybullet.JOINT_PRISMATIC for x in joints]
+        body = self._call(
+            pybullet.createMultiBody,
+            baseMass=0.0,
+            baseCollisionShapeIndex=NO_SHAPE,
+            baseVisualShapeIndex=NO_SHAPE,
+            linkMasses=[x.mass for x in joints],
+            linkCollisionShapeIndices=[NO_SHAPE] * count,
+            linkVisualShapeIndices=[NO_SHAPE] * count,
+            linkPositions=[x.origin for x in joints],
+            linkOrientations=[LEVEL] * count,
+            linkInertialFramePositions=[x.centre for x in joints],
+            linkInertialFrameOrientations=[LEVEL] * count,
+            linkParentIndices=[x.parent for x in joints],
+            linkJointTypes=kinds,
+            linkJointAxis=[x.axis for x in joints],
+        )
+        for k, joint in enumerate(joints):
+            inertia = [joint.inertia] * 3  # only the moment about the third axis acts
+            self._call(pybullet.changeDynamics, body, k, mass=joint.mass, localInertiaDiagonal=inertia)
+        return int(body)
+
+    def damp(self, coefficients: Array) -> None:
+        """Set the damping (n,) of the joints [N s/m, N m s/rad]."""
+        for k, c in enumerate(coefficients):
+            self._call(self.pybullet.changeDynamics, self.body, k, jointDamping=float(c))
+
+    def _carrier(self, link: int) -> int:
+        """Return Bullet's index of a link, -1 for the ground."""
+        if link == GROUND:
+            return -1
+        (branch,) = [b for b in self.tree.branches if b.link == link]
+        return branch.at + (2 if branch.kind == "free" else 0)
+
+    def _pivot(self, point: Point) -> list[float]:
+        """Return a point relative to the centre of mass of its link, in Bullet's frame."""
+        return spatial(rotate(point.local, turning(self.tree).constants[point.link]))
+
+    def put(self, y: Array, dy: Array) -> None:
+        """Set the tree state y, dy (n,)."""
+        for k in self.all:
+            self._call(self.pybullet.resetJointState, self.body, k, float(y[k]), float(dy[k]))
+
+    def state(self) -> tuple[Array, Array]:
+        """Return the tree state y, dy (n,)."""
+        states = self._read()
+        return np.array([x[0] for x in states]), np.array([x[1] for x in states])
+
+    def drive(self, joint: int, rate: float) -> None:
+        """Let the motor of a joint reach a rate [rad/s, m/s] within the next step."""
+        motor = {"targetVelocity": rate, "velocityGain": 1.0, "force": self.strongest}
+        self._call(self.pybullet.setJointMotorControl2, self.body, joint, self.pybullet.VELOCITY_CONTROL, **motor)
+
+    def step(self, tau: Sequence[float]) -> None:
+        """Take a step with the forces tau (n,) in the joints."""
+        self._push(forces=tau)
+        self._advance()
+
+    def gaps(self) -> Array:
+        """Return point b minus point a of every closing pin (pins, 2) [m], by Bullet's own kinematics."""
+        places = [[self._place(point) for point in pin] for pin in self.pins]
+        return np.array([b - a for a, b in places]).reshape(-1, 2)
+
+    def _place(self, point: Point) -> Array:
+        """Return where a point is (2,) [m], by Bullet's own kinematics."""
+        link, pivot = self._carrier(point.link), self._pivot(point)
+        if link < 0:
+            return np.array(pivot[:2])
+        centre, turn, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
+        # not by PyBullet's multiplyTransforms, which is right to 1e-8 only
+        return np.array(centre[:2]) + rotate(np.array(pivot[:2]), 2 * np.arctan2(turn[2], turn[3]))

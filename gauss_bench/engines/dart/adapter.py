@@ -1,0 +1,174 @@
+"""DART: a skeleton of joints, closed by ball constraints that an LCP on velocities solves; one method, semi-implicit Euler.
+
+A step of size h from y, v ends at velocities v' that keep the loops, as they are where the step began, or draw them shut by a share
+`erp` of their gap:
+
+    M (v' - v) = h f + J^T impulse,    J v' = -erp gap / h,    y' = y + h v'
+
+So DART has no accelerations. `DartModel.acceleration` measures them as differences of velocities over short steps. The generated
+skeleton is compared with the suite's own terms before it is used, at tree states at which loops are open.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.dart.given import GivenForces
+from gauss_bench.engines.dart.messages import Messages
+from gauss_bench.engines.dart.translate import Builder, Built, refusal, select_pgs
+from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
+from gauss_bench.engines.variants import read_variants
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+
+VARIANTS = read_variants(Path(__file__).parent)
+METHOD = "semi_implicit_euler"
+AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
+INSTANT = 1e-300  # [s] time step in which implicit springs and dampers do nothing
+WATCHED = 100  # steps between two looks at DART's messages, at most
+SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps by which accelerations are measured: rounding leaves 1e-11
+
+
+class Dart:
+    """DART's world, stepped from Python: it has no call for several steps."""
+
+    name = "dart"
+    integrators = (METHOD,)
+    stabilizations = ("none",)
+    settings = VARIANTS.settings
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    soft, unfinished = VARIANTS.soft, VARIANTS.unfinished
+    native_loop = False
+    python_loop = True
+    resizable = True
+
+    def version(self) -> str:
+        import dartpy
+
+        return f"DART {dartpy.__version__}"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        return beyond_a_tree(mechanism, "DART") or refusal(mechanism, joint_tree(mechanism, VARIANTS.options(choice.settings)))
+
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        options = VARIANTS.options(choice.settings)
+        forces = GivenForces(mechanism, joint_tree(mechanism, options), options["joint_forces"])
+        told = ["motion laws"] * bool(mechanism.drivers) + ["forces that are none of DART's own"] * forces.change
+        return f"{' and '.join(told)}, once a step" if told else ""
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "DartModel":
+        return DartModel(mechanism, choice)
+
+
+class DartModel(TreeModel):
+    """A mechanism in DART under one choice.
+
+    Attributes:
+        moving: the world that runs; still: another, in which accelerations are measured.
+    """
+
+    library = "DART"
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        import dartpy
+
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        self.dartpy: Any = dartpy
+        self.forces = GivenForces(mechanism, self.tree, self.options["joint_forces"])
+        self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
+        with Messages() as messages:
+            opened = self._build(whole=False)
+            opened.world.setTimeStep(INSTANT)
+            verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
+            self.moving, self.still = self._build(), self._build()
+            messages.check()
+
+    def _build(self, whole: bool = True) -> Built:
+        """Return a new world; without `whole`, of the open tree without drivers."""
+        built = Builder(self.dartpy, self.mechanism, self.tree, self.forces, whole).build()
+        if self.options["lcp"] == "PGS":
+            select_pgs(self.dartpy, built, self.options["pgs_iterations"])
+        return built
+
+    def _describe(self, opened: Built, y: Array, dy: Array) -> OpenModel:
+        """Return the open tree at a tree state y, dy (n,), by DART's own kinematics and dynamics."""
+        opened.put(y, dy)
+        self._push(opened, 0.0)
+        opened.skeleton.computeForwardDynamics()
+        return OpenModel(opened.gaps(), accelerations=opened.skeleton.getAccelerations()[opened.order])
+
+    def _set_options(self, erp: float) -> None:
+        """Set the options of closures.
+
+        Trap: they are static in DART. All closures of this process have those that were set last, perhaps by another model.
+        """
+        closures = self.dartpy.constraint.BallJointConstraint
+        closures.setErrorReductionParameter(erp)
+        closures.setConstraintForceMixing(self.options["cfm"])
+        closures.setMaxErrorReductionVelocity(self.options["max_error_reduction_velocity"])
+        closures.setErrorAllowance(0.0)
+
+    def _push(self, built: Built, t: float) -> None:
+        """Set the forces at time t [s] and the present state of a world."""
+        y, dy = built.y, built.dy
+        built.command(self.forces.on_joints(y, dy))
+        on_links = self.forces.on_links(t, y, dy)
+        if on_links is not None:
+            built.push(on_links)
+
+    def _command(self, built: Built, t: float, end: float) -> None:
+        """Set the forces at the time t [s] with which a step begins, and the driven speeds at its end."""
+        self._push(built, t)
+        for at, law in self.laws.items():
+            built.skeleton.setCommand(int(built.order[at]), float(law(end)[1]))
+
+    def _rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
+        """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,); gaps are not drawn shut."""
+        built = self.still
+        built.restart(self.dartpy.constraint)
+        self._set_options(erp=0.0)
+        built.world.setTimeStep(h)
+        built.put(y, dy)
+        rates = []
+        for begin in (t, t + h):
+            self._command(built, begin, begin + h)
+            built.world.step(False)
+            rates.append(built.dy)
+        return rates[0], rates[1]
+
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        with Messages() as messages:
+            measured = acceleration_by_steps(self._rates, t, y, dy, SHORT)
+            messages.check()
+        return measured
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        super().prepare(times, native)
+        self.moving.restart(self.dartpy.constraint)
+        self._command(self.moving, times[0], times[0])
+
+    def run(self) -> None:
+        self._set_options(self.options["erp"])
+        with Messages() as messages:
+            self._run(messages)
+
+    def _run(self, messages: Messages) -> None:
+        """Take all steps, and store the samples.
+
+        Raises:
+            RunFailure: DART prints a message.
+        """
+        built, changing = self.moving, self.forces.change or bool(self.laws)
+        step = built.world.step
+        for begin, count, size, last, row in self.plan:
+            built.world.setTimeStep(size)
+            for k in range(count):
+                if changing:
+                    self._command(built, min(begin + k * size, last), min(begin + (k + 1) * size, last))
+                step(False)  # False: the commands stay
+                if k % WATCHED == WATCHED - 1:
+                    messages.check()
+            messages.check()
+            if row is not None:
+                self.y[row], self.dy[row] = built.y, built.dy

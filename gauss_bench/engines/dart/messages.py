@@ -1,0 +1,46 @@
+"""What DART prints, taken out of the streams of this process: DART reports faults by printing, and goes on.
+
+After a step whose numbers are not finite DART sets them to zero and says so in every step from then on, 100,000 lines a run. Such a
+run ends in zeros that look like a linkage at rest.
+"""
+
+import os
+import re
+import sys
+import tempfile
+from types import TracebackType
+
+from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
+
+STREAMS = (1, 2)  # descriptors of standard output and standard error
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+FIRST = 4000  # bytes that are looked at
+
+
+class Messages:
+    """Keeps what is printed while it is entered from the standard streams; `check` raises it as a failure."""
+
+    def __enter__(self) -> "Messages":
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        self.file = tempfile.TemporaryFile()
+        self.kept = [os.dup(stream) for stream in STREAMS]
+        for stream in STREAMS:
+            os.dup2(self.file.fileno(), stream)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        for stream, kept in zip(STREAMS, self.kept, strict=True):
+            os.dup2(kept, stream)
+            os.close(kept)
+        self.file.close()
+
+    def check(self) -> None:
+        """Check that nothing was printed.
+
+        Raises:
+            RunFailure: something was; the message is its first line.
+        """
+        if os.fstat(self.file.fileno()).st_size:
+            first = os.pread(self.file.fileno(), FIRST, 0).decode(errors="replace").strip().partition("\n")[0]
+            raise RunFailure(Status.WARNING, f"DART: {in_a_sentence(COLOURS.sub('', first))}")

@@ -1,0 +1,195 @@
+"""A linkage as a DART world: links hang in a skeleton of joints, and a ball constraint closes each pin that the tree leaves open.
+
+The tree coordinates y are also DART's, in DART's order. Frames of links lie at their centres of mass. Springs and dampers on one
+coordinate are DART's own, unless a setting wants them explicit; `given.py` computes all other forces. A driven joint has DART's
+actuator for velocities.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.dart.given import GivenForces
+from gauss_bench.engines.shared import closing_pins, driven_coordinates, drivers_by_coordinate, spatial
+from gauss_bench.engines.tree import Branch, Tree
+from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point
+from gauss_bench.mechanism.spaces import angles, places
+from gauss_bench.terms import Array
+
+OUT_OF_PLANE = [0.0, 0.0, 1.0]
+
+
+def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
+    """Return the reason why DART cannot prescribe what is driven, or None if it can."""
+    if None in driven_coordinates(mechanism, tree):
+        return "DART prescribes coordinates of the tree of joints, and the driven angle is none"
+    length = next((x.name for x in mechanism.drivers if isinstance(x, LengthDriver)), None)
+    return f"DART prescribes coordinates of joints, not the length {length}" if length else None
+
+
+@dataclass(eq=False)
+class Built:
+    """A DART world with one skeleton.
+
+    Attributes:
+        world, skeleton: of DART.
+        bodies: of DART, in the order of the links.
+        order: (n,) DART's index of every tree coordinate.
+        pins: of each closing pin, the body (None for the ground) and the point in it (3,), of both sides.
+        start: (2, n) tree state at the start.
+        closures: Python's references to the constraints.
+    """
+
+    world: Any
+    skeleton: Any
+    bodies: list[Any]
+    order: Array
+    pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
+    start: Array
+    closures: list[Any]
+
+    def put(self, y: Array, dy: Array) -> None:
+        """Set the tree state y, dy (n,)."""
+        positions, speeds = np.empty_like(y), np.empty_like(dy)
+        positions[self.order], speeds[self.order] = y, dy
+        self.skeleton.setPositions(positions)
+        self.skeleton.setVelocities(speeds)
+
+    def command(self, values: Array) -> None:
+        """Set the generalised forces, and the speeds of driven coordinates, for the next steps (n,)."""
+        ordered = np.empty_like(values)
+        ordered[self.order] = values
+        self.skeleton.setCommands(ordered)
+
+    def push(self, forces: Array) -> None:
+        """Set the forces and torques on the links (3 links,), at their centres of mass, for the next steps."""
+        for body, force, torque in zip(self.bodies, places(forces), angles(forces), strict=True):
+            body.setExtForce(spatial(force))
+            body.addExtTorque([0.0, 0.0, torque], False)  # False: about the axis of the world
+
+    @property
+    def y(self) -> Array:
+        """The tree coordinates (n,)."""
+        return np.asarray(self.skeleton.getPositions()[self.order])
+
+    @property
+    def dy(self) -> Array:
+        """The rates of the tree coordinates (n,)."""
+        return np.asarray(self.skeleton.getVelocities()[self.order])
+
+    def restart(self, constraint: Any) -> None:
+        """Put the world to its start, with new closures by DART's module of constraints, which remember no earlier impulse.
+
+        Trap: a closure takes its anchors from the pose in which it is made.
+        """
+        self.world.reset()
+        self.put(*self.start)
+        constraints = self.world.getConstraintSolver()
+        constraints.removeAllConstraints()
+        self.closures = []
+        for pin in self.pins:
+            bodies = [body for body, _ in pin if body is not None]  # DART takes the ground for a body that is left out
+            self.closures.append(constraint.BallJointConstraint(*bodies, place(*pin[0])))
+            constraints.addConstraint(self.closures[-1])
+
+    def gaps(self) -> Array:
+        """Return point b minus point a of every closing pin (pins, 2) [m], by DART's own kinematics."""
+        return np.array([place(*b) - place(*a) for a, b in self.pins]).reshape(-1, 3)[:, :2]
+
+
+class Builder:
+    """Builds a DART world of a mechanism; `whole` is false for the open tree without drivers."""
+
+    def __init__(self, dartpy: Any, mechanism: Mechanism, tree: Tree, forces: GivenForces, whole: bool = True):
+        self.dartpy, self.mechanism, self.tree, self.forces, self.whole = dartpy, mechanism, tree, forces, whole
+        self.skeleton = dartpy.dynamics.Skeleton("linkage")
+        self.bodies: dict[int, Any] = {}
+        self.coordinates: dict[int, tuple[Any, int]] = {}  # tree coordinate -> joint, and which of its coordinates
+
+    def build(self) -> Built:
+        """Return the world with all its parts; its closures are made by `restart`."""
+        world, mechanism = self.dartpy.simulation.World(), self.mechanism
+        world.setGravity(spatial(mechanism.gravity))
+        asleep = world.getDeactivationOptions()  # by default DART stops what moves slowly
+        asleep.mEnabled = False
+        world.setDeactivationOptions(asleep)
+        self.skeleton.disableSelfCollisionCheck()
+        for branch in self.tree.branches:
+            self._add_link(branch)
+        self._add_springs()
+        if self.whole:
+            for at in drivers_by_coordinate(mechanism, self.tree):
+                joint, _ = self.coordinates[at]
+                joint.setActuatorType(self.dartpy.dynamics.ActuatorType.VELOCITY)
+        world.addSkeleton(self.skeleton)
+        order = np.array([joint.getIndexInSkeleton(k) for joint, k in (self.coordinates[i] for i in range(self.tree.n))])
+        pins = [(self._end(a), self._end(b)) for a, b in closing_pins(self.tree)]
+        start = np.array(self.tree.relative(mechanism.q0, mechanism.v0))
+        bodies = [self.bodies[i] for i in range(len(mechanism.links))]
+        return Built(world, self.skeleton, bodies, order, pins, start, [])
+
+    def _add_link(self, b: Branch) -> None:
+        """Add the joint and the body of a branch."""
+        create = {
+            "revolute": self.skeleton.createRevoluteJointAndBodyNodePair,
+            "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
+            "free": self.skeleton.createPlanarJointAndBodyNodePair,
+        }
+        joint, body = create[b.kind](self.bodies.get(b.parent))
+        joint.setName(f"joint{b.at}")
+        body.setName(f"link{b.link}")
+        if b.kind == "free":
+            joint.setXYPlane()
+        else:
+            joint.setAxis(OUT_OF_PLANE if b.kind == "revolute" else spatial(b.axis))
+        joint.setTransformFromParentBodyNode(self._frame(b.parent_anchor + b.base))
+        joint.setTransformFromChildBodyNode(self._frame(b.anchor, -b.turn))
+        link = self.mechanism.links[b.link]
+        body.setInertia(self.dartpy.dynamics.Inertia(link.mass, np.zeros(3), link.inertia * np.eye(3)))
+        self.bodies[b.link] = body
+        for k in range(joint.getNumDofs()):
+            self.coordinates[b.at + k] = joint, k
+
+    def _frame(self, origin: Array, angle: float = 0.0) -> Any:
+        """Return DART's transform of a frame of the plane with its origin (2,) [m] and angle [rad]."""
+        cosine, sine = np.cos(angle), np.sin(angle)
+        frame = self.dartpy.math.Isometry3()
+        frame.set_translation(np.array(spatial(origin)))
+        frame.set_rotation(np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]))
+        return frame
+
+    def _add_springs(self) -> None:
+        """Add the springs and dampers of joints; those on one coordinate become one, with the mean of their rest positions."""
+        n = self.tree.n
+        stiffness, damping, preload = np.zeros(n), np.zeros(n), np.zeros(n)
+        for load in self.forces.own:
+            along = np.abs(load.row)  # at most one entry
+            stiffness += load.k * along
+            damping += load.c * along
+            preload += load.k * (load.rest - load.constant) * load.row
+        for at, (joint, k) in self.coordinates.items():
+            joint.setDampingCoefficient(k, damping[at])
+            if stiffness[at]:
+                joint.setSpringStiffness(k, stiffness[at])
+                joint.setRestPosition(k, preload[at] / stiffness[at])
+
+    def _end(self, point: Point) -> tuple[Any, Array]:
+        """Return the body of a point, None for the ground, and the point in it."""
+        return self.bodies.get(point.link), np.array(spatial(point.local))
+
+
+def place(body: Any, point: Array) -> Array:
+    """Return the place (3,) [m] in the world of a point of a body."""
+    return point if body is None else np.asarray(body.getTransform().multiply(point))
+
+
+def select_pgs(dartpy: Any, built: Built, iterations: int) -> None:
+    """Let PGS solve for the impulses in place of Dantzig's method, by so many iterations; no tolerance ends it earlier.
+
+    DART's solvers have no constructor in Python. This one is of another world, whose second solver, for problems on which the first
+    fails, is PGS; the world's own would be refused as its first.
+    """
+    solver = dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
+    solver.setOption(dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))
+    built.world.getConstraintSolver().setBoxedLcpSolver(solver)

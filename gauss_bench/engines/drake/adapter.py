@@ -1,0 +1,198 @@
+"""Drake: a tree of joints, closed by constraints in discrete plants, or by stiff bushings in plants of either kind.
+
+Only discrete plants take part in constraints, and only in steps of the solver SAP. Its contact approximations kSap, kSimilar and
+kLagged, and its near-rigid threshold, change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a
+knob. A continuous plant accepts a constraint and fails at the first evaluation; there, bushings are all that Drake offers.
+
+The generated tree is compared with the suite's own terms before it is used, at states at which loops are open.
+"""
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
+from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, Library, gaps, refusal
+from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
+from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
+from gauss_bench.engines.variants import read_variants
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence, with_accelerations
+
+VARIANTS = read_variants(Path(__file__).parent)
+SAP = "sap"  # the step of a discrete plant; the other integrators are for continuous plants
+ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
+SCHEMES = {"runge_kutta3": "runge_kutta3", "radau3": "radau3"}
+SCHEMES |= {f"{name}{ADAPTIVE}": scheme for name, scheme in SCHEMES.items()}
+AGREEMENT = 1e-9  # relative: rounding causes about 1e-15, a wrong sign or factor about 1
+
+
+class Drake:
+    """Drake's discrete plants, with constraints, and its integrators of continuous plants, with bushings."""
+
+    name = "drake"
+    integrators = (SAP, *SCHEMES)
+    adaptive = tuple(x for x in SCHEMES if x.endswith(ADAPTIVE))
+    stabilizations = ("none",)
+    settings = VARIANTS.settings
+    variants, knobs, first, soft = VARIANTS.space, VARIANTS.knobs, VARIANTS.first, VARIANTS.soft
+    native_loop = True
+    python_loop = False
+    resizable = True
+
+    def version(self) -> str:
+        from importlib.metadata import version
+
+        Library()  # fails where the installation is broken
+        return f"Drake {version('drake')}"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        if reason := beyond_a_tree(mechanism, "Drake") or unsteady(mechanism, "Drake"):
+            return reason
+        options = VARIANTS.options(choice.settings)
+        tree = joint_tree(mechanism, options)
+        if tree.closures and options["closure"] == BALL and choice.integrator in SCHEMES:
+            return f"Drake has constraints in discrete plants alone: take the integrator {SAP}, or bushings as closures"
+        return refusal(mechanism, tree)
+
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return ""
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> "DrakeModel":
+        return DrakeModel(mechanism, choice)
+
+
+class DrakeModel(TreeModel):
+    """A mechanism in Drake under one choice.
+
+    Attributes:
+        closure: how loops are closed; OPEN if there are none.
+        runners: step size [s] -> simulation of a discrete plant, which is built for one size.
+        steppers: longest step [s] -> plants that take this and shorter steps.
+        continuous: simulation of a continuous plant, if the integrator is for those.
+    """
+
+    library = "Drake"
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        self.drake = Library()
+        self.builder = Builder(self.drake, mechanism, self.tree)
+        opened = Stepper(self._build(0.0, Closure()))
+        verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
+        kind = self.options["closure"] if self.tree.closures else OPEN
+        self.closure = Closure(kind, self.options["bushing_period_s"], self.options["bushing_damping_ratio"])
+        self.runners: dict[float, Runner] = {}
+        self.steppers: dict[float, list[Stepper]] = {}
+        self.continuous: ContinuousRunner | None = None
+        if (choice.integrator or SAP) != SAP:
+            self.continuous = ContinuousRunner(self.drake, self._build(0.0, self.closure))
+        self._runner(choice.step)
+
+    def _build(self, step: float, closure: Closure) -> Built:
+        """Return a plant, with Drake's refusal as a failure of the run.
+
+        Raises:
+            RunFailure: Drake refuses the linkage.
+        """
+        try:
+            return self.builder.build(step, closure)
+        except (RuntimeError, ValueError) as error:
+            raise RunFailure(Status.ERROR, f"Drake cannot build the plant: {in_a_sentence(error)}") from error
+
+    def _describe(self, opened: Stepper, y: Array, dy: Array) -> OpenModel:
+        """Return the open tree at a tree state y, dy (n,), by Drake's own kinematics and dynamics."""
+        accelerations = opened.reported_acceleration(y, dy)
+        return OpenModel(gaps(opened.built, opened.context), accelerations=accelerations)
+
+    def _runner(self, size: float) -> Runner:
+        """Return the simulation that takes steps of a size [s]; a discrete plant is built when its size is first asked for."""
+        if self.continuous:
+            return self.continuous
+        key = round(size, 15)  # equal gaps between samples give sizes that differ by rounding
+        if key not in self.runners:
+            self.runners[key] = Runner(self.drake, self._build(size, self.closure))
+        return self.runners[key]
+
+    def _short_steppers(self, longest: float) -> list[Stepper]:
+        """Return plants whose steps are at most `longest` [s], each half of the one before; they are kept."""
+        if longest not in self.steppers:
+            lengths = [longest / 2**k for k in range(HALVINGS + 1)]
+            self.steppers[longest] = [Stepper(self._build(x, self.closure)) for x in lengths]
+        return self.steppers[longest]
+
+    @cached_property
+    def _still(self) -> Stepper:
+        return Stepper(self._build(0.0, self.closure))
+
+    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (n,) at a tree state: those of a continuous plant, or extrapolated from steps with constraints.
+
+        Raises:
+            RunFailure: Drake finds none.
+        """
+        try:
+            if self.closure.kind == BALL:
+                return settled_acceleration(self._short_steppers, y, dy)
+            return self._still.reported_acceleration(y, dy)
+        except RuntimeError as error:
+            if isinstance(error, RunFailure):
+                raise
+            raise RunFailure(Status.ERROR, f"t = {t:.6g} s: Drake: {in_a_sentence(error)}") from error
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        super().prepare(times, native)
+        for stretch in self.plan:
+            self._runner(stretch.size)
+        if self.continuous:
+            name = self.choice.integrator
+            accuracy, _ = self.choice.tolerances(self.options["accuracy"], 0.0)
+            self.continuous.set_integrator(self.drake, SCHEMES[name], accuracy if name in Drake.adaptive else None)
+
+    def run(self) -> None:
+        """Step to every sample and store the tree states.
+
+        Raises:
+            RunFailure: Drake gives up.
+        """
+        y, dy = self.y0, self.dy0
+        running: Runner | None = None
+        for stretch in self.plan:
+            runner = self._runner(stretch.size)
+            try:
+                if runner is not running:
+                    runner.start(y, dy)
+                    running = runner
+                y, dy = runner.advance(stretch.steps, stretch.size)
+            except RuntimeError as error:
+                reason = f"Drake stopped after t = {stretch.begin:.6g} s: {in_a_sentence(error)}"
+                raise RunFailure(Status.NOT_CONVERGED, reason) from error
+            if stretch.row is not None:
+                self.y[stretch.row], self.dy[stretch.row] = y, dy
+
+    def count_steps(self) -> int:
+        return self.continuous.count_steps() if self.continuous else super().count_steps()
+
+    def read(self) -> Trajectory:
+        """Return the samples.
+
+        With constraints, the accelerations of a sample are those of the step that begins there, as Drake reports them: a short
+        step would draw the gap that longer steps leave shut at once. The first sample has no gap yet.
+        """
+        if self.closure.kind != BALL:
+            return super().read()
+        q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
+        runners = {stretch.row: self._runner(stretch.size) for stretch in self.plan}
+        steppers = {runner: Stepper(runner.built) for runner in {*runners.values()}}
+
+        def acceleration_of_sample(k: int) -> Array:
+            y, dy = self.y[k], self.dy[k]
+            if k == 0:
+                return self.accelerate(float(self.times[0]), y, dy)
+            ddy = steppers[runners[k]].reported_acceleration(y, dy)
+            return self.tree.absolute(y, dy, ddy)[2]
+
+        return with_accelerations(self.times, q, v, acceleration_of_sample, self.count_steps())

@@ -1,0 +1,66 @@
+"""Motion laws in MuJoCo's model.
+
+Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
+A far larger than all masses, and the torque or force A law''(t). It then follows the law, with an error of the size load / A:
+
+    (A + m) theta'' = A law''(t) + load
+
+A driven length is a tendon between two sites with such an armature (in kg), and a motor on it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.shared import drivers_by_coordinate
+from gauss_bench.engines.tree import Tree
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A driven joint coordinate, or a driven length, with its armature.
+
+    Attributes:
+        armature: of a hinge [kg m^2], of a slide or length [kg].
+        at: index of the joint coordinate, or of the tendon.
+        motor: index of the tendon's motor; None for a joint coordinate.
+    """
+
+    law: MotionLaw
+    armature: float
+    at: int
+    motor: int | None = None
+
+    def push(self, data: Any, t: float) -> None:
+        """Add the force armature * law''(t) to the joint coordinate, or set it at the motor."""
+        force = self.armature * float(self.law(t)[2])
+        if self.motor is None:
+            data.qfrc_applied[self.at] += force
+        else:
+            data.ctrl[self.motor] = force
+
+
+def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
+    """Set the armatures of drives in a compiled model, and compute anew the constants that depend on them."""
+    for drive in drives:
+        armatures = model.dof_armature if drive.motor is None else model.tendon_armature
+        armatures[drive.at] = drive.armature
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def find_drives(model: Any, draft: Draft, mechanism: Mechanism, tree: Tree, share: float) -> list[Drive]:
+    """Return the drives of all hinges, slides and lengths that follow a law.
+
+    Args:
+        model: compiled from `draft`, without armatures.
+        share: armature over the inertia of the tree at rest.
+    """
+    driven = drivers_by_coordinate(mechanism, tree)
+    drives = [Drive(driver.law, share * float(model.dof_M0[k]), k) for k, driver in driven.items()]
+    for cylinder, tendon, motor in draft.cylinders:
+        mass = share / float(model.tendon_invweight0[tendon.id])
+        drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
+    return drives

@@ -1,0 +1,173 @@
+"""Settings that an engine's authors own: a faulty file is refused by name and field, a sound one races without a line of code."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import gauss_bench
+from gauss_bench.api.recommend import list_owned
+from gauss_bench.bench.measurements.search import exact_tasks
+from gauss_bench.bench.tasks import Context
+from gauss_bench.bench.ways import Way, loop_of
+from gauss_bench.cli import main
+from gauss_bench.engines import authors
+from gauss_bench.engines.authors import ROOMS, SettingsFault, candidates_of, read_settings
+from gauss_bench.engines.own_options import OptionTable, write_options
+from gauss_bench.engines.variants import read_variants
+from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.suites.read import read_suite
+from gauss_bench.suites.schema import Search, Suite
+from gauss_bench.verbs.suites import with_authors
+from tests.conftest import DATA, needs
+
+SOUND = DATA / "settings" / "minimal.toml"
+TEXT = SOUND.read_text(encoding="utf-8")
+TIGHT, EQUAL = "default,dop853_rtol=1e-11", "default,dop853_rtol=1e-09"
+FAULTS = [
+    ('"gauss-bench-settings/1"', '"gauss-bench-settings/9"', "format: must be 'gauss-bench-settings/1'"),
+    ('engine = "minimal"', 'engine = "nobody"', "engine: 'nobody' has no file of knobs"),
+    ('engine = "minimal"', 'engine = "../engines/minimal"', "engine: '../engines/minimal' has no file of knobs"),
+    ('"Those who wrote it"', '" "', "authors: must be a text of 1 to 200 characters in one line"),
+    ('"Those who wrote it"', '"a\\u202eb"', "authors: must be a text"),
+    ('authors = "Those who wrote it"\n', "", "authors: must be a text"),
+    ('"https://example.org/them"', '"ask around"', "contact: must be an address"),
+    ("2026-11-26", '"2026-11-26"', "date: must be a date"),
+    ("date =", "day =", "day: no such field; there are format, engine"),
+    ('source = "https://example.org/integrators"\n', "", "knobs.integrator.source: must be a text"),
+    ("https://example.org/tolerances", "a friend", "knobs.dop853_rtol.source: must be an address"),
+    ("tight enough for what is asked", "because", "knobs.dop853_rtol.why: must be a sentence of 20 characters at least"),
+    ('why = "tight', 'note = "x"\nwhy = "tight', "knobs.dop853_rtol.note: no such field"),
+    ("[knobs.dop853_rtol]", "[knobs.speed]", "knobs.speed: minimal has no such knob; it has integrator"),
+    ("[knobs.dop853_rtol]", "[knobs.dop853_atol]", "settings.tight.dop853_rtol: has no source"),
+    ("[settings.tight]", "[settings]\ntight = 1\n[settings.other]", "settings: a table of tables is wanted"),
+    ("dop853_rtol = 1e-11", "speed = 3", "settings.tight.speed: minimal has no such knob"),
+    ("dop853_rtol = 1e-11", 'dop853_rtol = "small"', "settings.tight.dop853_rtol: the option 'dop853_rtol' takes a number"),
+    ("dop853_rtol = 1e-11", "dop853_rtol = -1e-9", "settings.tight.dop853_rtol: the option 'dop853_rtol' takes a number"),
+    ("dop853_rtol = 1e-11", "dop853_rtol = 1.5", "settings.tight.dop853_rtol: must be in the range 0 to 1, not 1.5"),
+    ("dop853_rtol = 1e-11\n", "", "settings.tight: changes no knob"),
+    ('integrator = "dop853"\n', "", "settings.tight.integrator: is missing; minimal has"),
+    ('integrator = "dop853"\n', 'integrator = "magic"\n', "settings.tight.integrator: no integrator 'magic'"),
+    (
+        'integrator = "dop853"\n',
+        'integrator = "dop853"\nstabilization = "hope"\n',
+        "settings.tight.stabilization: no stabilization",
+    ),
+    ('base = "default"', 'base = "best"', "settings.equal.base: no settings 'best'; there are default"),
+    ("[settings.tight]", "[settings.tight", "TOML syntax"),
+]
+
+
+def saved(folder: Path, text: str) -> Path:
+    path = folder / "theirs.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("old", "new", "said"), FAULTS)
+def test_a_faulty_file_is_refused_by_name_and_field(
+    old: str, new: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert TEXT.count(old) == 1
+    path = saved(tmp_path, TEXT.replace(old, new))
+    assert main(["check-settings", str(path)]) == 2
+    told = capsys.readouterr()
+    assert f"{path}: {said}" in told.err
+    assert told.out == ""
+
+
+def test_there_are_at_most_as_many_settings_as_our_search_has_variants(tmp_path: Path) -> None:
+    most = len(read_variants(ROOMS / "minimal").space)
+    assert read_settings(SOUND).most == most == 3
+    third = '[settings.third]\nintegrator = "dop853"\ndop853_rtol = 1e-10\n'
+    assert len(read_settings(saved(tmp_path, TEXT + third)).candidates) == 3
+    with pytest.raises(SettingsFault, match=r"settings: 4 settings; there may be 3"):
+        read_settings(saved(tmp_path, TEXT + third + third.replace("third", "fourth")))
+
+
+def test_a_sound_file_is_a_list_of_candidates_with_their_owner(capsys: pytest.CaptureFixture[str]) -> None:
+    tight, equal = candidates_of("minimal", [SOUND])
+    assert (tight.name, tight.integrator, tight.stabilization, tight.owner) == (TIGHT, "dop853", "none", "Those who wrote it")
+    assert dict(tight.options) == {"dop853_rtol": 1e-11, "dop853_atol": 1e-12}
+    assert (equal.name, equal.integrator) == (EQUAL, "dop853_fixed")
+    assert candidates_of("mujoco", [SOUND]) == []
+    assert candidates_of("minimal", [SOUND, SOUND]) == [tight, equal]
+    assert main(["check-settings", str(SOUND), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["engine"], told["most"], [*told["settings"]]) == ("minimal", 3, ["tight", "equal"])
+
+
+def test_the_file_of_a_room_is_found_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "minimal").mkdir()
+    shutil.copy(ROOMS / "minimal" / "variants.toml", tmp_path / "minimal")
+    monkeypatch.setattr(authors, "ROOMS", tmp_path)
+    assert candidates_of("minimal") == []
+    shutil.copy(SOUND, tmp_path / "minimal" / "authors.toml")
+    assert [x.name for x in candidates_of("minimal")] == [TIGHT, EQUAL]
+
+
+@pytest.mark.parametrize("path", sorted(ROOMS.glob("*/authors.toml")) or [None], ids=str)
+def test_every_file_of_a_room_is_sound_and_of_its_engine(path: Path | None) -> None:
+    assert path is None or read_settings(path).engine == path.parent.name
+
+
+def test_the_text_of_a_setting_has_the_same_values_bit_for_bit() -> None:
+    changes = {"x": 1 / 3, "pair": [0.1 + 0.2, 1e-300], "word": 'least "depth", so', "on": True, "count": 3}
+    usual = {"x": 1.0, "pair": [0.0, 0.0], "word": "none", "on": False, "count": 1}
+    table = OptionTable({"base": usual}, {key: ('least "depth", so',) if key == "word" else () for key in usual})
+    assert table.resolve(write_options("base", changes)) == changes
+
+
+def test_a_search_asks_their_settings_as_it_asks_ours(tmp_path: Path) -> None:
+    """Same function, same part of the suite, same store: the budget is the same because the argument is the same."""
+    needs("llvmlite")
+    part = Search(
+        linkages={"four_bar": "torque"},
+        engines=("minimal",),
+        own=("minimal",),
+        until=0.1,
+        position=(1e-3,),
+        budget=5,
+        most_steps=99,
+        rounds=2,
+        lead=0.1,
+        authors=(str(SOUND),),
+    )
+    tasks = exact_tasks(Suite(format="gauss-bench-suite/1", title="one", search=(part,)), Context(str(tmp_path), ""))
+    asked = {task.arguments[3].name: task for task in tasks}
+    theirs, ours = asked.pop(TIGHT), asked["adaptive"]
+    assert theirs.function is ours.function
+    assert theirs.arguments[4] == ours.arguments[4] == part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
+    assert (theirs.start["owner"], "owner" in ours.start) == ("Those who wrote it", False)
+    assert len(tasks) == 5
+    assert loop_of(Way("minimal", TIGHT, "dop853", "none", 0.0)) == ""
+
+
+def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:
+    with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: the suite searches no settings of minimal"):
+        with_authors(read_suite("quick"), [SOUND])
+    with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: minimal is not among the engines that are asked, gauss"):
+        list_owned(["gauss"], [SOUND])
+    with pytest.raises(ChoiceError, match="give one of them"):
+        gauss_bench.recommend("four_bar", 1e-3, engines=["minimal"], settings="default", authors=[SOUND])
+    (part,) = (x for x in with_authors(read_suite("search"), [SOUND]).search)
+    assert part.authors == (str(SOUND),)
+
+
+@pytest.mark.slow
+def test_a_recommendation_has_an_answer_of_theirs_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    needs("llvmlite")
+    found = gauss_bench.recommend("crank_slider", 1e-6, until=0.2, engines=["minimal"], authors=[SOUND], budget=600.0)
+    ours, theirs = sorted(found.answers, key=lambda x: x.owner)
+    assert (ours.owner, theirs.owner) == ("", "Those who wrote it")
+    assert theirs.settings in (TIGHT, EQUAL)
+    assert ours.settings not in (TIGHT, EQUAL)
+    assert (ours.variants, theirs.variants) == (3, 2)
+    for answer in (ours, theirs):
+        assert answer.status == "ok"
+        assert 0 < answer.errors["position"] <= 0.5e-6
+        assert answer.ratio is not None
+    assert theirs.options["dop853_rtol"] == float(theirs.settings.partition("=")[2])
+    assert ", by its authors" in found.text
+    assert f"settings='{theirs.settings}'" in theirs.snippet

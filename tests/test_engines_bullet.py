@@ -1,0 +1,326 @@
+"""Bullet, in an environment of its own: what it is given and refuses, its accelerations, and its errors against certificates.
+
+What needs PyBullet is skipped without its environment, in CI too. Its steps are then taken by stand-ins.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.bench.agreement import KINDS
+from gauss_bench.engines import FILE, environment_of
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.bullet.accelerations import Accelerations
+from gauss_bench.engines.bullet.adapter import VARIANTS, Bullet, step_through
+from gauss_bench.engines.bullet.bodies import BodyWorld
+from gauss_bench.engines.bullet.joints import TreeWorld, list_joints
+from gauss_bench.engines.bullet.translate import BodyForces, joint_forces, refusal
+from gauss_bench.engines.bullet.world import STRONGEST
+from gauss_bench.engines.shared import drivers_by_coordinate, open_tree
+from gauss_bench.engines.tree import Tree, spanning_tree, turning
+from gauss_bench.integrate.fixed_step import Stretch
+from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.coordinates import rotate
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.spaces import angles, places
+from gauss_bench.reference.build import random_states
+from gauss_bench.reference.certificate import certificate_path, read_certificate
+from gauss_bench.runs.worker import keep
+from gauss_bench.terms import Array
+from tests.conftest import everything
+from tests.engine_runs import linkage, relative_error
+
+ENVIRONMENT = environment_of("bullet")
+
+
+@pytest.fixture
+def bullet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The adapter of this package, in the environment of PyBullet that the user's file of engines names."""
+    if ENVIRONMENT is None:
+        pytest.skip("there is no environment of PyBullet here")
+    path = tmp_path / "engines.toml"
+    path.write_text(f'[bullet]\npython = "{ENVIRONMENT.python}"\n', encoding="utf-8")
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    keep("bullet").stop()  # its process may have another file of engines
+
+
+# crank error after 1 s in steps of 1 ms [rad]; damping=0.04 is Bullet's own, which slows every link
+MEASURED = [
+    ("crank_slider", "paper", "default", 0.0935),
+    ("eight_bar", "torque", "default", 0.0626),
+    ("parallelogram", "torque", "default", 0.0324),
+    ("crank_slider", "paper", "damping=0.04", 0.963),
+    ("eight_bar", "torque", "bodies_direct/DANTZIG", 0.00287),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("bullet")
+@pytest.mark.parametrize(("name", "scenario", "settings", "measured"), MEASURED)
+def test_the_crank_is_off_the_certificate_by_as_much_as_was_measured(
+    name: str, scenario: str, settings: str, measured: float
+) -> None:
+    mechanism = load(name, scenario)
+    path = certificate_path(mechanism)
+    assert path is not None
+    certificate = read_certificate(path)
+    (at,) = np.flatnonzero(certificate.t == 1.0)
+    run = gauss_bench.simulate(name, "bullet", scenario, settings, step=1e-3, at=[0.0, 1.0])
+    crank = mechanism.crank
+    assert crank is not None
+    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certificate.q[at, 3 * crank + 2])
+    assert 0.9 * measured < error < 1.1 * measured
+
+
+@pytest.mark.usefixtures("bullet")
+def test_the_damping_that_bullet_ships_is_found_as_a_force_that_the_linkage_has_not() -> None:
+    run = gauss_bench.simulate("crank_slider", "bullet", "paper", "damping=0.04", at=[0.0, 0.5])
+    assert run.status == "invalid"
+    assert "accelerations off by" in run.message
+
+
+@pytest.mark.usefixtures("bullet")
+@pytest.mark.parametrize(("settings", "most"), [("default", 1e-6), ("converged", 1e-12)])
+@pytest.mark.parametrize(("name", "scenario"), [("crank_slider", "driven"), ("four_bar", "cycloid")])
+def test_a_crank_follows_its_law_as_far_as_the_solver_converges(name: str, scenario: str, settings: str, most: float) -> None:
+    run = gauss_bench.simulate(name, "bullet", scenario, settings, at=[0.0, 0.1])
+    (driver,) = load(name, scenario).drivers
+    assert abs(run.links["crank"]["theta"][-1] - float(driver.law(0.1)[0])) < most  # by default a speed may be 3e-4 rad/s off
+
+
+@pytest.mark.usefixtures("bullet")
+@pytest.mark.parametrize("settings", ["default", "bodies/50"])
+def test_two_runs_are_the_same_bit_for_bit(settings: str) -> None:
+    runs = [gauss_bench.simulate("four_bar", "bullet", "torque", settings, at=[0.0, 0.1, 0.2]) for _ in range(2)]
+    for link, curves in runs[0].links.items():
+        for key, values in curves.items():
+            np.testing.assert_array_equal(runs[1].links[link][key], values)
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario", "coordinates", "words"),
+    [
+        ("four_bar", "cycloid", "tree", None),
+        ("excavator", None, "tree", "none for the length"),
+        ("sleigh", None, "tree", "knife edge"),
+        ("crank_slider", "paper", "tree", None),
+        ("crank_slider", "paper", "bodies", "no slide between free bodies (guide)"),
+        ("four_bar", "cycloid", "bodies", "none between free bodies"),
+        ("four_bar", "torque", "bodies", None),
+    ],
+)
+def test_what_bullet_cannot_have_is_refused_by_name(name: str, scenario: str | None, coordinates: str, words: str | None) -> None:
+    reason = Bullet().skip(load(name, scenario), Choice(f"coordinates={coordinates}"))
+    assert reason is None if words is None else words in str(reason)
+
+
+def test_a_driven_angle_that_is_no_joint_of_the_tree_is_refused() -> None:
+    mechanism = load("four_bar", "driven")
+    (driver,) = mechanism.drivers
+    assert isinstance(driver, AngleDriver)
+    turned = replace(mechanism, drivers=(replace(driver, link=1),))
+    assert refusal(mechanism, spanning_tree(mechanism), "tree") is None
+    assert (
+        refusal(turned, spanning_tree(turned), "tree")
+        == "Bullet has motors in the joints of its tree, and the driven angle is none"
+    )
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "shaper", "swinging_block", "loaded", "puck", "everything"])
+def test_the_joints_of_the_tree_put_every_link_where_the_linkage_has_it(name: str, rng: np.random.Generator) -> None:
+    mechanism = everything() if name == "everything" else linkage(name)
+    tree = spanning_tree(mechanism)
+    y = rng.uniform(-2.0, 2.0, tree.n)
+    q, _, _ = tree.absolute(y, y, y)
+    frames = [(np.zeros(2), np.zeros(()))]  # place and angle of the base, then of every joint
+    centres = []
+    for joint, value in zip(list_joints(mechanism, tree), y, strict=True):
+        place, angle = frames[joint.parent]
+        along = np.array(joint.origin[:2]) + (0.0 if joint.turns else value * np.array(joint.axis[:2]))
+        frames.append((place + rotate(along, angle), angle + (value if joint.turns else 0.0)))
+        centres.append(frames[-1][0] + rotate(np.array(joint.centre[:2]), frames[-1][1]))
+    at = [b.at + (2 if b.kind == "free" else 0) for b in tree.branches]
+    links = [b.link for b in tree.branches]
+    np.testing.assert_allclose([centres[k] for k in at], places(q)[links], atol=1e-14)
+    turned = np.array([frames[k + 1][1] for k in at]) + turning(tree).constants[links]
+    np.testing.assert_allclose(turned, angles(q)[links], atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["crank_slider", "four_bar", "loaded", "everything", "pushed", "kinds"])
+def test_the_forces_of_joints_do_the_work_of_the_linkages_forces(name: str, rng: np.random.Generator) -> None:
+    mechanism = load(KINDS, "loaded") if name == "kinds" else everything() if name == "everything" else linkage(name)
+    tree = spanning_tree(mechanism)
+    forces = joint_forces(mechanism, tree)
+    applied = AppliedForces(replace(mechanism, gravity=np.zeros(2)))
+    for t in (0.0, 0.3):
+        y, dy = rng.uniform(-1.0, 1.0, (2, tree.n))
+        q, v, _ = tree.absolute(y, dy, dy)
+        expected = tree.forces(q, applied.generalised(q, v, t))
+        found = forces(t, y, dy) - forces.joint_damping * dy
+        np.testing.assert_allclose(found, expected, atol=1e-12 * max(1.0, float(np.abs(expected).max())))
+
+
+def test_forces_that_never_change_are_told_apart() -> None:
+    for name, scenario, constant in (("eight_bar", "torque", True), ("crank_slider", "paper", False)):
+        mechanism = load(name, scenario)
+        assert joint_forces(mechanism, spanning_tree(mechanism)).are_constant is constant
+
+
+class StandIn:
+    """Steps on velocities as Bullet takes them, computed in numpy from the suite's own terms."""
+
+    def __init__(self, mechanism: Mechanism, tree: Tree):
+        self.tree, self.evaluator = tree, Evaluator(mechanism)
+        self.joint_rows = self.evaluator.constraints.joint_rows
+
+    def set_step(self, step: float) -> None:
+        self.h = step
+
+    def set_residual(self, residual: float) -> None:
+        pass
+
+    def put(self, y: Array, dy: Array) -> None:
+        self.y, self.dy = y, dy
+        self.rates: dict[int, float] = {}
+
+    def drive(self, joint: int, rate: float) -> None:
+        self.rates[joint] = rate
+
+    def state(self) -> tuple[Array, Array]:
+        return self.y, self.dy
+
+    def step(self, tau: Sequence[float]) -> None:
+        """Let velocities follow from the forces, and project them onto those that closures and motors allow: J v = b."""
+        tree, own = self.tree, open_tree(self.evaluator, self.tree, self.y, self.dy)
+        v = self.dy + self.h * np.linalg.solve(own.mass, own.forces)
+        speeds = tree.absolute(np.tile(self.y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n)))[1]  # (n, 3 links)
+        rows = [self.evaluator.constraints(0.0, own.q, 0 * own.q).J[: self.joint_rows] @ speeds.T]
+        rows += [np.eye(tree.n)[[joint]] for joint in self.rates]
+        J, b = np.vstack(rows), np.concatenate([np.zeros(self.joint_rows), [*self.rates.values()]])
+        response = np.linalg.solve(own.mass, J.T)
+        self.dy = v - response @ np.linalg.lstsq(J @ response, J @ v - b, rcond=1e-11)[0]
+        self.y = self.y + self.h * self.dy
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario"), [("four_bar", "torque"), ("crank_slider", "driven"), ("four_bar", "cycloid"), ("parallelogram", "torque")]
+)
+def test_steps_on_velocities_alone_show_the_accelerations_of_closed_loops(name: str, scenario: str) -> None:
+    mechanism = load(name, scenario)
+    tree = spanning_tree(mechanism)
+    laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, tree).items()}
+    world: Any = StandIn(mechanism, tree)
+    found = Accelerations(world, joint_forces(mechanism, tree), laws)
+    states = random_states(mechanism, 5)
+    for t, q, v, a in zip(states.t, states.q, states.v, states.a, strict=True):
+        y, dy = tree.relative(q, v)
+        assert relative_error(tree.absolute(y, dy, found(t, y, dy))[2], a) < 1e-9
+
+
+class Clock:
+    """A world of one joint, which moves at the rate of its motor."""
+
+    def __init__(self) -> None:
+        self.y, self.rate, self.h = np.zeros(1), 0.0, 0.0
+        self.seen: list[float] = []
+
+    def set_step(self, step: float) -> None:
+        self.h = step
+
+    def drive(self, joint: int, rate: float) -> None:
+        self.rate = rate
+
+    def state(self) -> tuple[Array, Array]:
+        return self.y, np.array([self.rate])
+
+    def step(self, tau: Sequence[float]) -> None:
+        self.y = self.y + self.h * self.rate
+        self.seen += tau
+
+
+def test_a_driven_joint_is_where_its_law_has_it_after_every_step() -> None:
+    law = MotionLaw("square", lambda t: (t * t, 2 * t, 2 + 0 * t))
+    world: Any = Clock()
+    forces: Any = Ramp()
+    y, dy = np.full((3, 1), np.nan), np.full((3, 1), np.nan)
+    plan = [Stretch(0.0, 2, 0.1, np.inf, 1), Stretch(0.2, 1, 0.4, np.inf, None), Stretch(0.6, 2, 0.2, np.inf, 2)]
+    step_through(world, forces, {0: law}, plan, (y, dy))
+    np.testing.assert_allclose(y[1:, 0], [0.2**2, 1.0**2], atol=1e-15)
+    np.testing.assert_allclose(world.seen, [0.0, 0.1, 0.2, 0.6, 0.8], atol=1e-15)  # forces at the beginning of each step
+
+
+class Ramp:
+    """A force that is as large as the time."""
+
+    are_constant, constant = False, np.zeros(1)
+
+    def __call__(self, t: float, y: Array, dy: Array) -> Array:
+        return np.array([t])
+
+
+class Recorder:
+    """A stand-in for PyBullet, which records every call and its keywords."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, Mapping[str, Any]]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        if name.isupper():
+            return name
+
+        def record(*arguments: Any, **keywords: Any) -> int:
+            self.calls.append((name, keywords))
+            return len(self.calls)
+
+        return record
+
+    def of(self, name: str) -> list[Mapping[str, Any]]:
+        return [keywords for called, keywords in self.calls if called == name]
+
+
+def tree_world(recorder: Any) -> TreeWorld | BodyWorld:
+    mechanism = load("four_bar", "torque")
+    return TreeWorld(recorder, mechanism, spanning_tree(mechanism), VARIANTS.settings["default"])
+
+
+def body_world(recorder: Any) -> TreeWorld | BodyWorld:
+    return BodyWorld(recorder, load("four_bar", "torque"), VARIANTS.settings["default"])
+
+
+@pytest.mark.parametrize("build", [tree_world, body_world])
+def test_masses_are_set_in_calls_that_set_nothing_which_would_send_them_to_the_base(
+    build: Callable[[Any], TreeWorld | BodyWorld],
+) -> None:
+    recorder = Recorder()
+    build(recorder)
+    changes = recorder.of("changeDynamics")
+    for keyword in ("linearDamping", "angularDamping", "maxJointVelocity"):
+        assert any(keyword in x for x in changes)
+        assert not any(keyword in x and "mass" in x for x in changes)
+    assert sum("mass" in x for x in changes) == 3  # one call for each link
+
+
+def test_closures_may_exert_the_same_impulse_in_a_step_of_any_length() -> None:
+    recorder = Recorder()
+    world = tree_world(recorder)
+    for step in (1e-3, 1e-15):
+        recorder.calls.clear()
+        world.set_step(step)
+        (change,) = recorder.of("changeConstraint")
+        assert change["maxForce"] * step == pytest.approx(STRONGEST)
+
+
+def test_free_bodies_are_given_the_linkages_forces_without_gravity() -> None:
+    mechanism = load("four_bar", "torque")
+    q, v = mechanism.q0, mechanism.v0 + 1.0
+    own = Evaluator(mechanism).applied
+    np.testing.assert_allclose(BodyForces(mechanism)(0.0, q, v), own.generalised(q, v, 0.0) - own.gravity, atol=1e-15)

@@ -1,0 +1,290 @@
+"""Drake, in an environment of its own: what it is given and refuses, its errors against certificates, and the findings on it.
+
+What needs Drake is skipped without its environment, in CI too.
+"""
+
+import subprocess
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gauss_bench
+from gauss_bench.engines import FILE, environment_of
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.drake.adapter import Drake
+from gauss_bench.engines.drake.stepping import LENGTHS, SETTLING, extrapolate, settled_acceleration
+from gauss_bench.engines.drake.translate import Closure, branch_of, least_mass, refusal
+from gauss_bench.engines.tree import spanning_tree
+from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.model import SpringDamper
+from gauss_bench.reference.certificate import certificate_path, read_certificate
+from gauss_bench.runs.worker import keep
+from gauss_bench.suites.read import FOLDER
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
+from tests.conftest import everything
+
+ENVIRONMENT = environment_of("drake")
+FINDINGS = Path(gauss_bench.__file__).parents[1] / "reports" / "findings"
+
+
+@pytest.fixture
+def drake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The adapter of this package, in the environment of Drake that the user's file of engines names; its interpreter."""
+    if ENVIRONMENT is None:
+        pytest.skip("there is no environment of Drake here")
+    path = tmp_path / "engines.toml"
+    path.write_text(f'[drake]\npython = "{ENVIRONMENT.python}"\n', encoding="utf-8")
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    keep("drake").stop()  # its process may have another file of engines
+    return ENVIRONMENT.python
+
+
+def crank_error(name: str, scenario: str, settings: str, step: float) -> tuple[str, float]:
+    """Status of a run, and the error of the crank's angle after 1 s [rad]."""
+    mechanism = load(name, scenario)
+    path = certificate_path(mechanism)
+    assert path is not None
+    certificate = read_certificate(path)
+    (at,) = np.flatnonzero(certificate.t == 1.0)
+    run = gauss_bench.simulate(name, "drake", scenario, settings, step=step, at=[0.0, 1.0])
+    crank = mechanism.crank
+    assert crank is not None
+    return run.status, float(abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certificate.q[at, 3 * crank + 2]))
+
+
+# crank error after 1 s [rad]; steps of a millisecond are so coarse that the judge calls two of these runs invalid
+MEASURED = [
+    ("crank_slider", "paper", "default", 1e-3, 9.951e-2),
+    ("crank_slider", "paper", "default", 1e-4, 1.005e-2),
+    ("eight_bar", "torque", "default", 1e-3, 5.111e-2),
+    ("parallelogram", "torque", "default", 1e-3, 3.801e-3),
+    ("crank_slider", "paper", "bushing_runge_kutta_adaptive/0.003", 1e-3, 1.423e-3),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("drake")
+@pytest.mark.parametrize(("name", "scenario", "settings", "step", "error"), MEASURED)
+def test_the_crank_is_off_the_certificate_by_what_was_measured(
+    name: str, scenario: str, settings: str, step: float, error: float
+) -> None:
+    status, measured = crank_error(name, scenario, settings, step)
+    assert status in ("ok", "invalid")
+    assert measured == pytest.approx(error, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("drake")
+def test_every_force_that_drake_takes_acts_as_defined(tmp_path: Path) -> None:
+    """The judge compares the run with the suite's own motion; the jet is a propeller, and the wind enters beside it."""
+    text = (FOLDER / "linkages" / "kinds.toml").read_text(encoding="utf-8")
+    whole = '"jet", "guy", "cord", "buffer", "spring"'
+    assert text.count(whole) == 1
+    path = tmp_path / "kinds.toml"
+    path.write_text(text.replace(whole, '"jet", "cord", "spring"'), encoding="utf-8")
+    run = gauss_bench.simulate(path, "drake", "loaded", "bushing", "runge_kutta3_adaptive", tolerance=1e-8, at=[0.0, 0.5])
+    assert run.status == "ok", run.message
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("drake")
+def test_steps_that_drake_chooses_are_counted_and_follow_the_tolerance() -> None:
+    few, many = (
+        gauss_bench.simulate("four_bar", "drake", "torque", "bushing", "radau3_adaptive", tolerance=x, at=[0.0, 0.1])
+        for x in (1e-3, 1e-6)
+    )
+    assert 0 < few.metrics["steps"] < many.metrics["steps"]
+
+
+def test_contact_approximations_and_the_near_rigid_threshold_change_no_bit(drake: str) -> None:
+    """This is why they are no knobs."""
+    script = """
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.systems.analysis import Simulator
+
+def plant_with_a_pendulum(step, approximation=None, threshold=None):
+    plant = MultibodyPlant(step)
+    if approximation:
+        plant.set_discrete_contact_approximation(getattr(DiscreteContactApproximation, approximation))
+        plant.set_sap_near_rigid_threshold(threshold)
+    inertia = SpatialInertia(1.0, np.zeros(3), UnitInertia.SolidSphere(0.1))
+    body, ground = plant.AddRigidBody("body", inertia), plant.AddRigidBody("ground", inertia)
+    plant.WeldFrames(plant.world_frame(), ground.body_frame())
+    plant.AddBallConstraint(body, np.array([-0.1, 0.0, 0.0]), ground, np.zeros(3))
+    plant.Finalize()
+    return plant, body
+
+ends = set()
+for approximation in ("kSap", "kLagged", "kSimilar"):
+    for threshold in (1.0, 0.0):
+        plant, body = plant_with_a_pendulum(1e-3, approximation, threshold)
+        simulator = Simulator(plant)
+        context = simulator.get_mutable_context()
+        plant.SetFreeBodyPose(context, body, RigidTransform(np.array([0.1, 0.0, 0.0])))
+        simulator.AdvanceTo(0.1)
+        ends.add(plant.GetPositions(context).tobytes())
+print(len(ends))
+for name, refused in {
+    "kTamsi": lambda: plant_with_a_pendulum(1e-3, "kTamsi", 1.0),
+    "continuous": lambda: Simulator(plant_with_a_pendulum(0.0)[0]).AdvanceTo(0.1),
+}.items():
+    try:
+        refused()
+    except RuntimeError as error:
+        print(name, "constraints" in str(error))
+"""
+    run = subprocess.run([drake, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines() == ["1", "kTamsi True", "continuous True"]
+
+
+@pytest.mark.long
+def test_the_findings_on_drake_are_as_told(drake: str) -> None:
+    crash, ignored = (
+        subprocess.run([drake, str(FINDINGS / f"{name}.py")], capture_output=True, text=True, check=True).stdout.splitlines()
+        for name in ("drake_world_constraint", "drake_ignored_forces")
+    )
+    assert [line.split()[0] for line in crash if "signal 11" in line] == ["ball", "distance", "weld"]
+    assert sum("stepped" in line for line in crash) == 5
+    table = [line.partition("with it ")[2] for line in ignored if "with it" in line]
+    assert table == ["1.0000"] * 3 + ["0.0000"] + ["1.0000"] * 2 + ["0.0000"] * 2 + ["1.0000"] + ["0.0000"] * 7
+
+
+# what follows needs no library
+
+
+@pytest.mark.parametrize(
+    ("force", "reason"),
+    [
+        ("guy", "Drake cannot turn the force guy with a third link"),
+        ("world", "Drake has no spring or damper along an axis that is not a slide's (world)"),
+        ("stretch", None),
+        ("push", None),
+        ("coil", None),
+        ("motor", None),
+        ("wind", None),
+        ("jet", None),
+        ("grease", None),
+    ],
+)
+def test_a_force_without_an_exact_element_is_refused_by_name(force: str, reason: str | None) -> None:
+    whole = everything()
+    alone = replace(whole, forces=tuple(f for f in whole.forces if f.name == force))
+    assert refusal(alone, spanning_tree(alone)) == reason
+
+
+def test_a_spring_on_a_sum_of_coordinates_is_refused_by_name() -> None:
+    chain = everything()
+    (coil,) = (f for f in chain.forces if f.name == "coil")
+    far = replace(chain, forces=(replace(coil, a=-1),))  # between the ground and the beam lie two hinges
+    assert refusal(far, spanning_tree(far)) == "Drake has no spring or damper on a sum of coordinates (coil)"
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"rest": 0.0}, "Drake has a spring between points with a positive free length alone (stretch)"),
+        ({"k": -1.0}, "Drake has no spring or damper with a negative constant (stretch)"),
+        ({"c": -1.0}, "Drake has no spring or damper with a negative constant (stretch)"),
+    ],
+)
+def test_a_spring_between_points_beyond_drakes_is_refused_by_name(change: dict[str, float], reason: str) -> None:
+    whole = everything()
+    (stretch,) = (f for f in whole.forces if f.name == "stretch")
+    assert isinstance(stretch, SpringDamper)
+    alone = replace(whole, forces=(replace(stretch, **change),))  # type: ignore[arg-type]
+    assert refusal(alone, spanning_tree(alone)) == reason
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario", "words"),
+    [
+        ("four_bar", "driven", "no joint that follows a law"),
+        ("excavator", None, "no joint that follows a law"),
+        ("sleigh", None, "knife edge"),
+    ],
+)
+def test_a_driver_or_joint_that_drake_cannot_have_is_refused(name: str, scenario: str | None, words: str) -> None:
+    assert words in str(Drake().skip(load(name, scenario), Choice()))
+
+
+def test_only_discrete_plants_have_constraints() -> None:
+    four_bar = load("four_bar", "torque")
+    assert Drake().skip(four_bar, Choice(integrator="sap")) is None
+    assert "in discrete plants alone" in str(Drake().skip(four_bar, Choice(integrator="radau3")))
+    assert Drake().skip(four_bar, Choice("bushing", "radau3")) is None
+    open_chain = replace(four_bar, joints=four_bar.joints[:3])
+    assert Drake().skip(open_chain, Choice(integrator="radau3")) is None
+
+
+def test_a_coordinate_belongs_to_the_branch_that_begins_last_before_it() -> None:
+    tree = spanning_tree(everything())
+    owners = [branch_of(tree, at).at for at in range(tree.n)]
+    assert owners == [b.at for b in tree.branches for _ in b.coordinates]
+
+
+def test_a_bushing_vibrates_with_its_period_and_damping() -> None:
+    """A mass of 2 kg on the spring has the period; a damper of twice the critical one has the ratio 2."""
+    stiffness, damping = Closure("bushing", period=0.1, damping_ratio=2.0).constants(2.0)
+    assert 2 * np.pi * np.sqrt(2.0 / stiffness) == pytest.approx(0.1)
+    assert damping == pytest.approx(2 * (2 * np.sqrt(stiffness * 2.0)))
+
+
+def test_a_gap_moves_the_least_mass() -> None:
+    """Two masses of 1 and 3 kg that move along x and y: the gap is their own place, and the lighter one is the least mass."""
+    assert least_mass(np.eye(2), np.diag([1.0, 3.0])) == pytest.approx(1.0)
+    assert least_mass(np.array([[1.0, -1.0], [0.0, 0.0]]), np.diag([1.0, 1.0])) == pytest.approx(0.5)  # a spring between two masses
+
+
+def test_a_polynomial_is_extrapolated_exactly() -> None:
+    lengths = np.array([0.4, 0.2, 0.1])
+    values = np.array([[7.0 + 3.0 * h - 2.0 * h * h, -1.0 + h] for h in lengths])
+    assert extrapolate(lengths, values) == pytest.approx([7.0, -1.0], abs=1e-12)
+
+
+@dataclass
+class Settling:
+    """Steps that behave as those of SAP: what is missing of the acceleration halves with every step.
+
+    Attributes:
+        blur: change of the acceleration by the length, for lengths below `coarse` [s].
+    """
+
+    length: float
+    acceleration: Array
+    blur: float = 0.0
+    coarse: float = 0.0
+
+    def last_changes(self, y: Array, dy: Array, steps: int) -> tuple[Array, Array]:
+        shown = self.acceleration + 5.0 * self.length - 30.0 * self.length**2
+        if self.length < self.coarse:
+            shown = shown + self.blur
+        before, last = (shown + np.array([2.0, -1.0]) / 2**k for k in (steps - 1, steps))
+        return before, last
+
+
+def test_the_acceleration_is_what_ever_more_and_ever_shorter_steps_show() -> None:
+    acceleration, rest = np.array([3.0, -4.0]), np.zeros(2)
+    found = settled_acceleration(lambda longest: [Settling(longest / 2**k, acceleration) for k in range(3)], rest, rest)
+    assert found == pytest.approx(acceleration, abs=1e-10)
+    assert 2.0 / 2**SETTLING > 1e-3  # without the last two steps' difference, it would be that far off
+
+
+def test_longer_steps_are_taken_where_short_ones_do_not_agree() -> None:
+    acceleration, rest, asked = np.array([3.0, -4.0]), np.zeros(2), []
+
+    def steppers(longest: float) -> list[Settling]:
+        asked.append(longest)
+        return [Settling(longest / 2**k, acceleration, 1.0, 0.6 * LENGTHS[0]) for k in range(3)]
+
+    assert settled_acceleration(steppers, rest, rest) == pytest.approx(acceleration, abs=1e-10)
+    assert asked == [*LENGTHS]
+    with pytest.raises(RunFailure, match="do not settle") as failure:
+        settled_acceleration(lambda x: [Settling(x / 2**k, acceleration, 1.0, 0.6 * x) for k in range(3)], rest, rest)
+    assert failure.value.status is Status.NOT_CONVERGED

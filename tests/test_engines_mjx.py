@@ -1,0 +1,225 @@
+"""MJX: the model that it is given, its refusals, and, where its environment is installed, its errors against certificates.
+
+Without MJX, MuJoCo itself stands in for it behind the same four calls: then the adapter must give MuJoCo's own motion.
+"""
+
+import ast
+import copy
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gauss_bench
+import gauss_bench.bench.conformance as rules
+from gauss_bench.bench.conformance import conformance
+from gauss_bench.engines import FILE, environment_of
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjx import adapter
+from gauss_bench.engines.mjx.adapter import VARIANTS, Mjx
+from gauss_bench.engines.mjx.xla import Evaluated, Libraries
+from gauss_bench.engines.mujoco.adapter import VARIANTS as MUJOCO
+from gauss_bench.engines.mujoco.adapter import MujocoModel
+from gauss_bench.linkage.load import load
+from gauss_bench.reference.certificate import certificate_path, read_certificate
+from gauss_bench.runs.worker import keep
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure
+from tests.conftest import needs
+from tests.engine_runs import linkage
+
+ENVIRONMENT = environment_of("mjx")
+FINDING = Path(__file__).parents[1] / "reports" / "findings" / "mjx_missing_bias.py"
+
+
+class OnMujoco:
+    """The calls of `Device`, carried out by MuJoCo; models and states are MuJoCo's."""
+
+    def __init__(self, libraries: Libraries, model: Any, torque: Array):
+        self.mujoco, self.torque = libraries.mujoco, torque
+        self.set(model)
+
+    def set(self, model: Any) -> None:
+        self.model = model
+
+    def with_step(self, size: float) -> Any:
+        model = copy.copy(self.model)
+        model.opt.timestep = size
+        return model
+
+    def start(self, y: Array, dy: Array, t: float) -> Any:
+        data = self.mujoco.MjData(self.model)
+        data.qpos[:], data.qvel[:], data.time, data.qfrc_applied[:] = y, dy, t, self.torque
+        return data
+
+    def take_steps(self, model: Any, state: Any, count: int) -> Any:
+        state = copy.copy(state)
+        for _ in range(count):
+            self.mujoco.mj_step(model, state)
+        return state
+
+    def tree_state(self, state: Any) -> tuple[Array, Array]:
+        return state.qpos, state.qvel
+
+    def evaluate(self, y: Array, dy: Array) -> Evaluated:
+        data, mass = self.start(y, dy, 0.0), np.zeros((len(y), len(y)))
+        self.mujoco.mj_forward(self.model, data)
+        self.mujoco.mj_fullM(self.model, data, mass)
+        forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+        gaps = np.array(data.efc_pos).reshape(-1, 3)
+        return Evaluated(np.array(data.qacc), mass, forces, np.array(data.xipos), gaps)
+
+
+@pytest.fixture
+def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo stands in for MJX."""
+    mujoco = needs("mujoco")
+    monkeypatch.setattr(adapter, "load_libraries", lambda: Libraries(None, mujoco, None))
+    monkeypatch.setattr(adapter, "Device", OnMujoco)
+
+
+@pytest.mark.usefixtures("stand_in")
+@pytest.mark.parametrize(("name", "scenario"), [("loaded", None), ("crank_slider", "paper"), ("four_bar", "driven")])
+@pytest.mark.parametrize("native", [True, False])
+def test_where_mujoco_computes_the_motion_is_mujocos_own(name: str, scenario: str | None, native: bool) -> None:
+    mechanism, times = linkage(name, scenario), np.array([0.0, 0.01, 0.0137, 0.03])
+    choice = Choice("tuned", "rk4", "none", 1e-3)
+    models = [Mjx().build(mechanism, choice), MujocoModel(mechanism, choice)]
+    for model in models:
+        model.prepare(times, native)
+        model.run()
+    given, own = (model.read() for model in models)
+    assert given.steps == own.steps == 10 + 4 + 17
+    for a, b in ((given.q, own.q), (given.v, own.v), (given.a, own.a)):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-8 * np.abs(b).max())  # a driven hinge holds a speed in both, to 1e-9
+
+
+@pytest.mark.usefixtures("stand_in")
+def test_a_model_takes_another_step_and_its_softness_with_it() -> None:
+    mechanism, times = load("crank_slider", "paper"), np.array([0.0, 0.02])
+    resized = Mjx().build(mechanism, Choice("tuned", "rk4", "none", 1e-3))
+    resized.prepare(times)
+    resized.choice = Choice("tuned", "rk4", "none", 2e-3)
+    fresh = Mjx().build(mechanism, resized.choice)
+    for model in (resized, fresh):
+        model.prepare(times)
+        model.run()
+    assert (resized.read().q == fresh.read().q).all()
+    assert (resized.device.model.eq_solref[:, 0] == 2 * 2e-3).all()
+
+
+@pytest.mark.usefixtures("stand_in")
+@pytest.mark.parametrize("field", ["dof_damping", "tendon_stiffness", "actuator_gear"])
+def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def spoil(device: OnMujoco, model: Any) -> None:
+        getattr(model, field)[...] *= 1.01
+        device.model = model
+
+    monkeypatch.setattr(OnMujoco, "set", spoil)
+    with pytest.raises(RunFailure, match="differs from the linkage"):
+        Mjx().build(linkage("loaded"), Choice())
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario", "words"),
+    [
+        ("four_bar", "cycloid", "MJX calls nothing at the stages of a step, as the motion law sine would need"),
+        ("excavator", None, "MJX prescribes coordinates of joints here, not the length"),
+        ("sleigh", None, "MJX has no constraint on velocities alone (knife edge)"),
+    ],
+)
+def test_what_mjx_cannot_have_is_refused_by_name(name: str, scenario: str | None, words: str) -> None:
+    assert words in str(Mjx().skip(load(name, scenario), Choice()))
+
+
+def test_a_linkage_of_pins_slides_and_steady_forces_is_taken() -> None:
+    for name in ("crank_slider", "eight_bar", "parallelogram", "jansen", "shaper"):
+        assert Mjx().skip(load(name), Choice()) is None
+
+
+def test_settings_are_those_of_mujoco_under_their_names() -> None:
+    for label in ("default", "tuned"):
+        assert VARIANTS.options(label) == MUJOCO.options(label)
+
+
+def test_the_finding_needs_mujoco_and_mjx_alone() -> None:
+    tree = ast.parse(FINDING.read_text(encoding="utf-8"))
+    names = {alias.name for x in ast.walk(tree) if isinstance(x, ast.Import) for alias in x.names}
+    names |= {x.module or "" for x in ast.walk(tree) if isinstance(x, ast.ImportFrom)}
+    assert names == {"importlib.metadata", "jax", "mujoco", "numpy"}
+
+
+@pytest.fixture
+def mjx(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The adapter of this package, in the environment of MJX that the user's file of engines names."""
+    if ENVIRONMENT is None:
+        pytest.skip("there is no environment of MJX here")
+    path = tmp_path / "engines.toml"
+    path.write_text(f'[mjx]\npython = "{ENVIRONMENT.python}"\n', encoding="utf-8")
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    keep("mjx").stop()  # its process may have another file of engines
+
+
+# crank error after 1 s in steps of 1 ms [rad], with the settings "tuned"
+MEASURED = [("crank_slider", "paper", 6.4e-3), ("eight_bar", "torque", 1.7e-2)]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mjx")
+@pytest.mark.parametrize(("name", "scenario", "measured"), MEASURED)
+def test_the_crank_is_off_the_certificate_as_was_measured(name: str, scenario: str, measured: float) -> None:
+    mechanism = load(name, scenario)
+    path = certificate_path(mechanism)
+    assert path is not None
+    certificate = read_certificate(path)
+    (at,) = np.flatnonzero(certificate.t == 1.0)
+    run = gauss_bench.simulate(name, "mjx", scenario, "tuned", step=1e-3, at=[0.0, 1.0])
+    assert run.status == "ok", run.message
+    crank = mechanism.crank
+    assert crank is not None
+    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certificate.q[at, 3 * crank + 2])
+    assert 0.5 * measured < error < 2 * measured
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mjx")
+def test_conformance_names_the_velocity_term_that_mjx_leaves_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "same_states"])
+    broken = {x.name: x.message for x in conformance("mjx") if x.passed is False}
+    assert "the velocity term dJ/dt v of the constraints is missing" in broken["accelerations (default, rk4, none)"]
+
+
+ONCE = """
+import numpy as np
+from gauss_bench.engines.mjx.xla import Device, load_libraries
+
+libraries = load_libraries()
+model = libraries.mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><body><joint axis='0 0 1'/><inertial pos='1 0 0' mass='1' diaginertia='1 1 1'/></body></worldbody></mujoco>"
+)
+device = Device(libraries, model, np.zeros(1))
+state = device.start(np.array([0.25]), np.array([2.0]), 0.0)
+for size in (1e-3, 5e-4):
+    for _ in range(2):
+        state = device.take_steps(device.with_step(size), state, 100)
+    model.body_mass[1] *= 2.0
+    device.set(model)
+print(device._take_steps._cache_size(), float(device.tree_state(state)[0][0]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mjx")
+def test_steps_are_compiled_once_for_all_sizes_numbers_and_states() -> None:
+    assert ENVIRONMENT is not None
+    root = str(Path(gauss_bench.__file__).parents[1])
+    done = subprocess.run(
+        [ENVIRONMENT.python, "-c", ONCE], env=os.environ | {"PYTHONPATH": root}, capture_output=True, text=True, check=True
+    )
+    compiled, angle = done.stdout.split()
+    assert int(compiled) == 1
+    assert float(angle) == pytest.approx(0.25 + 2.0 * (2 * 0.1 + 2 * 0.05), abs=1e-12)  # it turns freely

@@ -1,0 +1,299 @@
+"""The field: the same questions to every engine, and a reason in place of each answer that there is not."""
+
+import math
+import os
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gauss_bench.bench import sizes
+from gauss_bench.bench.measurements import field
+from gauss_bench.bench.measurements.search import space_of
+from gauss_bench.bench.runner import run as run_suite
+from gauss_bench.bench.sizes import required_by, size_of, size_of_folder
+from gauss_bench.engines import ELSEWHERE, FILE
+from gauss_bench.engines.installation import read_offered
+from gauss_bench.linkage.load import load
+from gauss_bench.report.content import lay_out
+from gauss_bench.report.rows import Run
+from gauss_bench.report.sections import field as shown
+from gauss_bench.report.site.engine import command_of, engine_page, engines_page, list_changes
+from gauss_bench.report.site.settings import Setting
+from gauss_bench.runs.offers import offer
+from gauss_bench.suites.read import of_engines, read_suite
+from gauss_bench.suites.schema import SameQuestions, Search, Suite
+from gauss_bench.tables import TABLES, row_of
+from gauss_bench.trajectory import Trajectory
+from tests.conftest import needs
+from tests.test_environments import python as python  # a fixture
+
+PLACE = {"mechanism": "four_bar", "scenario": "torque"}
+PART = SameQuestions(
+    linkages={"four_bar": "torque"},
+    redundant={"parallelogram": "torque"},
+    step=1e-3,
+    until=0.05,
+    processes=2,
+    position=(1e-4, 1e-6),
+)
+SEARCH = Search(linkages={"four_bar": "torque"}, own=("gauss",), until=0.1, budget=2, most_steps=9, rounds=1, lead=0.1, brief=True)
+
+DICE = """
+import os
+from dataclasses import replace
+from gauss_bench.engines.interpreted import Interpreted
+
+class Steady(Interpreted):
+    integrators, stabilizations = ("rk4",), ("none",)
+    def __init__(self):
+        super().__init__("udwadia_kalaba")  # which needs numpy alone
+
+class Dice(Steady):
+    def build(self, mechanism, choice):
+        return Thrown(super().build(mechanism, choice))
+
+class Thrown:
+    def __init__(self, model):
+        self.model = model
+    def joint_forces(self, t, q, v):
+        return {self.model.mechanism.joints[0].name: [0.0, 0.0, 0.0]}
+    def __getattr__(self, name):
+        return getattr(self.model, name)
+    def read(self):
+        x = self.model.read()
+        return replace(x, q=x.q + 1e-9 * int.from_bytes(os.urandom(4), "big") / 2**32)
+"""
+
+
+def test_two_runs_agree_only_if_every_bit_does() -> None:
+    x = np.linspace(0.0, 1.0, 12).reshape(4, 3)
+    one = Trajectory(np.arange(4.0), x, x + 1, x + 2, 3)
+    assert field.repeats(one, replace(one, q=x.copy())) == (True, 0.0)
+    off = x.copy()
+    off[2, 1] = np.nextafter(off[2, 1], 2.0)
+    same, apart = field.repeats(one, replace(one, q=off))
+    assert (same, apart) == (False, off[2, 1] - x[2, 1])
+    rates = replace(one, v=np.nextafter(one.v, 9.0))
+    assert field.repeats(one, rates) == (False, 0.0)  # positions agree, rates do not
+    signed = replace(one, q=np.where(x == 0, -0.0, x))
+    assert struct.pack("d", signed.q[0, 0]) != struct.pack("d", x[0, 0])
+    assert field.repeats(one, signed) == (False, 0.0)
+
+
+def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(
+    python: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two engines of another environment: one adds noise below 1e-9 to its samples, one does not."""
+    monkeypatch.setenv(FILE, str(tmp_path / "engines.toml"))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    (site,) = python.parents[1].glob("lib/python*/site-packages")
+    (site / "dice.py").write_text(DICE)
+    tables = "".join(f'[{x.lower()}]\nclass = "dice:{x}"\npython = "{python}"\n' for x in ("Steady", "Dice"))
+    (tmp_path / "engines.toml").write_text(tables)
+    rows = {}
+    for name in ("steady", "dice"):
+        found = field.compare_runs("four_bar", "torque", name, ("default", "rk4", "none"), 1e-3, 0.05, str(tmp_path / "store"))
+        (rows[name],) = found["field"]
+        assert rows[name]["status"] == "ok", rows[name]["message"]
+    assert (rows["steady"]["same_bits"], rows["steady"]["difference"]) == (True, 0.0)
+    assert rows["dice"]["same_bits"] is False
+    assert 0 < rows["dice"]["difference"] < 1e-9
+    assert rows["steady"]["force_error"] < 1e-3  # [N], of a step of order four
+    assert math.isnan(rows["steady"]["told_force_error"])
+    assert rows["dice"]["told_force_error"] > 1.0  # [N] of a pin that carries more than it tells, which is nothing
+    started = field.time_start("four_bar", "torque", "steady", 1e-3, 1)["samples"]
+    assert [(r["quantity"], r["process"], 0 < r["seconds"] < 60) for r in started] == [("start", 1, True)]
+
+
+def test_an_engine_that_is_not_installed_is_a_row_with_its_reason(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(FILE, str(tmp_path / "none.toml"))
+    tables: dict[str, list[dict[str, Any]]] = {}
+    field.complete(Suite(format="gauss-bench-suite/1", title="one", field=(PART,)), tables)
+    rows = {row["engine"]: row for row in tables["field"]}
+    assert rows.keys() == ELSEWHERE.keys()
+    for name, row in rows.items():
+        assert row["status"] == "skip"
+        assert row["message"] == f"the engine {name} is not installed; `gauss-bench engines install {name}` installs it"
+        assert row["redundant"] == "parallelogram"
+        assert row["size"] == read_offered(name).installed
+        assert row_of(TABLES["field"], row)
+
+
+def test_the_start_of_an_engine_is_the_middle_of_its_processes() -> None:
+    samples = [{"quantity": "start", "engine": "x", "seconds": s} for s in (1.0, 3.0, 2.0)]
+    others = [{"quantity": "step", "engine": "x", "seconds": 9.0}, {"quantity": "start", "engine": "y", "seconds": 9.0}]
+    columns = field.start_columns([*samples, *others], "x")
+    assert columns["start"] == 2.0
+    assert columns["start_low"] <= 1.0
+    assert columns["start_high"] >= 3.0
+    assert field.start_columns(samples, "z") == {}
+
+
+def test_the_size_of_a_folder_leaves_out_caches_and_links(tmp_path: Path) -> None:
+    (tmp_path / "lib" / "__pycache__").mkdir(parents=True)
+    (tmp_path / "lib" / "a.so").write_bytes(bytes(1000))
+    (tmp_path / "b.py").write_bytes(bytes(24))
+    (tmp_path / "lib" / "__pycache__" / "b.pyc").write_bytes(bytes(500))
+    (tmp_path / "c.so").symlink_to(tmp_path / "lib" / "a.so")
+    assert size_of_folder(tmp_path) == 1024
+
+
+def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(FILE, str(tmp_path / "engines.toml"))
+    place = tmp_path / "there"
+    (place / "bin").mkdir(parents=True)
+    (tmp_path / "engines.toml").write_text(f'[twin]\nclass = "a:B"\npython = "{place}/bin/python"\n')
+    assert math.isnan(size_of("twin").megabytes)  # /usr/bin/python is in no environment of its own
+    (place / "pyvenv.cfg").write_bytes(bytes(500_000))
+    (place / "library.so").write_bytes(bytes(2_000_000))
+    assert size_of("twin").megabytes == 2.5
+    assert math.isnan(size_of("gauss").megabytes)
+    assert size_of("gauss").of == "a part of the suite"
+
+
+def test_the_size_of_a_library_is_that_of_all_that_it_requires(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sizes, "direct_requirements", lambda engine: ["Jinja2"])
+    monkeypatch.setattr(sizes, "size_of_distribution", lambda found: 3_000_000)
+    assert sorted(x.metadata["Name"].lower() for x in required_by(["Jinja2", "jinja2"])) == ["jinja2", "markupsafe"]
+    assert size_of("mujoco").megabytes == 6.0
+
+
+def test_a_brief_search_tries_what_an_engine_names_first_or_its_first_integrators() -> None:
+    mujoco, own = offer("mujoco"), offer("gauss-native")
+    assert {x.name for x in space_of(mujoco, SEARCH)} == set(mujoco.first)
+    assert {(x.integrator, x.stabilization) for x in space_of(own, SEARCH)} == {(x, "none") for x in own.integrators[:2]}
+    whole = SEARCH.model_copy(update={"brief": False})
+    assert len(space_of(mujoco, whole)) == len(mujoco.variants)
+
+
+def test_the_suite_asks_every_engine_within_twenty_minutes() -> None:
+    suite = read_suite("field")
+    assert suite.hours is not None
+    assert suite.hours <= 1 / 3
+    (part,) = suite.field
+    assert part.engines == ()
+    assert {*part.position} == {*shown.ACCURACIES.values()}
+    steps = {x for p in suite.accuracy if "four_bar" in p.linkages for x in p.steps}
+    assert part.step in steps
+    assert len(steps) == 3
+    assert set(part.redundant) <= {x for p in suite.accuracy for x in p.linkages}
+    assert all(load(x, s).redundant > 0 for x, s in part.redundant.items())
+    assert {x for p in suite.search for x in p.position} == {*part.position}
+    assert of_engines(suite, ["gauss"]).field[0].engines == ("gauss",)
+
+
+# What the site shows
+
+METHOD = {"settings": "default", "integrator": "rk4", "stabilization": "none"}
+ASKED = PLACE | METHOD | {"step": 1e-3, "redundant": "parallelogram"}
+FORCES = {"force_error": 2e-3, "told_force_error": 4e-5}
+FIELD = [
+    ASKED | {"engine": "good", "status": "ok", "same_bits": True, **FORCES, "start": 0.5, "size": 12.0},
+    ASKED | {"engine": "good", "settings": "tuned", "status": "ok", "same_bits": True, "start": 0.5, "size": 12.0},
+    ASKED | {"engine": "dice", "status": "ok", "same_bits": False, "difference": 3e-10, "size_of": "a part of the suite"},
+    ASKED | {"engine": "gone", "settings": "", "integrator": "", "status": "skip", "message": "the engine gone is not installed"},
+]
+CASE = PLACE | METHOD | {"step": 1e-3, "t_end": 1.0, "status": "ok", "valid": True, "control": False, "steps": 1000.0}
+CASES = [
+    CASE | {"engine": "good", "acceleration_error_median": 1e-12, "observed_order": 4.0, "length_error": 1e-7},
+    CASE | {"engine": "good", "settings": "tuned", "acceleration_error_median": 1e-3, "length_error": 1e-5},
+    CASE | {"engine": "good", "mechanism": "six_bar", "length_error": 9e-7},
+    CASE | {"engine": "good", "mechanism": "parallelogram", "length_error": 2e-7},
+    CASE | {"engine": "good", "settings": "tuned", "mechanism": "parallelogram", "status": "skip", "message": "rows are redundant"},
+    CASE | {"engine": "dice", "acceleration_error_median": 1e-12, "observed_order": 1.0, "length_error": 1e-4},
+]
+WINNER = PLACE | METHOD | {"engine": "good", "required": "position", "unit": "m", "status": "ok", "step": 1e-3, "error": 1e-7}
+WINNERS = [WINNER | {"accuracy": 1e-4, "seconds": 2e-3}, WINNER | {"accuracy": 1e-6, "seconds": 5e-3}]
+
+
+@pytest.fixture
+def run() -> Run:
+    rows = {"field": FIELD, "results": CASES, "search_winners": WINNERS}
+    return Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()})
+
+
+def cells(run: Run) -> list[dict[str, tuple[str, str]]]:
+    """The lines of the table: head -> text and, of a dash, its reason."""
+    table = lay_out("field", shown.answers(run))
+    return [dict(zip(table.head, ((cell.text, cell.why) for cell in line), strict=True)) for line in table.rows]
+
+
+def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
+    dice, gone, good, tuned = sorted(cells(run), key=lambda x: (x["engine"], x["settings"][0]))
+    assert [x["engine"][0] for x in (dice, gone, good, tuned)] == ["dice", "gone", "good", "good"]
+    expected = {
+        "same model": "yes",
+        "order": "4.0",
+        "error at 1 ms [m]": "1.0e-07",
+        "redundant rows [m]": "2.0e-07",
+        "joint forces [N]": "2.0e-03",
+        "its own forces [N]": "4.0e-05",
+        "repeats": "yes",
+        "time within 0.1 mm": "2.00 ms",
+        "time within 1e-6 m": "5.00 ms",
+        "start": "500 ms",
+        "size [MB]": "12",
+    }
+    assert {head: good[head][0] for head in expected} == expected
+    assert tuned["same model"] == ("off by 1e-03", "")
+    assert tuned["order"] == ("-", "its errors at three steps have no order")
+    assert tuned["redundant rows [m]"] == ("-", "rows are redundant")
+    assert tuned["joint forces [N]"] == ("-", "the forces are not determined")
+    assert tuned["its own forces [N]"] == ("-", "its adapter tells none")
+    for head in ("time within 0.1 mm", "start", "size [MB]"):
+        assert tuned[head] == ("-", "in the first row of this engine")
+    assert dice["repeats"] == ("no, 3e-10 apart", "")
+    assert dice["time within 1e-6 m"] == ("-", "not searched in this run")
+    assert dice["start"] == ("-", "not timed")
+    assert dice["size [MB]"] == ("-", "a part of the suite")
+    for head in ("same model", "order", "error at 1 ms [m]", "repeats", "time within 0.1 mm", "start"):
+        assert gone[head] == ("-", "the engine gone is not installed")
+
+
+def test_the_finding_names_who_does_not_repeat_and_who_was_not_asked(run: Run) -> None:
+    (finding,) = shown.findings(run)
+    assert finding.text == (
+        "Two runs in two new processes agree bit by bit for 1 of 2 engines; not for `dice`. Not asked: `gone`."
+    )  # fmt: skip
+    assert [*shown.findings(Run())] == []
+    assert shown.section(Run()) is None
+
+
+def test_the_pages_of_engines_have_the_table_and_commands_to_paste(run: Run) -> None:
+    assert 'id="field"' in engines_page(run).body
+    page = engine_page(run, "good").body
+    assert "engines.html#field" in page
+    assert "off by 1e-03" in page
+    kept = [{"engine": "good", "accepted": x} for x in ("2026-01-02 another step", "2026-01-03 steps", "2026-01-02 another step")]
+    changes = list_changes(kept)
+    assert changes == [
+        {"date": "2026-01-03", "reason": "steps", "figures": 1},
+        {"date": "2026-01-02", "reason": "another step", "figures": 2},
+    ]
+    assert "another step" in engine_page(replace(run, accepted=tuple(kept)), "good").body
+    assert "is not installed" in engine_page(run, "gone").body
+    one = Setting(
+        "four_bar", "torque", "mujoco", 'rigid,tree="least depth"', "rk4", "none", 1e-3, math.nan, 10.0, *[math.nan] * 3, False,
+        1e-5, math.nan, 1.0,
+    )  # fmt: skip
+    assert command_of(one, "torque") == (
+        "gauss-bench simulate four_bar --scenario torque --engine mujoco --settings 'rigid,tree=\"least depth\"' "
+        "--integrator rk4 --stabilization none --step 0.001 --at 1"
+    )
+
+
+@pytest.mark.slow
+def test_two_runs_of_the_suite_give_the_same_rows_bit_by_bit(tmp_path: Path) -> None:
+    needs("llvmlite")
+    suite = of_engines(read_suite("field"), ["gauss", "gauss-native"])
+    for name in ("one", "other"):
+        run_suite(suite, tmp_path / name, 2, costs=False)
+    same = ("results.csv", "references.csv", "field.csv", "search_ladder.parquet", "search_space.csv")
+    for name in same:
+        one, other = ((tmp_path / x / name).read_bytes() for x in ("one", "other"))
+        assert one == other, name
+    assert os.path.getsize(tmp_path / "one" / "field.csv") > 200
