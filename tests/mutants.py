@@ -36,6 +36,7 @@ NEAR = {  # pattern of files -> the tests near them
     "diagnosis/*.py": "test_diagnosis test_diagnosis_limits test_selftest",
     "sweep/*.py": "test_sweep",
     "atlas/*.py": "test_atlas",
+    "releases/*.py": "test_releases",
     "bench/clock.py": "test_measurements_clock test_measurements_kernel test_search",
     "bench/search.py": "test_search test_measurements_findings",
     "bench/conformance.py": "test_conformance",

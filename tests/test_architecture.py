@@ -36,6 +36,7 @@ ALLOWED = {  # room -> those that it may import
     "diagnosis": f"bench engines formulations integrate judge linkage mechanism metrics reference runs tables {LIGHT}",
     "report": f"checksums linkage mechanism reach reference tables {LIGHT}",
     "docs": f"api engines formulations integrate linkage mechanism verbs {LIGHT}",
+    "releases": f"bench engines linkage mechanism metrics reference runs tables {LIGHT}",
     "exchange": f"compiler engines gauss_bench linkage mechanism {LIGHT}",
     "atlas": f"engines exchange judge linkage mechanism report runs {LIGHT}",
     "sweep": f"bench compiler engines judge linkage mechanism metrics report runs tables {LIGHT}",
@@ -43,8 +44,8 @@ ALLOWED = {  # room -> those that it may import
     f"kinematics linkage mechanism metrics reference report runs tables {LIGHT}",
     "api": "advice bench compiler diagnosis engines exchange gauss_bench integrate "
     f"judge kinematics linkage mechanism metrics reach reference runs tables {LIGHT}",
-    "verbs": "advice api atlas bench diagnosis engines exchange linkage mechanism reference report runs studio suites sweep "
-    f"tables {LIGHT}",
+    "verbs": "advice api atlas bench diagnosis engines exchange linkage mechanism reference releases report runs studio suites "
+    f"sweep tables {LIGHT}",
     "cli": "api untrusted",
     "__init__": "",
     "__main__": "cli",

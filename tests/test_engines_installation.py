@@ -173,14 +173,14 @@ def test_an_interrupted_installation_leaves_nothing_and_a_killed_one_nothing_aft
     assert (engines.read_text(), left()) == (OWN, [])
 
 
-@pytest.mark.parametrize("step", ["_run", "_enter", "after"])
+@pytest.mark.parametrize("step", ["run_program", "_enter", "after"])
 def test_an_interrupt_at_any_step_leaves_nothing(
     step: str, engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupt(*_: object) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(installation, "_run", lambda *_: None)
+    monkeypatch.setattr(installation, "run_program", lambda *_: None)
     if step != "after":
         monkeypatch.setattr(installation, step, interrupt)
     with pytest.raises(KeyboardInterrupt):
@@ -191,7 +191,7 @@ def test_an_interrupt_at_any_step_leaves_nothing(
 def test_an_installation_killed_before_it_was_entered_is_replaced(
     engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(installation, "_run", lambda *_: None)
+    monkeypatch.setattr(installation, "run_program", lambda *_: None)
     old = installation.home() / "twin"
     old.mkdir(parents=True)
     (old / installation.MADE).touch()
@@ -258,7 +258,7 @@ def test_a_wrong_name_is_bad_usage(arguments: list[str], engines: Path, capsys: 
 def test_a_faulty_file_of_engines_stops_an_installation_before_it_begins(
     engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(installation, "_run", lambda *_: pytest.fail("it began"))
+    monkeypatch.setattr(installation, "run_program", lambda *_: pytest.fail("it began"))
     engines.write_text("[heun]\n")
     assert main(["engines", "install", "twin", "--yes"]) == 2
     assert str(engines) in capsys.readouterr().err

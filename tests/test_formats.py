@@ -19,6 +19,7 @@ from gauss_bench.suites.read import FOLDER as SUITES
 from gauss_bench.suites.read import SECTIONS
 from gauss_bench.verbs import formats
 from tests.conftest import DATA, needs
+from tests.fake_releases import use_fake_releases
 from tests.kept.interface import QUICK, SLOW
 from tests.test_suites import FAULTY
 
@@ -27,6 +28,7 @@ CHECK = ["check", "crank_slider", "--engine", "schur", "--baseline", "OUT/baseli
 CALLS = QUICK | {
     "engines": ["engines"],
     "check-settings": ["check-settings", "ROOT/tests/data/settings/minimal.toml"],
+    "releases": ["releases", "mujoco", "--only", "3.6.0,3.7.0", "--no-costs", "--out", "OUT"],
     "simulate what an engine cannot model": ["simulate", "ROOT/tests/data/friction.toml", "--engine", "gauss-native"],
     "show welds": ["show", "ROOT/tests/data/everything.toml"],
     "kinematics of two drivers": ["kinematics", "excavator", "--intervals", "4"],
@@ -82,9 +84,10 @@ def test_every_verb_with_json_is_called_here() -> None:
 @pytest.mark.slow("export", "import")
 @pytest.mark.long("conformance", "doctor", "atlas", "run", "recommend", "check", "report", "export a step that is sought")
 @pytest.mark.parametrize("name", [*CALLS, *(pytest.param(x, marks=pytest.mark.slow) for x in LONGER)])
-def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_path: Path) -> None:
+def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in NEEDED:
         needs(NEEDED[name])
+    use_fake_releases(monkeypatch)
     call = (CALLS | LONGER)[name]
     if name in BEFORE:
         print_json(BEFORE[name], tmp_path)

@@ -26,6 +26,7 @@ from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 ROOMS = Path(__file__).parent
 MADE = "made-by-gauss-bench"  # file in every folder that is made here
 HIDDEN = re.compile(r"\.[\w.-]+\.part-\w+")  # name of a folder in which an environment is built or deleted
+OPTIONS = ("--only-binary", ":all:", "--no-input", "--disable-pip-version-check")  # of pip
 LAST_LINES = 3  # of a program's output that are quoted when it fails
 
 Told = Callable[[str], None]
@@ -78,7 +79,7 @@ def interpreter_in(folder: Path) -> Path:
 def is_installed_here(name: str) -> bool:
     """Tell whether an engine has an environment that `install` made and that the user's file of engines names."""
     environment = read_environments().get(name)
-    return environment is not None and Path(environment.python) == interpreter_in(home() / name) and _is_ours(home() / name)
+    return environment is not None and Path(environment.python) == interpreter_in(home() / name) and is_ours(home() / name)
 
 
 def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
@@ -92,26 +93,45 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
     """
     offered, place = read_offered(name), home() / name
     home().mkdir(parents=True, exist_ok=True)
-    with _alone():
+    with hold(home()):
         require_free(name)
-        unfinished = _make_hidden(name)
+        told(f"{name}: installing {offered.library}, {offered.download:g} MB to download")
+        failure = f"{offered.library} cannot be installed (there are wheels for {offered.pythons})"
+        requirements = ["--require-hashes", "-r", str(ROOMS / name / "requirements.txt")]
+        make_environment(
+            place, lambda folder: run_program([*pip_of(folder), "install", *OPTIONS, *requirements], failure, told), told
+        )
         try:
-            told(f"{name}: making an environment of Python {sys.version_info[0]}.{sys.version_info[1]} in {place}")
-            _run([sys.executable, "-I", "-m", "venv", str(unfinished)], "the environment cannot be made", told)
-            told(f"{name}: installing {offered.library}, {offered.download:g} MB to download")
-            _run(_pip(name, unfinished), f"{offered.library} cannot be installed (there are wheels for {offered.pythons})", told)
-            if place.exists():  # of an installation that was killed before it was entered, or that another file of engines names
-                _delete(place)
-            unfinished.rename(place)
             _enter(name, interpreter_in(place))
             if reason := why_unusable(name):
                 raise InstallationFault(f"{name} was installed and cannot be used, so it was removed: {reason}")
         except BaseException:
-            if unfinished.exists():
-                shutil.rmtree(unfinished, ignore_errors=True)
-            else:  # it was renamed
-                _undo(name)
+            _undo(name)
             raise
+
+
+def make_environment(place: Path, fill: Callable[[Path], object], told: Told, quiet: bool = False) -> None:
+    """Make an environment under a folder that `hold` holds; nothing is left if that fails.
+
+    Args:
+        place: its folder; an environment that is there is replaced.
+        fill: called with the new environment, which is still in a hidden folder, to install what it shall have.
+        quiet: whether the output of the programs is kept from the terminal.
+
+    Raises:
+        InstallationFault: it cannot be made.
+    """
+    unfinished = _make_hidden(place)
+    try:
+        told(f"{place.name}: making an environment of Python {sys.version_info[0]}.{sys.version_info[1]} in {place}")
+        run_program([sys.executable, "-I", "-m", "venv", str(unfinished)], "the environment cannot be made", told, quiet)
+        fill(unfinished)
+        if place.exists():  # of an installation that was killed before it was entered, or that another file of engines names
+            _delete(place)
+        unfinished.rename(place)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
 
 
 def remove(name: str) -> None:
@@ -122,11 +142,11 @@ def remove(name: str) -> None:
     """
     read_offered(name)
     place = home() / name
-    if not _is_ours(place):
+    if not is_ours(place):
         listed = read_environments().get(name)
         where = f"; its environment is named in {file_of_engines()}, from which you can take it" if listed else ""
         raise InstallationFault(f"{name} was not installed by `gauss-bench engines install`{where}")
-    with _alone():
+    with hold(home()):
         _undo(name)
 
 
@@ -140,24 +160,24 @@ def _undo(name: str) -> None:
 def remove_leftovers() -> None:
     """Remove what killed installations left, unless an installation is running."""
     if home().is_dir():
-        with contextlib.suppress(InstallationFault), _alone():
+        with contextlib.suppress(InstallationFault), hold(home()):
             pass
 
 
 @contextlib.contextmanager
-def _alone() -> Iterator[None]:
-    """Hold the folder of environments for this process alone, cleared of what killed installations left.
+def hold(environments: Path) -> Iterator[None]:
+    """Hold a folder of environments for this process alone, cleared of what killed installations left.
 
     Raises:
         InstallationFault: another process holds it.
     """
-    folder = os.open(home(), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    folder = os.open(environments, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise InstallationFault("another process installs or removes an engine; try again when it has ended") from error
-        for path in home().iterdir():
+        for path in environments.iterdir():
             if HIDDEN.fullmatch(path.name):
                 shutil.rmtree(path, ignore_errors=True)
         yield
@@ -165,21 +185,21 @@ def _alone() -> Iterator[None]:
         os.close(folder)
 
 
-def _is_ours(folder: Path) -> bool:
+def is_ours(folder: Path) -> bool:
     """Tell whether a folder was made here."""
     return not folder.is_symlink() and (folder / MADE).is_file()
 
 
-def _make_hidden(name: str) -> Path:
-    """Return a new hidden folder, marked as made here; no pip of a killed installation writes into it."""
-    folder = Path(tempfile.mkdtemp(prefix=f".{name}.part-", dir=home()))
+def _make_hidden(place: Path) -> Path:
+    """Return a new hidden folder beside a place, marked as made here; no pip of a killed installation writes into it."""
+    folder = Path(tempfile.mkdtemp(prefix=f".{place.name}.part-", dir=place.parent))
     (folder / MADE).touch()
     return folder
 
 
 def _delete(place: Path) -> None:
     """Delete an environment; if this is interrupted, the next call deletes the rest."""
-    doomed = _make_hidden(place.name)
+    doomed = _make_hidden(place)
     place.rename(doomed / place.name)
     shutil.rmtree(doomed)
 
@@ -195,24 +215,24 @@ def require_free(name: str) -> None:
         raise InstallationFault(f"{name} is installed, in {place}; `gauss-bench engines remove {name}` removes it")
     if listed := read_environments().get(name):
         raise InstallationFault(f"{file_of_engines()} names an environment of {name} already, {listed.python}; take it out first")
-    if place.is_symlink() or (place.exists() and not _is_ours(place)):
+    if place.is_symlink() or (place.exists() and not is_ours(place)):
         raise InstallationFault(f"{place} was not made by gauss-bench; move it away first")
 
 
-def _pip(name: str, folder: Path) -> list[str]:
-    """Return the command that installs an engine's requirements; it takes nothing from the environment of this process."""
-    options = ["--require-hashes", "--only-binary", ":all:", "--no-input", "--disable-pip-version-check"]
-    requirements = str(ROOMS / name / "requirements.txt")
-    return [str(interpreter_in(folder)), "-I", "-m", "pip", "install", *options, "-r", requirements]
+def pip_of(folder: Path) -> list[str]:
+    """Return the command that starts the pip of an environment, which takes nothing from the environment of this process."""
+    return [str(interpreter_in(folder)), "-I", "-m", "pip"]
 
 
-def _run(command: Sequence[str], failure: str, told: Told) -> None:
+def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = False) -> None:
     """Run a program to its end; its output goes to the terminal, or is told line by line where there is none.
+
+    A `quiet` program does not write to the terminal, so that the message of its failure quotes it.
 
     Raises:
         InstallationFault: it fails.
     """
-    at_terminal = sys.stderr.isatty()
+    at_terminal = sys.stderr.isatty() and not quiet
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,

@@ -3,13 +3,19 @@
 They are sent by name to the process of an engine, whose environment may have numpy alone: nothing here imports more.
 """
 
+import platform
+from dataclasses import replace
+from pkgutil import resolve_name
+
 import numpy as np
 
 from gauss_bench.engines.base import Model, ask
 from gauss_bench.integrate.fixed_step import Tableau, explicit_step
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
 
+SHIFT = 1e-14  # relative change of a start by which rounding is measured
 FINER = 5  # steps between two times of `follow_accelerations`, where no loop is stiff
 
 
@@ -56,3 +62,24 @@ def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, m
             for k in range(finer):
                 q, v = explicit_step(tableau, model.acceleration, t + k * h, q, v, h)
     return np.array(samples).transpose(1, 0, 2)
+
+
+def ask_room(place: str, *arguments: object) -> object:
+    """Return what a function of an engine's folder answers; `place` is MODULE:FUNCTION, and the answer is plain data."""
+    return resolve_name(place)(*arguments)
+
+
+def describe_python() -> dict[str, str]:
+    """Return the versions of this process's Python and numpy."""
+    return {"python": platform.python_version(), "numpy": np.__version__}
+
+
+def shift(x: Array, rng: np.random.Generator) -> Array:
+    """Return numbers changed by up to SHIFT of the largest of them; zeros of a state at rest stay zero."""
+    return np.asarray(x + SHIFT * np.abs(x).max(initial=0.0) * rng.uniform(-1.0, 1.0, x.shape) * (x != 0))
+
+
+def shift_start(seed: int, mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism whose start is changed by SHIFT."""
+    rng = np.random.default_rng(seed)
+    return replace(mechanism, q0=shift(mechanism.q0, rng), v0=shift(mechanism.v0, rng))

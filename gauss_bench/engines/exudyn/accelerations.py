@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.exudyn.across_releases import compute_gaps, write_nothing
 from gauss_bench.engines.exudyn.items import System
 from gauss_bench.engines.shared import require_agreement, size
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -50,9 +51,9 @@ class Readout:
     def __init__(self, system: System):
         self.system, self.current = system, system.exu.ConfigurationType.Current
         self.solver = system.exu.MainSolverImplicitSecondOrder()
-        settings = system.exu.SimulationSettings()  # dense matrices, which can be read and set
-        settings.solution.file.write = False
-        self.solver.InitializeSolver(system.mbs, settings)
+        self.settings = system.exu.SimulationSettings()  # dense matrices, which can be read and set
+        write_nothing(self.settings)
+        self.solver.InitializeSolver(system.mbs, self.settings)
         self.n, self.m = self.solver.GetODE2size(), self.solver.GetAEsize()
         self.laws = [driver.law for driver in system.mechanism.drivers]  # the last constraint rows are theirs
 
@@ -84,7 +85,7 @@ class Readout:
         M = np.array(solver.GetSystemMassMatrix())
         solver.ComputeODE2RHS(mbs)
         Q = np.array(solver.GetSystemResidual())[: self.n]
-        solver.ComputeAlgebraicEquations(mbs, False)
+        compute_gaps(solver, mbs, self.settings)
         phi = np.array(solver.GetSystemResidual())[self.n : self.n + self.m]
         return Terms(M, J, Q, bias, phi, J @ v)
 

@@ -24,6 +24,7 @@ from typing import IO, Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.exudyn import across_releases
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, reason_to_refuse
 from gauss_bench.engines.shared import common_refusal, finite, finite_acceleration
@@ -51,7 +52,7 @@ def library() -> tuple[Any, Any]:
         import exudyn
     from exudyn import itemInterface
 
-    exudyn.config.printToConsole = False
+    across_releases.silence(exudyn)
     return exudyn, itemInterface
 
 
@@ -71,7 +72,7 @@ class Exudyn:
     def version(self) -> str:
         exu, _ = library()
         module = next(name for name in vars(exu) if name.startswith("exudynCPP"))
-        return f"Exudyn {exu.config.Version()} ({module})"
+        return f"Exudyn {across_releases.version(exu)} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if reason := common_refusal(mechanism, "Exudyn"):
@@ -92,16 +93,15 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     """Return Exudyn's simulation settings for a choice; a run sets times and numbers of steps in them."""
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
-    settings.solution.file.write = False
+    across_releases.write_nothing(settings)
     solver = linear_solver(options["linear_solver"], mechanism.n + Constraints(mechanism).m)
     if mechanism.redundant:
         solver = options["linear_solver_where_redundant"]
-        settings.linearSolver.ignoreSingularJacobian = True
-    settings.linearSolver.solverType = getattr(exu.LinearSolverType, solver)
+    across_releases.set_linear_solver(exu, settings, solver, bool(mechanism.redundant))
     run = settings.timeIntegration
     run.verboseMode = 0
     run.adaptiveStep = options["adaptive_step"]
-    run.solverType = getattr(exu.DynamicSolverType, SOLVERS[choice.integrator])
+    across_releases.set_method(exu, settings, SOLVERS[choice.integrator])
     run.generalizedAlpha.spectralRadius = options["spectral_radius"]
     run.newton.useModifiedNewton = options["newton"] == "modified"
     run.newton.modifiedNewtonJacUpdatePerStep = options["jacobian_every_step"]
@@ -130,7 +130,7 @@ class Log:
         self.close()
         handle, name = mkstemp(suffix=".log")
         self.file = os.fdopen(handle, errors="replace")
-        self.exu.SetWriteToFile(name, True, False, True)  # flushed line by line: closing does not flush
+        across_releases.write_log(self.exu, name)  # flushed line by line: closing does not flush
         os.unlink(name)  # Exudyn and Python hold it open; a process that is killed leaves no file behind
 
     def close(self) -> str | None:
@@ -162,7 +162,7 @@ class ExudynModel:
             verify(self.system, self.readout, self.evaluator)
             self.simulation = simulation_settings(self.exu, mechanism, choice)
             self.built_in = BuiltIn(self.system, self.simulation)
-        except self.exu.ExudynError as error:
+        except across_releases.errors(self.exu) as error:
             raise RunFailure(Status.ERROR, f"Exudyn refuses the model: {sentence(error)}") from error
         self.log = Log(self.exu)
 
@@ -173,7 +173,7 @@ class ExudynModel:
             varies = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = varies or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
             a = self._solve_kkt(t, q, v) if kkt else self.built_in(q, v)
-        except (np.linalg.LinAlgError, self.exu.SolverError) as error:
+        except across_releases.solver_errors(self.exu, np.linalg.LinAlgError) as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
 
@@ -215,13 +215,13 @@ class ExudynModel:
             if use_kkt:
                 self.a[0] = self._solve_kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
-        except (np.linalg.LinAlgError, self.exu.ExudynError) as error:
+        except across_releases.errors(self.exu, np.linalg.LinAlgError) as error:
             self._fail(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _register_samples(self) -> None:
         """Have Exudyn call Python after each step if there are samples inside its only call; a call for every step takes time."""
         if len(self.solver_runs) != 1 or len(self.times) == 2:
-            self.system.mbs.SetPostStepUserFunction(0)
+            across_releases.call_after_steps(self.system.mbs, 0)
             return
         rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
         step = -1  # the first call comes before the first step
@@ -233,7 +233,7 @@ class ExudynModel:
                 self._store_sample(rows[step])
             return True
 
-        self.system.mbs.SetPostStepUserFunction(after_step)
+        across_releases.call_after_steps(self.system.mbs, after_step)
 
     def _store_sample(self, k: int) -> None:
         data = self.system.mbs.systemData
@@ -251,8 +251,8 @@ class ExudynModel:
             time.startTime, time.endTime, time.numberOfSteps = part.begin, self._end(part), part.steps
             self.system.last = part.last
             try:
-                done = mbs.SolveDynamic(settings, updateInitialValues=len(self.solver_runs) > 1)
-            except self.exu.ExudynError as error:
+                done = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
+            except across_releases.errors(self.exu) as error:
                 t = mbs.systemData.GetTime()
                 self._fail(Status.NOT_CONVERGED, f"t = {t:.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step")
                 return
@@ -288,7 +288,7 @@ class ExudynModel:
 
     def read(self) -> Trajectory:
         warning = self.log.close()
-        self.system.mbs.SetPostStepUserFunction(0)  # the function keeps this object in memory
+        across_releases.call_after_steps(self.system.mbs, 0)  # the function keeps this object in memory
         q = self.mechanism.q0 + self.q
         calls_python = self.mechanism.drivers or self.mechanism.varying
         note = "the motion law is evaluated in Python in every Newton iteration" if calls_python else ""

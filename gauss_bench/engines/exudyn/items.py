@@ -22,6 +22,7 @@ from typing import Any, assert_never
 
 import numpy as np
 
+from gauss_bench.engines.exudyn.across_releases import rigid_body
 from gauss_bench.engines.shared import PARALLEL, spatial
 from gauss_bench.engines.tree import ends
 from gauss_bench.mechanism.coordinates import gradient, rate, value
@@ -113,7 +114,7 @@ class System:
     def _add_link(self, i: int) -> None:
         add, items, link = self.mbs, self.items, self.mechanism.links[i]
         self.nodes[i] = add.AddNode(items.NodeRigidBody2D(referenceCoordinates=list(self.mechanism.q0[3 * i : 3 * i + 3])))
-        body = items.ObjectRigidBody2D(mass=link.mass, inertia=link.inertia, nodeNumber=self.nodes[i])
+        body = rigid_body(items, link.mass, link.inertia, self.nodes[i])
         self.bodies[i] = add.AddObject(body)
         marker = add.AddMarker(items.MarkerBodyMass(bodyNumber=self.bodies[i]))
         add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=spatial(self.mechanism.gravity)))

@@ -10,6 +10,7 @@ from typing import Any, assert_never
 
 import numpy as np
 
+from gauss_bench.engines.mjcf.across_releases import new_spec, set_spring
 from gauss_bench.engines.mjcf.forces import AtSite, Native, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.engines.tree import Branch, Tree
@@ -33,8 +34,7 @@ class Draft:
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
         self.mujoco = mujoco
-        self.spec: Any = mujoco.MjSpec()
-        self.spec.compiler.degree = False
+        self.spec: Any = new_spec(mujoco)
         self.spec.option.gravity = spatial(mechanism.gravity)
         self.torque = np.zeros(tree.n)
         self.steady: list[Steady] = []
@@ -226,8 +226,3 @@ def rest_pose(b: Branch, y: Array) -> tuple[Array, float]:
     slide = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)
     angle = b.turn if b.kind == "prismatic" else float(y[b.at])
     return b.parent_anchor + slide - rotate(b.anchor, np.array(angle)), angle
-
-
-def set_spring(item: Any, k: float, c: float) -> None:
-    """Set the stiffness and damping of a joint or tendon: MuJoCo takes polynomials, whose higher coefficients are zero here."""
-    item.stiffness, item.damping = [k, 0.0, 0.0], [c, 0.0, 0.0]

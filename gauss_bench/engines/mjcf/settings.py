@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from gauss_bench.engines.mjcf.across_releases import disable
+
 FLAGS: Mapping[str, Callable[[Any], bool]] = {  # flag of a feature that can be disabled -> whether a compiled model uses it
     "mjDSBL_ISLAND": lambda model: False,  # a linkage is one island: searching for islands only costs time
     "mjDSBL_CONTACT": lambda model: bool(model.ngeom),
@@ -27,5 +29,4 @@ def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) 
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{options['jacobian'].upper()}")
     model.body_invweight0[:] *= options["body_invweight0_factor"]
     if options["unused_features"] == "off":
-        unused = (flag for flag, uses in FLAGS.items() if not uses(model))
-        model.opt.disableflags |= sum(int(getattr(mujoco.mjtDisableBit, flag)) for flag in unused)
+        disable(mujoco, model, (flag for flag, uses in FLAGS.items() if not uses(model)))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjcf.across_releases import disable, find_integrator, index_of, mass_matrix
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.drives import Drive, find_drives, set_armatures
 from gauss_bench.engines.mjcf.forces import native_forces
@@ -94,12 +95,13 @@ class MujocoModel(TreeModel):
             self.model: Any = draft.spec.compile()
         except ValueError as error:
             raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
-        self.torque, self.bodies = draft.torque, [draft.bodies[i].id for i in range(len(mechanism.links))]
+        bodies = [draft.bodies[i] for i in range(len(mechanism.links))]
+        self.torque, self.bodies = draft.torque, [index_of(mujoco, self.model, "mjOBJ_BODY", body) for body in bodies]
         configure(mujoco, self.model, self.options, choice.step)
         self.model.opt.timestep = choice.step
-        self.model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[choice.integrator or "rk4"])
+        self.model.opt.integrator = find_integrator(mujoco, INTEGRATORS[choice.integrator or "rk4"])
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
-        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
         self.still: Any = copy.copy(self.model)
         self.still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
         self.still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
@@ -143,8 +145,7 @@ class MujocoModel(TreeModel):
     def describe(self, y: Array, dy: Array) -> OpenModel:
         """Return what MuJoCo says of the tree at a tree state y, dy (n,); the forces of its closures are left out."""
         data = self.forward(y, dy)
-        mass = np.zeros((self.tree.n, self.tree.n))
-        self.mujoco.mj_fullM(self.still, data, mass)
+        mass = mass_matrix(self.mujoco, self.still, data)
         forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
         gaps = -np.array(data.efc_pos).reshape(-1, 3)[:, :2]  # MuJoCo's are point a minus point b
         return OpenModel(gaps, mass, forces, positions=np.array(data.xipos[self.bodies])[:, :2])

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.pinocchio.across_releases import find_algorithm, prepare
 from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import finite_acceleration
@@ -19,16 +20,13 @@ class ConstrainedDynamics:
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         pin = body.pin
-        self.model, self.forces, self.solve = body.model, forces, getattr(pin, options["algorithm"])
+        self.model, self.forces, self.solve = body.model, forces, find_algorithm(pin, options["algorithm"])
         self.data: Any = body.model.createData()
         self.rows: Any = body.constraints(gains)
         self.row_data: Any = pin.StdVec_RigidConstraintData()
         for row in self.rows:
             self.row_data.append(row.createData())
-        if options["algorithm"] == "lcaba":
-            pin.computeJointMinimalOrdering(self.model, self.data, self.rows)
-        else:
-            pin.initConstraintDynamics(self.model, self.data, self.rows, self.row_data)
+        prepare(pin, options["algorithm"], self.model, self.data, self.rows, self.row_data)
         accuracies = options["absolute_accuracy"], options["relative_accuracy"]
         self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
         self.limit = SOLVED / options["mu"]

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines import tree_model
+from gauss_bench.engines.pinocchio.across_releases import set_gains
 from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.engines.tree import Branch, Tree
 from gauss_bench.engines.tree_model import OpenModel
@@ -89,7 +90,7 @@ class Multibody:
                 a, b = b, a
             frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *self.place(a), *self.place(b), frame)
-            row.m_baumgarte_parameters.Kp, row.m_baumgarte_parameters.Kd = gains
+            set_gains(row, gains)
             rows.append(row)
         return rows
 

@@ -8,7 +8,7 @@ from gauss_bench.report import sections as room
 from gauss_bench.report.content import AUTHORS, Chart, Finding, Section
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.sections import bias, claim, field, kernel, limitations, papers, reproduction
+from gauss_bench.report.sections import bias, claim, field, kernel, limitations, papers, releases, reproduction
 from gauss_bench.report.site.page import Page, plain_page
 
 PAPERS = (claim, papers, reproduction)
@@ -50,10 +50,17 @@ def kernel_page(run: Run) -> Page | None:
     return chapter("kernel", "Kernel", lead, content.parts) if content else None
 
 
+def releases_page(run: Run) -> Page | None:
+    """Return the page on the releases of engines; None if the run compared none."""
+    content = releases.section(run)
+    lead = "What changed between the releases of an engine, what is rounding, and what a step costs."
+    return chapter("releases", "What changed", lead, content.parts) if content else None
+
+
 def method_page(run: Run) -> Page:
     """Return the page on the method: limitations first, then every section without a page of its own."""
     lead = "The limits of the figures, and how they were measured."
-    others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, limitations, bias, field)]
+    others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
     return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), paragraphs=(AUTHORS,))
 
 

@@ -16,7 +16,7 @@ from gauss_bench.report.content import Finding
 from gauss_bench.report.pages import facts
 from gauss_bench.report.palette import hues
 from gauss_bench.report.rows import Run
-from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page
+from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page, releases_page
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE
 from gauss_bench.report.site.engine import engine_names, engine_page, engines_page
 from gauss_bench.report.site.first import Programs, first_page
@@ -88,6 +88,7 @@ def all_pages(run: Run, findings: Sequence[Finding], programs: Programs | None) 
         *(engine_page(run, name) for name in engine_names(run)),
         papers_page(run),
         kernel_page(run),
+        releases_page(run),
         method_page(run),
         findings_page(findings),
         data_page(run.tables),

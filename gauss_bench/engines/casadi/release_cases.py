@@ -1,0 +1,95 @@
+"""What tells CasADi's releases apart beside the adapter's runs: linear solvers, further integrators, and the defaults.
+
+The accelerations of the four-bar are those of the KKT system, solved by each linear solver that the release has.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.bars import FOUR_BAR, GRAVITY
+from gauss_bench.terms import Array
+
+LINEAR = ("qr", "lsqr", "symbolicqr", "csparse", "lapacklu", "lapackqr", "mumps", "ma27")
+SUNDIALS = {"abstol": 1e-8, "reltol": 1e-6, "max_num_steps": 10000, "max_multistep_order": 5, "newton_scheme": "direct"}
+STEPS = {"number_of_finite_elements": 20}
+ASSUMED: dict[str, dict[str, Any]] = {  # integrator -> option -> the value that it is held against
+    "cvodes": SUNDIALS | {"linear_multistep_method": "bdf", "nonlinear_solver_iteration": "newton"},
+    "idas": SUNDIALS | {"suppress_algebraic": False, "cj_scaling": False},
+    "rk": STEPS,
+    "collocation": STEPS | {"interpolation_order": 3, "collocation_scheme": "radau"},
+}
+ROOTS = ("newton", "fast_newton", "kinsol", "nlpsol")
+FOUR = "wide_four_bar"
+PLUGINS = {"linear solver": ("Linsol", LINEAR), "integrator": ("Integrator", tuple(ASSUMED)), "rootfinder": ("Rootfinder", ROOTS)}
+
+
+def list_probes() -> list[dict[str, str]]:
+    """List the probes: the KKT system of the four-bar, with every linear solver."""
+    return [{"name": f"KKT system by {solver}", "model": FOUR} for solver in LINEAR]
+
+
+def ask_probe(name: str, q: Array, v: Array) -> Array:
+    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    import casadi as ca
+
+    solver = name.rpartition(" ")[2]
+    if not ca.has_linsol(solver):
+        raise RuntimeError(f"CasADi {ca.CasadiMeta.version()} has no linear solver {solver}")
+    solve = accelerations(ca, solver)
+    return np.array([np.array(solve(*state))[:, 0] for state in zip(q, v, strict=True)])
+
+
+def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
+    """Return a function (q, v) -> accelerations (n,): M a + J^T lambda = Q, J a = -(J v)' v, derivatives by CasADi."""
+    n = 3 * len(FOUR_BAR)
+    q, v = ca.MX.sym("q", n), ca.MX.sym("v", n)
+    masses = [x for bar in FOUR_BAR for x in (bar.mass, bar.mass, bar.inertia)]
+    loads = [x for bar in FOUR_BAR for x in (0.0, bar.mass * GRAVITY, 0.0)]
+
+    def pin(k: int, at: float) -> Any:
+        """Return the place of a point at `at` [m] along a bar."""
+        along = at - FOUR_BAR[k].centre
+        return ca.vertcat(q[3 * k] + along * ca.cos(q[3 * k + 2]), q[3 * k + 1] + along * ca.sin(q[3 * k + 2]))
+
+    gaps = [pin(1, FOUR_BAR[1].length) - pin(2, FOUR_BAR[2].length)]
+    for k, bar in enumerate(FOUR_BAR):
+        gaps.append(pin(k, 0.0) - (ca.DM([bar.at, 0.0]) if bar.parent < 0 else pin(bar.parent, bar.at)))
+    phi = ca.vertcat(*gaps)
+    J = ca.jacobian(phi, q)
+    gamma = -ca.jtimes(J @ v, q, v)
+    K = ca.blockcat([[ca.diag(ca.DM(masses)), J.T], [J, ca.MX(phi.shape[0], phi.shape[0])]])
+    return ca.Function("a", [q, v], [ca.solve(K, ca.vertcat(ca.DM(loads), gamma), solver)[:n]])  # type: ignore[no-any-return]
+
+
+def defaults() -> dict[str, str]:
+    """Return the plugins that there are, and how integrators act where nothing is set."""
+    import casadi as ca
+
+    found: dict[str, str] = {}
+    for kind, (loader, plugins) in PLUGINS.items():
+        has = getattr(ca, f"has_{loader.lower()}", None)
+        found |= {f"{kind} {x}": "there" for x in plugins if has and has(x)}
+    for name, options in ASSUMED.items():
+        plain = integrate(ca, name, {})
+        if plain[0]:
+            found[f"{name} without options, steps and evaluations"] = " ".join(map(str, plain[0]))
+        for option, value in options.items():
+            same = integrate(ca, name, {option: value}) == plain
+            found[f"{name} {option}"] = f"acts as {value}" if same else f"acts otherwise than {value}"
+    return found
+
+
+def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
+    """Return what an integrator counts, and where it arrives, on van der Pol's oscillator.
+
+    The options are not read from the documentation that is compiled into the library: that of releases before 3.7 describes options
+    of years before.
+    """
+    x = ca.SX.sym("x", 2)
+    ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])
+    integrator = ca.integrator("f", name, {"x": x, "ode": ode}, 0.0, [5.0], options)
+    end = np.array(integrator(x0=[2.0, 0.0])["xf"])[:, 0].tolist()
+    counts = integrator.stats()
+    return [int(counts[key]) for key in ("nsteps", "nfevals") if key in counts], end

@@ -1,0 +1,159 @@
+"""What tells Exudyn's releases apart beside the adapter's runs: joints that the adapter does not use, and the defaults.
+
+Bars in the plane are rigid bodies in the plane, closed by a distance, or rigid bodies in space, closed by a joint of space. The
+accelerations are those from which a run would start.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, PAIR, Bar
+from gauss_bench.engines.exudyn import across_releases
+from gauss_bench.engines.exudyn.adapter import library
+from gauss_bench.terms import Array
+
+SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
+SPATIAL = ("ObjectJointGeneric", "ObjectJointSpherical")  # closures of bodies in space
+PLANAR = "ObjectConnectorDistance"
+FOUR, LENGTH = "wide_four_bar", "rod_of_one_length"
+LISTED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # items whose defaults are compared
+DRAWN = ("visualization", "name")  # arguments of an item that no motion depends on
+DEPTH = 4  # of the settings
+
+
+def list_probes() -> list[dict[str, str]]:
+    """List the probes: every closure with every linear solver."""
+    closures = dict.fromkeys(SPATIAL, FOUR) | {PLANAR: LENGTH}
+    return [{"name": f"{name}, {solver}", "model": model} for name, model in closures.items() for solver in SOLVERS]
+
+
+def ask_probe(name: str, q: Array, v: Array) -> Array:
+    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    closure, _, solver = name.rpartition(", ")
+    exu, items = library()
+    settings = exu.SimulationSettings()
+    across_releases.write_nothing(settings)
+    across_releases.set_linear_solver(exu, settings, solver, ignore_singular=False)
+    across_releases.set_method(exu, settings, "GeneralizedAlpha")
+    build = build_pair if closure == PLANAR else build_in_space
+    return np.array([start(exu, items, settings, build, closure, *state) for state in zip(q, v, strict=True)])
+
+
+Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]
+
+
+def start(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Array, v: Array) -> Array:
+    """Return the accelerations (n,) with which a run from one state q, v (n,) begins."""
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    kept = build(mbs, items, q, v, closure)  # the coordinates that lie in the plane
+    mbs.Assemble()
+    solver = exu.MainSolverImplicitSecondOrder()
+    solver.InitializeSolver(mbs, settings)
+    settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
+    solver.InitializeSolverInitialConditions(mbs, settings)
+    a = np.array(mbs.systemData.GetODE2Coordinates_tt())
+    return np.asarray(a[list(kept)])
+
+
+def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
+    """Build crank and rocker in the plane, whose ends keep their distance."""
+    ground = mbs.AddObject(items.ObjectGround())
+    ends = []
+    for k, bar in enumerate(PAIR):
+        place, speed = list(q[3 * k : 3 * k + 3]), list(v[3 * k : 3 * k + 3])
+        node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=place, initialVelocities=speed))
+        body = mbs.AddObject(across_releases.rigid_body(items, bar.mass, bar.inertia, node))
+        weigh(mbs, items, body)
+        pins = [point(mbs, items, ground, bar.at), point(mbs, items, body, -bar.centre)]
+        mbs.AddObject(items.ObjectJointRevolute2D(markerNumbers=pins))
+        ends.append(point(mbs, items, body, bar.length - bar.centre))
+    mbs.AddObject(getattr(items, closure)(markerNumbers=ends, distance=2.0))
+    return range(6)
+
+
+def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
+    """Build the four-bar of rigid bodies in space: a tree of hinges about z, closed by a joint that holds x and y alone."""
+    ground = mbs.AddObject(items.ObjectGround())
+    bodies: list[Any] = []
+    for k, bar in enumerate(FOUR_BAR):
+        place, speed = in_space(q[3 * k : 3 * k + 3]), in_space(v[3 * k : 3 * k + 3])
+        node = mbs.AddNode(items.NodeRigidBodyRxyz(referenceCoordinates=place, initialVelocities=speed))
+        bodies.append(mbs.AddObject(body_in_space(items, bar, node)))
+        weigh(mbs, items, bodies[k])
+        parent, at = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
+        pins = [frame(mbs, items, parent, at), frame(mbs, items, bodies[k], -bar.centre)]
+        mbs.AddObject(items.ObjectJointGeneric(markerNumbers=pins, constrainedAxes=[1, 1, 1, 1, 1, 0]))
+    rod, rocker = FOUR_BAR[1], FOUR_BAR[2]
+    ends = [frame(mbs, items, bodies[1], rod.length - rod.centre), frame(mbs, items, bodies[2], rocker.length - rocker.centre)]
+    mbs.AddObject(close_in_space(items, closure, ends))
+    return [6 * k + at for k in range(len(FOUR_BAR)) for at in (0, 1, 5)]
+
+
+def close_in_space(items: Any, closure: str, ends: Sequence[Any]) -> Any:
+    """Return the joint that closes the four-bar; the rows of the plane's other directions would be redundant."""
+    if closure == "ObjectJointGeneric":
+        return items.ObjectJointGeneric(markerNumbers=ends, constrainedAxes=[1, 1, 0, 0, 0, 0])
+    return items.ObjectJointSpherical(markerNumbers=ends, constrainedAxes=[1, 1, 0])
+
+
+def in_space(x: Array) -> list[float]:
+    """Return x, y, angle as the six coordinates of a body in space."""
+    return [float(x[0]), float(x[1]), 0.0, 0.0, 0.0, float(x[2])]
+
+
+def body_in_space(items: Any, bar: Bar, node: Any) -> Any:
+    """Return a rigid body in space whose moments of inertia are equal."""
+    moments = [bar.inertia] * 3 + [0.0] * 3
+    try:
+        return items.ObjectRigidBody(mass=bar.mass, inertia=moments, nodeNumber=node)
+    except TypeError:
+        return items.ObjectRigidBody(physicsMass=bar.mass, physicsInertia=moments, nodeNumber=node)
+
+
+def weigh(mbs: Any, items: Any, body: Any) -> None:
+    """Add gravity to a body."""
+    marker = mbs.AddMarker(items.MarkerBodyMass(bodyNumber=body))
+    mbs.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=[0.0, GRAVITY, 0.0]))
+
+
+def point(mbs: Any, items: Any, body: Any, at: float) -> Any:
+    """Add a marker of a point at `at` [m] along a bar, from its centre of mass."""
+    return mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
+
+
+def frame(mbs: Any, items: Any, body: Any, at: float) -> Any:
+    """Add a marker of a frame at `at` [m] along a bar, from its centre of mass."""
+    return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
+
+
+def defaults() -> dict[str, str]:
+    """Return the values of a new SimulationSettings, and the default arguments of joints, connectors, bodies and loads."""
+    exu, items = library()
+    found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
+    for name, kind in vars(items).items():
+        if inspect.isclass(kind) and name.startswith(LISTED):
+            for argument in inspect.signature(kind.__init__).parameters.values():
+                if argument.default is not argument.empty and argument.name not in DRAWN:
+                    found[f"{name} {argument.name}"] = str(argument.default)
+    found |= {f"linear solver {name}": "there" for name in dir(exu.LinearSolverType) if name.startswith(("EXU", "Eigen"))}
+    return found | {f"method {name}": "there" for name in dir(exu.DynamicSolverType) if name[0].isupper()}
+
+
+def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, str]]:
+    """Yield the path and the value of every number, flag and word of settings."""
+    for name in dir(settings):
+        if name.startswith("_"):
+            continue
+        value = getattr(settings, name)
+        if callable(value):
+            continue
+        if isinstance(value, (bool, int, float)):
+            yield f"{place}{name}", f"{value:.12g}" if isinstance(value, float) else str(value)
+        elif type(value).__module__.startswith("exudyn") and depth and not hasattr(value, "value"):
+            yield from read_settings(value, f"{place}{name}.", depth - 1)
+        elif hasattr(value, "name"):
+            yield f"{place}{name}", str(value.name)

@@ -1,0 +1,148 @@
+"""What tells MuJoCo's releases apart beside the adapter's runs: every kind of equality that closes a loop, and the defaults.
+
+The models are documents, which every release reads. A release that does not know an equality refuses the document, and that is the
+answer. The reference pose is closed, because MuJoCo takes anchors, lengths and relative poses from it. Bodies are fixed by `weld`
+to each other where the rod of the four-bar is two bodies in one place.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.bars import (
+    CHAIN,
+    CURVE,
+    FOUR_BAR,
+    GRAVITY,
+    HALVES,
+    PAIR,
+    RATIO,
+    Bar,
+    accelerations_of,
+    angles_of,
+    relative,
+    sum_up,
+)
+from gauss_bench.engines.mjcf.across_releases import disable
+from gauss_bench.terms import Array
+
+SOLVERS = ("Newton", "CG", "PGS")
+EXACT = 'solref="0.004 1" solimp="0.9999 0.9999 0.001"'  # as stiff as documented options allow
+FOUR, LENGTH, COUPLED = "wide_four_bar", "rod_of_one_length", "coupled_bars"
+POLYNOMIAL = f'polycoef="0 {RATIO} {CURVE} 0 0"'
+CLOSURES: dict[str, tuple[str, tuple[Bar, ...], str, str]] = {  # name -> model, bars, equality, tendons
+    "connect of bodies": (FOUR, FOUR_BAR, f'<connect body1="rod" body2="rocker" anchor="2 0 0" {EXACT}/>', ""),
+    "connect of sites": (FOUR, FOUR_BAR, f'<connect site1="rod" site2="rocker" {EXACT}/>', ""),
+    "weld of bodies": (FOUR, HALVES, f'<weld body1="rod" body2="twin" {EXACT}/>', ""),
+    "weld of sites": (FOUR, HALVES, f'<weld site1="rod middle" site2="twin middle" {EXACT}/>', ""),
+    "joint": (COUPLED, CHAIN, f'<joint joint1="second" joint2="first" {POLYNOMIAL} {EXACT}/>', ""),
+    "tendon of joints": (
+        COUPLED,
+        CHAIN,
+        f'<tendon tendon1="b" tendon2="a" {POLYNOMIAL} {EXACT}/>',
+        '<fixed name="a"><joint joint="first" coef="1"/></fixed><fixed name="b"><joint joint="second" coef="1"/></fixed>',
+    ),
+    "tendon between sites": (
+        LENGTH,
+        PAIR,
+        f'<tendon tendon1="rod" {EXACT}/>',
+        '<spatial name="rod"><site site="crank"/><site site="rocker"/></spatial>',
+    ),
+}
+KINDS = ("mjtIntegrator", "mjtSolver", "mjtJacobian", "mjtCone", "mjtEq", "mjtDisableBit", "mjtEnableBit")
+
+
+def list_probes() -> list[dict[str, str]]:
+    """List the probes: every closure with every solver of the constraints."""
+    return [{"name": f"{name}, {solver}", "model": closure[0]} for name, closure in CLOSURES.items() for solver in SOLVERS]
+
+
+def ask_probe(name: str, q: Array, v: Array) -> Array:
+    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    import mujoco
+
+    closure, _, solver = name.rpartition(", ")
+    _, bars, equality, tendons = CLOSURES[closure]
+    model = mujoco.MjModel.from_xml_string(document(bars, equality, tendons, solver))
+    data: Any = mujoco.MjData(model)
+    disable(mujoco, model, ["mjDSBL_WARMSTART"])
+    answers = []
+    for state, rates in zip(q, v, strict=True):
+        theta, w = angles_of(state, bars), angles_of(rates, bars)
+        data.qpos[:], data.qvel[:] = relative(theta, bars), relative(w, bars)
+        mujoco.mj_forward(model, data)
+        a = accelerations_of(theta, w, sum_up(np.array(data.qacc), bars), bars)
+        answers.append(a[: q.shape[1]])
+    return np.array(answers)
+
+
+def document(bars: Sequence[Bar], equality: str, tendons: str, solver: str) -> str:
+    """Return the model of bars with an equality as MJCF."""
+    pose = reference_pose(bars)
+    bodies = "".join(write_bar(k, bars, pose) for k, bar in enumerate(bars) if bar.parent < 0)
+    option = f'gravity="0 {GRAVITY} 0" integrator="Euler" solver="{solver}" iterations="300" tolerance="1e-15"'
+    head = f'<compiler angle="radian"/><option {option}/>'
+    rest = f"<tendon>{tendons}</tendon>" if tendons else ""
+    return f"<mujoco>{head}<worldbody>{bodies}</worldbody>{rest}<equality>{equality}</equality></mujoco>"
+
+
+def write_bar(number: int, bars: Sequence[Bar], pose: Sequence[float]) -> str:
+    """Return a bar and those that hang on it; its joint coordinate is its angle against its parent."""
+    bar = bars[number]
+    inner = "".join(write_bar(k, bars, pose) for k, x in enumerate(bars) if x.parent == number)
+    inertia = f'<inertial pos="{bar.centre} 0 0" mass="{bar.mass}" diaginertia="{bar.inertia} {bar.inertia} {bar.inertia}"/>'
+    joint = f'<joint name="{bar.name}" axis="0 0 1" ref="{pose[number]!r}"/>'
+    sites = f'<site name="{bar.name}" pos="{bar.length} 0 0"/><site name="{bar.name} middle" pos="{bar.centre} 0 0"/>'
+    place = f'pos="{bar.at} 0 0" euler="0 0 {pose[number]!r}"'
+    return f'<body name="{bar.name}" {place}>{inertia}{joint}{sites}{inner}</body>'
+
+
+def reference_pose(bars: Sequence[Bar]) -> list[float]:
+    """Return the angles of a closed pose, each against the parent's; zeros for a chain."""
+    if bars == CHAIN:
+        return [0.0] * len(bars)
+    crank = 0.9  # [rad]
+    end = np.array([np.cos(crank), np.sin(crank)])
+    ground, rod, rocker = np.array([2.2, 0.0]), 2.0, 1.5
+    across = ground - end
+    distance = float(np.hypot(*across))
+    share = (rod**2 - rocker**2 + distance**2) / (2 * distance)  # along the line from the crank's end to the rocker's pin
+    height = float(np.sqrt(rod**2 - share**2))
+    meeting = end + (share * across + height * np.array([-across[1], across[0]])) / distance
+    angles = {"crank": crank, "rod": _angle(meeting - end), "rocker": _angle(meeting - ground)}
+    theta = np.array([angles["rod" if bar.name == "twin" else bar.name] for bar in bars])
+    return [float(x) for x in relative(theta, bars)]
+
+
+def _angle(x: Array) -> float:
+    return float(np.arctan2(x[1], x[0]))
+
+
+def defaults() -> dict[str, str]:
+    """Return the values that MuJoCo sets in a model that says nothing, and the members of its lists."""
+    import mujoco
+
+    body, equality = '<body name="a"><geom size="1"/><joint/></body>', '<connect body1="a" anchor="0 0 0"/>'
+    text = f"<mujoco><worldbody>{body}</worldbody><equality>{equality}</equality></mujoco>"
+    model: Any = mujoco.MjModel.from_xml_string(text)
+    found = {f"option {name}": write(getattr(model.opt, name)) for name in _fields(model.opt)}
+    found |= {f"equality {name}": write(getattr(model, name)) for name in ("eq_solref", "eq_solimp")}
+    found |= {f"joint {name}": write(getattr(model, name)) for name in ("dof_armature", "dof_damping", "jnt_stiffness")}
+    for kind in KINDS:
+        if hasattr(mujoco, kind):
+            found |= {f"{kind} {name}": "there" for name in _members(getattr(mujoco, kind))}
+    return found
+
+
+def _fields(item: Any) -> Iterable[str]:
+    return (name for name in dir(item) if not name.startswith("_") and not callable(getattr(item, name)))
+
+
+def _members(kind: Any) -> Iterable[str]:
+    return (name for name in dir(kind) if name.startswith("mj") and not name.startswith("mjN"))
+
+
+def write(value: Any) -> str:
+    """Return a value as text, the same in every release: numbers with the digits that tell them apart."""
+    return " ".join(f"{x:.12g}" for x in np.ravel(np.asarray(value, dtype=float)))

@@ -1,0 +1,48 @@
+"""The differences between Pinocchio's releases that the adapter must bridge; they stand here alone.
+
+The adapter is written for the newest release. Those before 4 differ in this:
+
+    constraints     initConstraintDynamics takes no data of the constraints; the gains are those of `corrector`
+    algorithms      there is no lcaba
+"""
+
+from typing import Any
+
+from gauss_bench.trajectory import RunFailure, Status
+
+
+def find_algorithm(pin: Any, name: str) -> Any:
+    """Return an algorithm.
+
+    Raises:
+        RunFailure: the release does not have it.
+    """
+    if not hasattr(pin, name):
+        raise RunFailure(Status.SKIP, f"Pinocchio {pin.__version__} has no {name}")
+    return getattr(pin, name)
+
+
+def prepare(pin: Any, algorithm: str, model: Any, data: Any, rows: Any, row_data: Any) -> None:
+    """Prepare the data of a model for an algorithm with constraints."""
+    if algorithm == "lcaba":
+        pin.computeJointMinimalOrdering(model, data, rows)
+        return
+    try:
+        pin.initConstraintDynamics(model, data, rows, row_data)
+    except TypeError:  # Boost.Python's ArgumentError is one
+        pin.initConstraintDynamics(model, data, rows)
+
+
+def corrector_of(row: Any) -> Any:
+    """Return Baumgarte's gains of a constraint, with the fields Kp and Kd."""
+    return row.m_baumgarte_parameters if hasattr(row, "m_baumgarte_parameters") else row.corrector
+
+
+def set_gains(row: Any, gains: tuple[float, float]) -> None:
+    """Set Baumgarte's gains Kp, Kd of a constraint: numbers, or in older releases one for each of its rows."""
+    corrector = corrector_of(row)
+    for name, gain in zip(("Kp", "Kd"), gains, strict=True):
+        if isinstance(getattr(corrector, name), float):
+            setattr(corrector, name, gain)
+        else:
+            getattr(corrector, name)[:] = gain

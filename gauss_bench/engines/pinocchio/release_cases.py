@@ -1,0 +1,127 @@
+"""What tells Pinocchio's releases apart beside the adapter's runs: kinds of constraints, algorithms, and the defaults."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, HALVES, Bar, accelerations_of, angles_of, relative, sum_up
+from gauss_bench.engines.pinocchio.across_releases import corrector_of, find_algorithm, prepare
+from gauss_bench.terms import Array
+
+FOUR = "wide_four_bar"
+KINDS = {"CONTACT_3D": FOUR_BAR, "CONTACT_6D": HALVES}
+FRAMES = ("LOCAL", "LOCAL_WORLD_ALIGNED")
+ALGORITHMS = ("constraintDynamics", "lcaba")
+BY_JACOBIAN = "forwardDynamics of J and gamma"
+MU = 1e-10  # proximal regularisation
+ITERATIONS = 50
+ACCURACY = 1e-14
+
+
+def list_probes() -> list[dict[str, str]]:
+    """List the probes: every kind of constraint in every frame by every algorithm, and the solution by a Jacobian."""
+    names = [f"{kind} {frame}, {way}" for kind in KINDS for frame in FRAMES for way in ALGORITHMS]
+    return [{"name": name, "model": FOUR} for name in (*names, BY_JACOBIAN)]
+
+
+def ask_probe(name: str, q: Array, v: Array) -> Array:
+    """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
+    import pinocchio
+
+    kind, _, algorithm = name.rpartition(", ")
+    contact, _, frame = kind.partition(" ")
+    bars = KINDS.get(contact, FOUR_BAR)
+    model, joints = build(pinocchio, bars)
+    if name == BY_JACOBIAN:
+        solve = by_jacobian(pinocchio, model, joints)
+    else:
+        solve = by_constraint(pinocchio, model, joints, bars, contact, frame, algorithm)
+    answers = []
+    for state, rates in zip(q, v, strict=True):
+        theta, w = angles_of(state, bars), angles_of(rates, bars)
+        ddy = solve(relative(theta, bars), relative(w, bars))
+        answers.append(accelerations_of(theta, w, sum_up(ddy, bars), bars)[: q.shape[1]])
+    return np.array(answers)
+
+
+Solve = Callable[[Array, Array], Array]
+
+
+def build(pin: Any, bars: Sequence[Bar]) -> tuple[Any, list[int]]:
+    """Return the tree of bars, and the joint of each bar; the frame of a joint lies at the bar's first pin, along the bar."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, GRAVITY, 0.0])
+    joints: list[int] = []
+    for bar in bars:
+        parent = 0 if bar.parent < 0 else joints[bar.parent]
+        joint = model.addJoint(parent, pin.JointModelRZ(), shift(pin, bar.at), bar.name)
+        lamina = np.diag([bar.inertia / 2, bar.inertia / 2, bar.inertia])
+        model.appendBodyToJoint(joint, pin.Inertia(bar.mass, np.zeros(3), lamina), shift(pin, bar.centre))
+        joints.append(joint)
+    return model, joints
+
+
+def shift(pin: Any, at: float) -> Any:
+    """Return the placement at `at` [m] along a bar."""
+    return pin.SE3(np.eye(3), np.array([at, 0.0, 0.0]))
+
+
+def by_constraint(
+    pin: Any, model: Any, joints: Sequence[int], bars: Sequence[Bar], contact: str, frame: str, algorithm: str
+) -> Solve:
+    """Return a function (y, dy) -> joint accelerations by one of Pinocchio's algorithms for constrained dynamics."""
+    ends = (joints[1], shift(pin, 2.0)), (joints[2], shift(pin, 1.5))
+    if contact == "CONTACT_6D":  # the two halves of the rod, which lie in one place
+        ends = (joints[1], shift(pin, 1.0)), (joints[3], shift(pin, -1.0))
+    kind, world = getattr(pin.ContactType, contact), getattr(pin.ReferenceFrame, frame)
+    row = pin.RigidConstraintModel(kind, model, *ends[0], *ends[1], world)
+    rows, data = pin.StdVec_RigidConstraintModel(), model.createData()
+    rows.append(row)
+    row_data = pin.StdVec_RigidConstraintData()
+    row_data.append(row.createData())
+    call = find_algorithm(pin, algorithm)
+    prepare(pin, algorithm, model, data, rows, row_data)
+    settings = pin.ProximalSettings(ACCURACY, ACCURACY, MU if algorithm == "constraintDynamics" else 1e-6, ITERATIONS)
+    tau = np.zeros(model.nv)
+    return lambda y, dy: np.array(call(model, data, y, dy, tau, rows, row_data, settings))
+
+
+def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
+    """Return a function (y, dy) -> joint accelerations by forwardDynamics, from Pinocchio's Jacobians and bias accelerations."""
+    data = model.createData()
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    kind = pin.FrameType.OP_FRAME
+    frames = [
+        model.addFrame(pin.Frame(name, joint, shift(pin, at), kind))
+        for name, joint, at in (("rod end", joints[1], 2.0), ("rocker end", joints[2], 1.5))
+    ]
+    data = model.createData()
+
+    def solve(y: Array, dy: Array) -> Array:
+        pin.computeJointJacobians(model, data, y)
+        pin.forwardKinematics(model, data, y, dy, np.zeros(model.nv))
+        pin.updateFramePlacements(model, data)
+        J = np.subtract(*(np.array(pin.getFrameJacobian(model, data, x, world))[:2] for x in frames))
+        bias = np.subtract(*(np.array(pin.getFrameClassicalAcceleration(model, data, x, world).linear)[:2] for x in frames))
+        return np.array(pin.forwardDynamics(model, data, y, dy, np.zeros(model.nv), J, bias, 0.0))
+
+    return solve
+
+
+def defaults() -> dict[str, str]:
+    """Return the values of new ProximalSettings and of Baumgarte's parameters, and the algorithms that there are."""
+    import pinocchio as pin
+
+    found: dict[str, str] = {}
+    settings = pin.ProximalSettings()
+    for name in ("absolute_accuracy", "relative_accuracy", "mu", "max_iter"):
+        if hasattr(settings, name):
+            found[f"ProximalSettings {name}"] = f"{getattr(settings, name):.12g}"
+    model, joints = build(pin, FOUR_BAR)
+    ends = joints[1], shift(pin, 2.0), joints[2], shift(pin, 1.5)
+    row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, *ends, pin.ReferenceFrame.LOCAL)
+    for name in ("Kp", "Kd"):
+        found[f"Baumgarte {name}"] = " ".join(f"{x:.12g}" for x in np.ravel(getattr(corrector_of(row), name)))
+    words = ("onstraint", "aba", "Aba", "ABA", "Contact", "contact", "Dynamics", "Solver", "Admm", "ADMM", "PGS")
+    return found | {f"function {x}": "there" for x in dir(pin) if not x.startswith(("_", "Std")) and any(w in x for w in words)}

@@ -1,0 +1,230 @@
+"""Ask one release of an engine every question, in a worker of its environment; the answers are plain data, for a journal."""
+
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.metrics import drift, state_errors
+from gauss_bench.releases.cases import (
+    FIRST,
+    SAMPLES,
+    SHIFTS,
+    STATES,
+    STEP,
+    Case,
+    evaluator_of,
+    find_mechanism,
+    list_cases,
+    states_of,
+    truth_of,
+)
+from gauss_bench.releases.compare import CLOSURE, DEFAULT, STEPS, Figure, relative_difference
+from gauss_bench.releases.environments import Release
+from gauss_bench.releases.library import Library
+from gauss_bench.releases.probes import Probe, states_of_probe
+from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.offers import Offer, interpreter_of, offer
+from gauss_bench.runs.one_run import Run, nothing, sampling_at
+from gauss_bench.runs.questions import accelerations, ask_room, describe_python, shift_start
+from gauss_bench.runs.worker import Worker, WorkerFailure, keep
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Status
+
+MOVING, RESTING, MOTION, DRIFT = "accelerations in motion", "accelerations at rest", "motion over 1 s", "gaps of loops after 1 s"
+LIMIT = 20.0  # [s] of one question
+BUDGET = 90.0  # [s] of one release
+LONGEST = 160  # characters of a message
+FOLDERS = re.compile(r"(/[\w.+-]+)+/(?=[\w.+-]+)")
+CASES = "release_cases"  # module of an engine's folder: its closures and defaults
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The answers of a release.
+
+    Attributes:
+        version: of the release; library: name and version as it tells them; python, numpy: of its environment; how: as in Release.
+        figures: its answers; none where it cannot be used.
+        left_out: number of cases for which there was no time.
+        status, message: OK, or why it has no answers.
+    """
+
+    version: str
+    library: str = ""
+    python: str = ""
+    numpy: str = ""
+    how: str = ""
+    figures: tuple[Figure, ...] = ()
+    left_out: int = 0
+    status: str = str(Status.OK)
+    message: str = ""
+
+    @property
+    def usable(self) -> bool:
+        return self.status == Status.OK
+
+
+def ask_release(library: Library, release: Release, budget: float, told: Callable[[str], None]) -> Answers:
+    """Return the answers of a release that is installed; a release that cannot be used has the reason instead."""
+    begin = time.monotonic()
+    plain = Answers(release.version, how=release.how)
+    offered = offer(release.name)
+    keep(release.name).stop()  # the process that described it
+    if not offered.usable:
+        return replace(plain, status=str(offered.status), message=offered.reason)
+    with Worker() as worker:
+        try:
+            versions = worker.under(interpreter_of(release.name)).call(describe_python, (), LIMIT)
+        except WorkerFailure as failure:
+            return replace(plain, status=str(failure.status), message=str(failure))
+        figures = [*ask_defaults(library, worker), *map(shorten, ask_closures(library, worker))]
+        cases, left_out = list_cases(offered), 0
+        for number, case in enumerate(cases):
+            if time.monotonic() - begin > budget:
+                left_out = len(cases) - number
+                break
+            if number % 10 == 0:
+                told(f"{library.engine} {release.version}: case {number + 1} of {len(cases)}")
+            figures += map(shorten, ask_case(release.name, offered, case, worker))
+    plain = replace(plain, library=offered.version, **versions, figures=tuple(figures), left_out=left_out)
+    return distrust(plain)
+
+
+def shorten(figure: Figure) -> Figure:
+    """Return a figure whose message is short and names no folder of this machine."""
+    message = FOLDERS.sub("", figure.message)
+    return replace(figure, message=message if len(message) <= LONGEST else f"{message[: LONGEST - 3]}...")
+
+
+def distrust(answers: Answers) -> Answers:
+    """Return the answers without figures if nothing was computed, or if the adapter's check of its models fails in every case.
+
+    A library whose arrays numpy reads wrongly does that.
+    """
+    computed = [x for x in answers.figures if x.quantity != DEFAULT]
+    adapted = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
+    trusted = any(x.status == Status.OK for x in adapted) or not adapted
+    if trusted and any(x.status == Status.OK for x in computed):
+        return answers
+    failed = adapted if adapted else computed
+    reasons = dict.fromkeys(x.message for x in failed if x.message)
+    message = f"every case fails: {next(iter(reasons), 'none was asked')}"
+    return replace(answers, figures=(), status=str(Status.ERROR), message=message)
+
+
+def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[Figure]:
+    """Yield the figures of a case."""
+    mechanism, states = find_mechanism(case.linkage, case.scenario), states_of(case.linkage, case.scenario)
+    choice = Choice(case.settings, case.integrator, case.stabilization, STEP)
+    wanted = sampling_at(STEP, SAMPLES if case.linkage == FIRST else [0.0, STEP])  # runs are compared on the first linkage alone
+    ask = partial(accelerations, states.t, states.q, states.v)
+    request = Request(mechanism.name, mechanism.scenario, name, choice, wanted, ask, answers=states.q.size)
+    run = run_apart(request, mechanism, LIMIT, worker)
+    place = mechanism.name, case.setting
+    if isinstance(run.answer, np.ndarray) and run.answer.shape == states.q.shape:
+        yield from read_accelerations(*place, run.answer, states.a)
+    else:
+        for quantity in (MOVING, RESTING):
+            yield Figure(quantity, *place, str(run.status), run.message)
+    if case.linkage != FIRST:
+        return
+    if run.trajectory is None:
+        yield Figure(MOTION, *place, str(run.status), run.message)
+        return
+    shifted = []
+    for seed in range(SHIFTS):
+        again = replace(request, ask=nothing, answers=0, alter=partial(shift_start, seed))
+        shifted.append(run_apart(again, mechanism, LIMIT, worker))
+    yield from read_motion(case, place, run, [x for x in shifted if x.trajectory], case.integrator in offered.adaptive)
+
+
+def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
+    """Yield the accelerations in motion and at rest of an answer (k, n), whose order is that of `States`."""
+    groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)
+    for k, quantity in enumerate((MOVING, RESTING)):
+        truth = true.reshape(2, STATES, -1)[k]
+        values, shifted = groups[0, k], groups[1:, k]
+        error = relative_difference(values, truth)
+        yield Figure(quantity, case, setting, values=values, shifted=shifted, error=error)
+
+
+def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
+    """Yield the figures of a run, with those of the same run from changed starts."""
+    assert run.trajectory is not None
+    mechanism, truth = find_mechanism(case.linkage, case.scenario), truth_of(case.linkage, case.scenario)
+    others = [x.trajectory for x in shifted if x.trajectory is not None]
+    errors = state_errors(mechanism, run.trajectory, truth)
+    error = float(max(errors.length.max(), errors.angle.max()))
+    yield Figure(MOTION, *place, values=run.trajectory.q, shifted=np.array([x.q for x in others]), error=error)
+    evaluator = evaluator_of(case.linkage, case.scenario)
+    last = [float(drift(evaluator, x).position[-1]) for x in (run.trajectory, *others)]
+    gaps = [np.array([[gap, 1.0]]) for gap in last]  # relative to 1 m or 1 rad: gaps of 1e-16 differ by as much
+    yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=last[0])
+    if adaptive:
+        counts = [np.array([[float(x.steps)]]) for x in (run.trajectory, *others)]
+        yield Figure(STEPS, *place, values=counts[0], shifted=np.array(counts[1:]))
+
+
+def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
+    """Yield the values that the library sets by itself."""
+    answer = ask(worker, f"{library.room}.{CASES}:defaults")
+    if isinstance(answer, str):
+        yield Figure(DEFAULT, "", "all", str(Status.ERROR), answer)
+        return
+    for name, value in answer.items():
+        yield Figure(DEFAULT, "", str(name), text=str(value))
+
+
+def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
+    """Yield the accelerations of the library's own models, one for each kind of closure."""
+    listed = ask(worker, f"{library.room}.{CASES}:list_probes")
+    if isinstance(listed, str):
+        yield Figure(CLOSURE, "", "all", str(Status.ERROR), listed)
+        return
+    for probe in (Probe(**x) for x in listed):
+        states = states_of_probe(probe.model)
+        answer = ask(worker, f"{library.room}.{CASES}:ask_probe", probe.name, states.q, states.v)
+        if isinstance(answer, np.ndarray) and answer.shape == states.q.shape and np.isfinite(answer).all():
+            for figure in read_accelerations(probe.model, probe.name, answer, states.a):
+                yield replace(figure, quantity=f"{CLOSURE}, {figure.quantity}")
+        else:
+            message = answer if isinstance(answer, str) else "the answer is no array of finite accelerations"
+            for quantity in (MOVING, RESTING):
+                yield Figure(f"{CLOSURE}, {quantity}", probe.model, probe.name, str(Status.ERROR), message)
+
+
+def ask(worker: Worker, place: str, *arguments: object) -> Any:
+    """Return the answer of a function of an engine's folder, or the reason in words why there is none."""
+    try:
+        return worker.call(ask_room, (place, *arguments), LIMIT)
+    except WorkerFailure as failure:
+        return str(failure)
+
+
+def as_data(answers: Answers) -> dict[str, Any]:
+    """Return answers as plain data."""
+    figures = [
+        {"key": x.key, "status": x.status, "message": x.message, "text": x.text, "error": x.error}
+        | {"values": x.values.tolist(), "shifted": x.shifted.tolist()}
+        for x in answers.figures
+    ]
+    return {**vars(answers), "figures": figures}
+
+
+def from_data(data: Mapping[str, Any]) -> Answers:
+    """Return the answers that `as_data` gave as plain data."""
+    figures = [read_figure(x) for x in data["figures"]]
+    return Answers(**{**data, "figures": tuple(figures)})
+
+
+def read_figure(x: Mapping[str, Any]) -> Figure:
+    """Return a figure of plain data."""
+    values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
+    quantity, case, setting = x["key"]
+    return Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"])

@@ -1,0 +1,137 @@
+"""Compare the answers of two releases: what is the same, what is rounding, and what is a real change.
+
+An answer is an array; the difference of two is relative to the size of each of its rows. Rounding is the largest difference that a
+start changed by 1e-14 makes in either release. A difference is real if it exceeds MARGIN times that, and FLOOR: a library that was
+compiled anew may add in another order.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gauss_bench.terms import Array
+
+MARGIN = 10.0
+FLOOR = 1e-12  # relative: summing in another order changes some units of the last place, times the condition
+FLOOR_OF_COUNTS = 0.02  # steps that an integrator chose: rounding may let it reject one more
+SMALL = 0.05  # of the largest row: rows that are smaller are compared with this share of it
+STEPS, DEFAULT, CLOSURE = "steps over 1 s", "default", "closure"
+OK = "ok"
+
+Key = tuple[str, str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """An answer of a release.
+
+    Attributes:
+        quantity, case, setting: which; together they are its key.
+        status, message: how it ended.
+        values: (k, n); shifted: (s, k, n), the answers from changed starts.
+        error: against the truth.
+        text: the answer, if it is no array: a default.
+    """
+
+    quantity: str
+    case: str
+    setting: str
+    status: str = OK
+    message: str = ""
+    values: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    shifted: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    error: float = float("nan")
+    text: str = ""
+
+    @property
+    def key(self) -> Key:
+        return self.quantity, self.case, self.setting
+
+    @property
+    def rounding(self) -> float:
+        """The largest relative difference that a changed start makes; infinite where none was answered."""
+        return max((relative_difference(self.values, x) for x in self.shifted), default=float("inf"))
+
+
+@dataclass(frozen=True)
+class Change:
+    """The comparison of one figure of two neighbours.
+
+    Attributes:
+        quantity, case, setting: which.
+        is_real: whether it is more than rounding.
+        difference, rounding: relative; NaN for texts and failures.
+        error_before, error_after: against the truth.
+        was, now: texts, of defaults and of figures that one of the two does not have.
+    """
+
+    quantity: str
+    case: str
+    setting: str
+    is_real: bool
+    difference: float = float("nan")
+    rounding: float = float("nan")
+    error_before: float = float("nan")
+    error_after: float = float("nan")
+    was: str = ""
+    now: str = ""
+
+
+def relative_difference(a: Array, b: Array) -> float:
+    """Return the largest difference of two arrays (k, n), relative to the size of its row; infinite where shapes differ."""
+    if a.shape != b.shape:
+        return float("inf")
+    sizes = np.maximum(np.abs(a), np.abs(b)).max(axis=1, initial=0.0)
+    sizes = np.maximum(sizes, SMALL * sizes.max(initial=0.0))
+    gaps = np.abs(a - b).max(axis=1, initial=0.0)
+    shares = np.divide(gaps, sizes, out=np.zeros_like(gaps), where=sizes > 0)
+    return float(shares.max(initial=0.0))
+
+
+def compare_figures(before: Figure, after: Figure) -> Change | None:
+    """Return the comparison of a figure; None if neither release has it, or both have the same text."""
+    if before.status != OK and after.status != OK:
+        return None
+    if before.status != OK or after.status != OK:
+        was, now = (x.message if x.status != OK else x.text or "works" for x in (before, after))
+        return Change(*before.key, True, error_before=before.error, error_after=after.error, was=was, now=now)
+    if before.text or after.text:
+        return None if before.text == after.text else Change(*before.key, True, was=before.text, now=after.text)
+    difference = relative_difference(before.values, after.values)
+    rounding = max(before.rounding, after.rounding)
+    floor = FLOOR_OF_COUNTS if before.quantity == STEPS else FLOOR
+    is_real = difference > max(MARGIN * rounding, floor)
+    return Change(*before.key, is_real, difference, rounding, before.error, after.error)
+
+
+def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[Change]:
+    """Return the comparisons of two releases; of a figure that one was not asked for there is none, unless it is a default."""
+    old, new = ({x.key: x for x in figures} for figures in (before, after))
+    changes = []
+    for key in dict.fromkeys((*old, *new)):
+        pair = old.get(key) or _lacking(key), new.get(key) or _lacking(key)
+        if (key in old and key in new) or key[0] == DEFAULT:
+            change = compare_figures(*pair)
+            if change:
+                changes.append(change)
+    return changes
+
+
+def _lacking(key: Key) -> Figure:
+    """Return the figure of a default that a release does not have."""
+    return Figure(*key, status="skip", message="not there")
+
+
+def real(changes: Sequence[Change]) -> list[Change]:
+    """Return the real changes, the largest first; those without a size, such as new defaults, stand last."""
+    found = [x for x in changes if x.is_real]
+    return sorted(found, key=lambda x: (-x.difference if np.isfinite(x.difference) else 0.0, x.quantity, x.case, x.setting))
+
+
+def group_changes(changes: Sequence[Change]) -> Mapping[str, list[Change]]:
+    """Return quantity -> its real changes, the largest first."""
+    groups: dict[str, list[Change]] = {}
+    for change in real(changes):
+        groups.setdefault(change.quantity, []).append(change)
+    return groups

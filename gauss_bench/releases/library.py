@@ -1,0 +1,96 @@
+"""The releases of an engine's library, as the file `releases.toml` of the engine's folder lists them."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gauss_bench import engines
+from gauss_bench.engines import FOREIGN
+from gauss_bench.untrusted import BadInput, parse_toml
+
+FILE = "releases.toml"
+NUMBER = re.compile(r"\d+(\.\d+)*(\.post\d+)?")  # a release that is no candidate
+
+
+class ReleaseFault(BadInput, ValueError):
+    """Releases that cannot be asked for; the message names those that can."""
+
+
+@dataclass(frozen=True)
+class Library:
+    """The library of an engine.
+
+    Attributes:
+        engine: its name here; class_name: MODULE:CLASS of its adapter; room: module of the adapter's folder.
+        package: name under which pip knows the library.
+        releases: those that are compared by default, oldest first.
+        raced: settings whose steps are raced, as linkage, settings, integrator.
+        besides: release -> what it needs besides, which its own metadata do not say.
+        sha256: name of a file -> its hash, for the files that were checked when they were listed.
+    """
+
+    engine: str
+    class_name: str
+    room: str
+    package: str
+    releases: tuple[str, ...]
+    raced: tuple[tuple[str, str, str], ...] = ()
+    besides: dict[str, list[str]] = field(default_factory=dict)
+    sha256: dict[str, str] = field(default_factory=dict)
+
+
+def names() -> list[str]:
+    """List the engines whose releases can be compared."""
+    return [name for name in FOREIGN if _file_of(name).is_file()]
+
+
+def _file_of(engine: str) -> Path:
+    return Path(engines.__file__).parent / engine / FILE
+
+
+def read_library(engine: str) -> Library:
+    """Return the library of an engine.
+
+    Raises:
+        ReleaseFault: its releases cannot be compared.
+    """
+    if engine not in names():
+        raise ReleaseFault(f"no releases of {engine!r} can be compared; there are those of {', '.join(names())}")
+    table = parse_toml(_file_of(engine).read_text(encoding="utf-8"))
+    class_name = FOREIGN[engine]
+    raced = tuple((x["linkage"], x["settings"], x["integrator"]) for x in table["raced"])
+    room, listed = class_name.partition(":")[0].rpartition(".")[0], tuple(table["releases"])
+    return Library(engine, class_name, room, table["package"], listed, raced, table.get("besides", {}), table["sha256"])
+
+
+def order(version: str) -> tuple[int, ...]:
+    """Return the place of a release among others.
+
+    Raises:
+        ReleaseFault: it is no number of a release.
+    """
+    if not NUMBER.fullmatch(version):
+        raise ReleaseFault(f"{version!r} is no release: it must be a number such as 3.6.0")
+    return tuple(int(x) for x in re.findall(r"\d+", version))
+
+
+def choose_releases(library: Library, first: str | None, last: str | None, only: Sequence[str] | None) -> list[str]:
+    """Return the releases to compare, oldest first: `only` these, or those listed from `first` to `last`, with the two themselves.
+
+    Raises:
+        ReleaseFault: fewer than two remain, or they cannot be asked for.
+    """
+    if only and (first or last):
+        raise ReleaseFault("--only names every release; --from and --to go without it")
+    if only:
+        chosen = sorted(set(only), key=order)
+    else:
+        low, high = order(first or library.releases[0]), order(last or library.releases[-1])
+        if low > high:
+            raise ReleaseFault(f"--from {first or library.releases[0]} is later than --to {last or library.releases[-1]}")
+        ends = filter(None, (first, last))
+        chosen = sorted({*ends, *(x for x in library.releases if low <= order(x) <= high)}, key=order)
+    if len(chosen) < 2:
+        raise ReleaseFault(f"two releases are needed to compare; listed are {', '.join(library.releases)}")
+    return chosen

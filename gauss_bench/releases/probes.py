@@ -1,0 +1,76 @@
+"""Small models of a library's own, each closed in one way, and the states at which they are asked.
+
+The library's side of a probe is in the engine's folder (`release_cases.py`): it is given absolute states (k, n), and answers
+absolute accelerations (k, n). The true ones are those of a linkage of `linkages`, or of an open chain with one more equation:
+
+    M a + J^T lambda = Q,    J a = gamma        J, gamma (1, n), (1,): of that equation
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from gauss_bench.engines.bars import CURVE, RATIO
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.releases.cases import FIRST, FOLDER, SPEED, STATES, States, find_mechanism, states_of, with_shifts
+from gauss_bench.terms import Array
+
+COUPLED = "coupled_bars"
+MODELS = {"wide_four_bar": FIRST, "rod_of_one_length": str(FOLDER / "rod_of_one_length.toml")}
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A probe of an engine.
+
+    Attributes:
+        name: what closes it, in the library's words.
+        model: a linkage of MODELS, or COUPLED: two bars in a chain whose angles are coupled.
+    """
+
+    name: str
+    model: str
+
+
+@cache
+def states_of_probe(model: str) -> States:
+    """Return the states of a model of probes, with true accelerations and changed starts."""
+    return coupled_states() if model == COUPLED else states_of(MODELS[model], "")
+
+
+def coupled_states() -> States:
+    """Return states of two bars whose relative angle follows the first bar's: x2 = RATIO x + CURVE x^2."""
+    mechanism = find_mechanism(str(FOLDER / "two_bars.toml"), "")
+    rng = np.random.default_rng(5)
+    lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each pin to its bar's centre of mass
+    q, v = np.zeros((2, 2 * STATES, 6))
+    for k, (x, w) in enumerate(zip(rng.uniform(-1.2, 1.2, STATES), rng.uniform(-SPEED, SPEED, STATES), strict=True)):
+        q[k], v[k] = place_bars(x, w, *lengths)
+        q[STATES + k], v[STATES + k] = place_bars(x, 0.0, *lengths)
+    a = np.array([coupled_acceleration(Evaluator(mechanism), *state) for state in zip(q, v, strict=True)])
+    return with_shifts(q, v, a)
+
+
+def place_bars(x: float, w: float, length: float, half: float) -> tuple[Array, Array]:
+    """Return the state q, v (6,) of the two bars at the first one's angle x [rad] and speed w [rad/s]."""
+    second, speed = x + RATIO * x + CURVE * x * x, w * (1 + RATIO + 2 * CURVE * x)
+    e, f = np.array([np.cos(x), np.sin(x)]), np.array([np.cos(second), np.sin(second)])
+    e_rate, f_rate = w * np.array([-e[1], e[0]]), speed * np.array([-f[1], f[0]])
+    q = np.concatenate([half * e, [x], length * e + half * f, [second]])
+    v = np.concatenate([half * e_rate, [w], length * e_rate + half * f_rate, [speed]])
+    return q, v
+
+
+def coupled_acceleration(evaluator: Evaluator, q: Array, v: Array) -> Array:
+    """Return the accelerations (6,) of the two bars with the equation of their coupling.
+
+    theta_2 - theta_1 = RATIO theta_1 + CURVE theta_1^2, differentiated twice.
+    """
+    terms = evaluator.terms(0.0, q, v)
+    row = np.zeros(len(q))
+    row[5], row[2] = 1.0, -(1 + RATIO + 2 * CURVE * q[2])
+    J = np.vstack([terms.J, row])  # (m + 1, n)
+    gamma = np.append(terms.gamma, 2 * CURVE * v[2] ** 2)
+    K = np.block([[terms.M, J.T], [J, np.zeros((len(J), len(J)))]])
+    return np.linalg.solve(K, np.concatenate([terms.Q, gamma]))[: len(q)]

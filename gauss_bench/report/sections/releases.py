@@ -1,0 +1,33 @@
+"""What changed between the releases of each engine's library."""
+
+from gauss_bench.report.content import Block, Bullets, Section, Text, blocks_of
+from gauss_bench.report.rows import Row, Run, group_by
+from gauss_bench.report.what_changed import NAMES, RULE, describe_changes, describe_unusable, newest_first
+
+PLACE = 85
+TITLE, ANCHOR = "What changed between releases", "releases"
+
+
+def section(run: Run) -> Section | None:
+    """Return what changed, engine by engine; None if the run compared no releases."""
+    rows = run.table("releases")
+    if not rows:
+        return None
+    parts = [engine_section(run, engine, list(releases)) for engine, releases in group_by(rows, "engine").items()]
+    return Section(TITLE, ANCHOR, (Text(RULE),), parts)
+
+
+def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
+    """Return what changed between the releases of one engine, the newest first, and the tables behind."""
+    ordered = newest_first(releases)
+    tables = {name: [row for row in run.table(name) if row["engine"] == engine] for name in NAMES} | {"releases": ordered[::-1]}
+    blocks: list[Block] = []
+    for heading, sentences in reversed(describe_changes(tables)):
+        blocks += [Text(f"**{heading}**"), Bullets(sentences)]
+    unusable = describe_unusable(ordered)
+    if unusable:
+        blocks += [Text("**without answers**"), Bullets(unusable)]
+    blocks += blocks_of("releases", ordered)
+    blocks += blocks_of("release_changes", tables["release_changes"])
+    blocks += blocks_of("release_costs", tables["release_costs"])
+    return Section(engine, f"{ANCHOR}-{engine}", blocks)

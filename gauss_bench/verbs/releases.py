@@ -1,0 +1,83 @@
+"""The verb `releases`: one engine over the releases of its library."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+from gauss_bench.api.files import usable_folder
+from gauss_bench.api.telling import Answer, Told
+from gauss_bench.bench.journal import Journal
+from gauss_bench.bench.provenance import environment
+from gauss_bench.linkage.digest import source_digest
+from gauss_bench.releases.asking import BUDGET, Answers, as_data, ask_release, from_data
+from gauss_bench.releases.costs import race_releases
+from gauss_bench.releases.environments import Release, as_engines, install_release, list_available
+from gauss_bench.releases.library import Library, ReleaseFault, choose_releases, order, read_library
+from gauss_bench.releases.table import SCHEMAS, make_tables, write_tables
+from gauss_bench.report.what_changed import TITLE, write_page
+from gauss_bench.runs.offers import check_budget
+from gauss_bench.tables import refuse_foreign, write_text
+from gauss_bench.trajectory import Status
+
+LOCAL = Path("reports/local")
+PAGE = "what_changed.md"
+RUN = ".run"  # folder of journals within that of a run
+QUESTIONS = ("releases/asking.py", "releases/cases.py", "releases/probes.py", "releases/linkages")
+ASKED = ("engines", "runs", "mechanism", "integrate", *QUESTIONS)  # sources on which answers depend
+Rows = Annotated[Mapping[str, Sequence[Mapping[str, Any]]], SCHEMAS]
+
+
+def releases(
+    engine: str,
+    first: str | None,
+    last: str | None,
+    only: list[str] | None,
+    new: bool,
+    out: Path,
+    budget: float | None,
+    no_costs: bool,
+    told: Told,
+) -> Answer[Rows]:
+    """Install releases of an engine, ask each the same questions, and write what changed between neighbours."""
+    library = read_library(engine)
+    if new and (first or last or only):
+        raise ReleaseFault(
+            "--new takes the newest release that is listed and all later ones; it goes without --from, --to and --only"
+        )
+    wanted = [library.releases[-1]] if new else choose_releases(library, first, last, only)
+    usable_folder(out, LOCAL)
+    refuse_foreign({out / PAGE: TITLE})
+    seconds = check_budget(budget, BUDGET)
+    found = [install_release(library, version, told) for version in wanted]
+    if new and found[0].python:
+        later = [x for x in list_available(found[0], library) if order(x) > order(wanted[0])]
+        found += [install_release(library, version, told) for version in sorted(later, key=order)]
+    installed = [x for x in found if x.python]
+    if not installed:
+        raise ReleaseFault(f"no release of {engine} can be installed: {found[0].reason}")
+    with as_engines(library, installed), Journal(out / RUN / f"releases-{engine}.jsonl") as journal:
+        answers = [ask_or_recall(library, release, seconds, journal, told) for release in found]
+        usable = [x for x in installed if next(a for a in answers if a.version == x.version).usable]
+        raced = ([], []) if no_costs or len(usable) < 2 else race_releases(library, usable, told)
+    facts = environment()
+    commit = f"{facts['commit']}{' with changes' if facts['dirty'] else ''}"
+    tables = make_tables(engine, answers, *raced, commit, datetime.now(UTC).strftime("%Y-%m-%d"))
+    files = write_tables(tables, engine, out)
+    text = write_page(tables)
+    write_text(out / PAGE, text)
+    return Answer(tables, text=text, notices=tuple(str(x) for x in (*files, out / PAGE)))
+
+
+def ask_or_recall(library: Library, release: Release, budget: float, journal: Journal, told: Told) -> Answers:
+    """Return the answers of a release: those of the journal, if the code is the same since, else new ones."""
+    if not release.python:
+        return Answers(release.version, status=str(Status.SKIP), message=release.reason)
+    stamp = f"{source_digest(*ASKED)} {release.how} {budget:g}"
+    known = journal.find(release.version, stamp)
+    if known:
+        return from_data(known)
+    answers = ask_release(library, release, budget, told)
+    if answers.usable:
+        journal.add(release.version, stamp, as_data(answers))
+    return answers

@@ -1,0 +1,481 @@
+"""Releases side by side: a planted change is found and named, rounding is not, and what fails is a row with the reason.
+
+The releases are stand-ins: one small engine with a library of one number, in environments made by venv alone.
+"""
+
+import hashlib
+import json
+import os
+import venv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss_bench.cli import main
+from gauss_bench.engines import FILE, FOREIGN, bars, read_environments
+from gauss_bench.engines.installation import InstallationFault, interpreter_in
+from gauss_bench.releases import asking, compare, costs, environments, library, probes
+from gauss_bench.releases.asking import Answers, as_data, distrust, from_data, read_accelerations
+from gauss_bench.releases.cases import FOLDER, SHIFTS, STATES, find_mechanism, linkage_of, states_of
+from gauss_bench.releases.compare import Figure, compare_figures, compare_releases, relative_difference
+from gauss_bench.releases.costs import Cost, CostChange, find_changes, judge_ratio, null_width, ratio_of, split
+from gauss_bench.releases.environments import BY_VERSION, CHECKED, Release, as_engines, check_hash, install_release, read_available
+from gauss_bench.releases.library import Library, choose_releases, read_library
+from gauss_bench.releases.table import NAMES, make_tables, write_tables
+from gauss_bench.report import what_changed
+from gauss_bench.report.rows import Run
+from gauss_bench.report.site.chapters import releases_page
+from gauss_bench.runs.offers import interpreter_of
+from gauss_bench.runs.questions import SHIFT, shift
+from gauss_bench.runs.worker import Worker
+from gauss_bench.tables import read_table
+from gauss_bench.verbs import releases as verb
+
+ADAPTER = '''
+from gauss_bench.engines.interpreted import Interpreted
+from twin import number
+
+class Twin(Interpreted):
+    """The suite's own accelerations, times the number of the library."""
+    integrators, stabilizations = ("rk4",), ("none",)
+    def __init__(self):
+        super().__init__("udwadia_kalaba")  # which needs numpy alone
+    def version(self):
+        return f"twin {number.VERSION}"
+    def build(self, mechanism, choice):
+        model = super().build(mechanism, choice)
+        plain = model.acceleration
+        model.acceleration = lambda t, q, v: number.FACTOR * plain(t, q, v)
+        return model
+'''
+CASES = """
+import numpy as np
+from twin import number
+
+def list_probes():
+    return [{"name": "a weld", "model": "wide_four_bar"}]
+
+def ask_probe(name, q, v):
+    if number.VERSION == "1.0":
+        raise ValueError("there is no weld")
+    return np.cos(q) * number.FACTOR
+
+def defaults():
+    return {"tolerance": "1e-8" if number.FACTOR == 1.0 else "1e-6"}
+"""
+VERSIONS = {"1.0": 1.0, "2.0": 1.0 + 2e-16, "3.0": 1.0 + 1e-4}  # the second differs by one unit of the last place
+TWIN = Library("twin", "twin.adapter:Twin", "twin", "twin", tuple(VERSIONS), (("wide_four_bar", "default", "rk4"),))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Release]:
+    """The releases of the stand-in: version -> release."""
+    found = {}
+    for version, factor in VERSIONS.items():
+        place = tmp_path_factory.mktemp("release") / f"twin-{version}"
+        venv.create(place, with_pip=False)
+        (site,) = place.glob("lib/python*/site-packages")
+        for part in ("numpy", "numpy.libs"):
+            if (there := Path(np.__file__).parents[1] / part).exists():
+                (site / part).symlink_to(there)
+        package = site / "twin"
+        package.mkdir()
+        texts = {"adapter": ADAPTER, "release_cases": CASES, "__init__": ""}
+        texts["number"] = f'VERSION, FACTOR = "{version}", {factor!r}\n'
+        for name, text in texts.items():
+            (package / f"{name}.py").write_text(text, encoding="utf-8")
+        found[version] = Release("twin", version, str(interpreter_in(place)), BY_VERSION)
+    return found
+
+
+@pytest.fixture
+def twin(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> dict[str, Release]:
+    """The stand-in as an engine whose releases the verb can compare, without pip; its version 4.0 cannot be installed."""
+
+    def install(of: Library, version: str, told: object) -> Release:
+        return made.get(version, Release("twin", version, reason=f"pip finds no wheel of twin {version}"))
+
+    monkeypatch.setattr(verb, "read_library", lambda engine: TWIN)
+    monkeypatch.setattr(verb, "install_release", install)
+    monkeypatch.setattr(asking, "list_cases", lambda offer: asking_cases())
+    return made
+
+
+def asking_cases() -> list[asking.Case]:
+    """One case: the first linkage with the stand-in's only setting."""
+    return [asking.Case(asking.FIRST, "", "default", "rk4", "none")]
+
+
+def compare_twins(folder: Path, *more: str) -> int:
+    return main(["releases", "twin", "--no-costs", "--out", str(folder), *more])
+
+
+@pytest.mark.slow
+def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel_is_a_row(
+    twin: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert compare_twins(tmp_path, "--only", "1.0,2.0,3.0,4.0") == 0
+    rows = {row["version"]: row for row in read_table("releases", tmp_path)}
+    assert [rows[x]["status"] for x in ("1.0", "2.0", "3.0", "4.0")] == ["ok", "ok", "ok", "skip"]
+    assert rows["4.0"]["message"] == "pip finds no wheel of twin 4.0"
+    assert rows["1.0"]["library"] == "twin 1.0"
+    changes = read_table("release_changes", tmp_path)
+    first, second = ([x for x in changes if x["before"] == before] for before in ("1.0", "2.0"))
+    # the releases 1.0 and 2.0 differ by rounding, a default and a closure that is new
+    assert {x["quantity"] for x in first} == {"default", *(f"closure, {x}" for x in (asking.MOVING, asking.RESTING))}
+    assert {(x["was"], x["now"]) for x in first if x["quantity"] == "default"} == {("1e-8", "1e-6")}
+    assert all("there is no weld" in x["was"] and x["now"] == "works" for x in first if x["quantity"] != "default")
+    assert 0 < rows["2.0"]["rounding"] == rows["2.0"]["compared"]
+    # accelerations of 3.0 are 1e-4 larger, and so is their error
+    found = {x["quantity"]: x for x in second}
+    assert found.keys() == {x["quantity"] for x in first} - {"default"} | {asking.MOVING, asking.RESTING}
+    assert found[asking.MOVING]["difference"] == pytest.approx(1e-4, rel=0.01)
+    assert found[asking.MOVING]["error_before"] < 1e-12
+    assert found[asking.MOVING]["error_after"] == pytest.approx(1e-4, rel=0.01)
+    page = (tmp_path / verb.PAGE).read_text(encoding="utf-8")
+    assert "## twin 2.0 -> 3.0" in page
+    assert "twin 4.0: pip finds no wheel of twin 4.0" in page
+    # a second call asks nobody
+    monkeypatch.setattr(verb, "ask_release", lambda *_: pytest.fail("it was asked again"))
+    assert compare_twins(tmp_path, "--only", "1.0,2.0,3.0,4.0") == 0
+    assert read_table("release_changes", tmp_path) == changes
+
+
+@pytest.mark.slow
+def test_an_interrupted_comparison_keeps_the_releases_that_were_asked(
+    twin: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def ask(of: Library, release: Release, budget: float, told: object) -> Answers:
+        asked.append(release.version)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        return Answers(release.version, figures=(figure(np.ones((1, 1))),))
+
+    monkeypatch.setattr(verb, "ask_release", ask)
+    assert compare_twins(tmp_path, "--only", "1.0,2.0") == 130
+    assert not (tmp_path / "releases.csv").exists()
+    assert compare_twins(tmp_path, "--only", "1.0,2.0") == 0
+    assert asked == ["1.0", "2.0", "2.0"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["pinnochio"], "no releases of 'pinnochio' can be compared"),
+        (["mujoco", "--from", "4.0.0", "--to", "3.6.0"], "--from 4.0.0 is later than --to 3.6.0"),
+        (["mujoco", "--only", "3.6.0,newest"], "'newest' is no release"),
+        (["mujoco", "--only", "3.6.0"], "two releases are needed"),
+        (["mujoco", "--only", "3.6.0,3.7.0", "--from", "3.6.0"], "--only names every release"),
+        (["mujoco", "--new", "--to", "3.6.0"], "--new takes the newest release"),
+    ],
+)
+def test_releases_that_cannot_be_asked_for_are_refused_by_name(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["releases", *words, "--out", str(tmp_path / "out")]) == 2
+    assert said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_releases_are_chosen_between_two_of_which_neither_need_be_listed() -> None:
+    some = Library("x", "x:X", "x", "x", ("1.9", "1.10", "2.0"))
+    assert choose_releases(some, None, None, None) == ["1.9", "1.10", "2.0"]
+    assert choose_releases(some, "1.10", None, None) == ["1.10", "2.0"]
+    assert choose_releases(some, "1.9.1", "1.11", None) == ["1.9.1", "1.10", "1.11"]
+    assert choose_releases(some, None, None, ["2.0", "1.9", "2.0"]) == ["1.9", "2.0"]
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pinocchio", "exudyn", "casadi"])
+def test_every_list_of_releases_is_in_order_and_has_hashes(engine: str) -> None:
+    found = read_library(engine)
+    assert engine in FOREIGN
+    assert sorted(found.releases, key=library.order) == list(found.releases)
+    assert len(found.releases) >= (10 if engine == "mujoco" else 3)
+    assert all(len(x) == 64 for x in found.sha256.values())
+    for version in found.releases:  # the file of this machine, at least
+        assert any(name.startswith(f"{found.package}-{version}-") for name in found.sha256)
+    for place, *_ in found.raced:
+        assert find_mechanism(*linkage_of(place)).dof >= 1
+
+
+def figure(values: np.ndarray, shifted: np.ndarray | None = None, **more: object) -> Figure:
+    others = np.array([values]) if shifted is None else shifted
+    return Figure("accelerations", "four_bar", "default", values=values, shifted=others, **more)  # type: ignore[arg-type]
+
+
+def test_a_difference_is_relative_to_its_row_and_small_rows_to_a_share_of_the_largest() -> None:
+    a = np.array([[10.0, 1.0], [1e-3, 0.0]])
+    assert relative_difference(a, a) == 0.0
+    assert relative_difference(a, a + np.array([[0.0, 0.1], [0.0, 0.0]])) == pytest.approx(0.01)
+    assert relative_difference(a, a + np.array([[0.0, 0.0], [0.0, 0.1]])) == pytest.approx(0.1 / 0.5)  # 5 % of 10
+    assert relative_difference(a, a[:1]) == np.inf
+    assert relative_difference(np.zeros((2, 3)), np.zeros((2, 3))) == 0.0
+
+
+@pytest.mark.parametrize(("times_rounding", "real"), [(9.0, False), (11.0, True)])
+def test_a_difference_is_real_beyond_ten_times_what_a_changed_start_makes(times_rounding: float, real: bool) -> None:
+    values = np.ones((1, 1))
+    before = figure(values, np.array([values + 1e-9, values - 5e-10]), error=0.5)
+    after = figure(values + times_rounding * 1e-9, np.array([values + times_rounding * 1e-9]), error=1e-6)
+    change = compare_figures(before, after)
+    assert change is not None
+    assert change.is_real is real
+    assert change.rounding == pytest.approx(1e-9, rel=1e-6)
+    assert (change.error_before, change.error_after) == (0.5, 1e-6)
+
+
+def test_without_a_changed_start_nothing_is_called_real() -> None:
+    values = np.ones((1, 1))
+    change = compare_figures(figure(values, np.zeros((0, 1, 1))), figure(2 * values))
+    assert change is not None
+    assert not change.is_real
+
+
+@pytest.mark.parametrize(("steps", "real"), [(101.0, False), (103.0, True)])
+def test_one_rejected_step_more_is_rounding_and_three_in_a_hundred_are_not(steps: float, real: bool) -> None:
+    before, after = (replace(figure(np.array([[x]])), quantity=compare.STEPS) for x in (100.0, steps))
+    change = compare_figures(before, after)
+    assert change is not None
+    assert change.is_real is real
+
+
+def test_failures_and_defaults_are_changes_with_words() -> None:
+    fails = replace(figure(np.ones((1, 1))), status="error", message="it stops")
+    works = figure(np.ones((1, 1)))
+    assert compare_figures(fails, fails) is None
+    change = compare_figures(fails, works)
+    assert change is not None
+    assert (change.is_real, change.was, change.now) == (True, "it stops", "works")
+    old, new = Figure("default", "", "tolerance", text="1e-8"), Figure("default", "", "solver", text="CG")
+    assert {(x.setting, x.was, x.now) for x in compare_releases([old], [new])} == {
+        ("tolerance", "1e-8", "not there"),
+        ("solver", "not there", "CG"),
+    }
+    assert compare_releases([works], []) == []  # it was not asked: there was no time
+
+
+def test_a_start_is_changed_by_1e_14_of_its_size_and_rest_stays_rest() -> None:
+    x = np.array([2.0, -1.0, 0.0])
+    changed = shift(x, np.random.default_rng(0))
+    assert 0 < np.abs(changed - x).max() <= SHIFT * 2.0
+    assert changed[2] == 0.0
+    assert SHIFT == 1e-14
+
+
+def test_states_are_on_the_constraints_with_true_accelerations_first_in_motion_then_at_rest() -> None:
+    states = states_of(asking.FIRST, "")
+    assert len(states.q) == 2 * STATES * (1 + SHIFTS)
+    assert np.abs(states.v[:STATES]).max() > 1.0
+    assert not states.v[STATES : 2 * STATES].any()
+    answer = np.concatenate([states.a] * (1 + SHIFTS))
+    answer[:STATES] *= 1.5  # in motion alone
+    moving, resting = read_accelerations("wide_four_bar", "default", answer, states.a)
+    assert (moving.quantity, resting.quantity) == (asking.MOVING, asking.RESTING)
+    assert moving.error == pytest.approx(1 / 3)
+    assert resting.error == 0.0
+    assert resting.rounding == 0.0
+
+
+def test_coupled_bars_keep_their_coupling_and_gain_no_energy() -> None:
+    states = probes.states_of_probe(probes.COUPLED)
+    first, second = states.q[:, 2], states.q[:, 5]
+    assert second - first == pytest.approx(bars.RATIO * first + bars.CURVE * first**2)
+    a, v, q = states.a, states.v[: len(states.a)], states.q[: len(states.a)]
+    turned = (1 + bars.RATIO + 2 * bars.CURVE * q[:, 2]) * a[:, 2] + 2 * bars.CURVE * v[:, 2] ** 2
+    assert a[:, 5] == pytest.approx(turned)
+    mass = np.array([x for bar in bars.CHAIN for x in (bar.mass, bar.mass, bar.inertia)])
+    weight = np.array([x for bar in bars.CHAIN for x in (0.0, bar.mass * bars.GRAVITY, 0.0)])
+    assert np.einsum("ki,i,ki->k", v, mass, a) == pytest.approx(v @ weight)  # power of inertia is that of the weights
+
+
+def test_bars_are_those_of_the_linkages() -> None:
+    for name, some in (("wide_four_bar", bars.FOUR_BAR), ("rod_of_one_length", bars.PAIR), ("two_bars", bars.CHAIN)):
+        mechanism = find_mechanism(str(FOLDER / f"{name}.toml"), "")
+        assert [(x.name, x.mass, x.inertia) for x in mechanism.links] == [(x.name, x.mass, x.inertia) for x in some]
+
+
+def test_accelerations_of_bars_are_the_second_differences_of_their_places() -> None:
+    """The bars turn by theta + w t + alpha t^2 / 2."""
+    theta, w, alpha = np.array([0.3, 1.0, 2.0]), np.array([2.0, -1.0, 0.5]), np.array([1.0, 3.0, -2.0])
+    h = 1e-4
+
+    def places(t: float) -> np.ndarray:
+        at = theta + w * t + alpha * t * t / 2
+        ends, centres = [], []
+        for bar, x in zip(bars.FOUR_BAR, at, strict=True):
+            pin = np.array([bar.at, 0.0]) if bar.parent < 0 else ends[bar.parent]
+            e = np.array([np.cos(x), np.sin(x)])
+            ends.append(pin + bar.length * e)
+            centres.append([*(pin + bar.centre * e), x])
+        return np.ravel(centres)
+
+    expected = (places(h) - 2 * places(0.0) + places(-h)) / h**2
+    assert bars.accelerations_of(theta, w, alpha, bars.FOUR_BAR) == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_release_whose_models_fail_their_check_is_not_trusted() -> None:
+    bad = Figure(asking.MOVING, "four_bar", "default", "error", "the mass matrix differs by 1")
+    good, closed = replace(bad, status="ok"), Figure("closure, x", "", "weld")
+    default = Figure("default", "", "tolerance", text="1e-8")
+    assert distrust(Answers("1.0", figures=(bad, closed, default))).message == "every case fails: the mass matrix differs by 1"
+    assert distrust(Answers("1.0", figures=(bad, good))).usable
+    assert distrust(Answers("1.0", figures=(replace(bad, status="skip"), closed))).usable  # an adapter that cannot build, says so
+    assert not distrust(Answers("1.0", figures=(default,))).usable
+
+
+def test_messages_name_no_folder_and_are_short() -> None:
+    long = replace(figure(np.ones((1, 1))), status="error", message="warning in /home/me/gauss_bench/file.py, line 3: " + 300 * "x")
+    told = asking.shorten(long).message
+    assert told.startswith("warning in file.py, line 3: xxx")
+    assert len(told) == asking.LONGEST
+
+
+def test_answers_survive_a_journal() -> None:
+    answers = Answers("1.0", "twin 1.0", figures=(figure(np.ones((2, 3)), error=0.5), Figure("default", "", "x", text="1")))
+    again = from_data(json.loads(json.dumps(as_data(answers))))
+    assert (again.version, again.library, len(again.figures)) == ("1.0", "twin 1.0", 2)
+    for one, other in zip(answers.figures, again.figures, strict=True):
+        assert one.key == other.key
+        assert relative_difference(one.values, other.values) == 0.0
+        assert one.shifted.shape == other.shifted.shape
+    assert again.figures[0].error == 0.5
+
+
+def test_steps_and_the_fixed_overhead_are_told_apart() -> None:
+    """A run of N steps takes 1 ms and 20 us a step."""
+    short, long = (np.full(3, 1e-3 + 20e-6 * n) for n in (costs.SHORT, costs.LONG))
+    times = split(short, long)
+    assert times.step == pytest.approx(np.full(3, 20e-6))
+    assert times.overhead == pytest.approx(np.full(3, 1e-3))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "width", "verdict"),
+    [
+        (1.06, 1.2, 0.01, "slower"),
+        (1.04, 1.2, 0.01, "same"),  # the range comes nearer to 1 than 5 %
+        (1.06, 1.2, 0.1, "same"),  # the newest differs as much from itself
+        (0.7, 0.94, 0.01, "faster"),
+        (0.7, 1.3, 0.01, "same"),
+        (float("nan"), float("nan"), 0.01, "same"),
+    ],
+)
+def test_a_cost_changed_if_its_range_lies_beyond_a_margin_and_beyond_the_null(
+    low: float, high: float, width: float, verdict: str
+) -> None:
+    assert judge_ratio(low, high, width) == verdict
+
+
+def test_a_change_of_cost_is_named_between_the_two_neighbours() -> None:
+    quiet = np.array([1.0, 1.001, 0.999, 1.002, 0.998])
+    measured = {"1.0": 2 * quiet, "2.0": quiet, "3.0": quiet[::-1], "null": quiet}
+    (change,) = find_changes(["1.0", "2.0", "3.0"], measured, "null")
+    assert (change.before, change.after) == ("1.0", "2.0")
+    assert change.ratio == pytest.approx(0.5, rel=1e-3)
+    assert find_changes(["1.0", "2.0"], {"1.0": 2 * quiet, "2.0": quiet}, "null") == []  # without a null nothing is named
+    noisy = {"1.0": 2 * quiet, "2.0": quiet, "null": np.array([0.4, 2.5, 1.0, 0.5, 2.0])}
+    assert find_changes(["1.0", "2.0"], noisy, "null") == []
+
+
+def test_the_null_reaches_as_far_as_the_newest_differs_from_itself() -> None:
+    newest = np.ones(4)
+    assert null_width(np.full(4, 1.0), newest) == pytest.approx(0.0, abs=1e-12)
+    assert null_width(np.array([0.9, 1.0, 1.0, 1.1]), newest) >= 0.1
+    assert null_width(np.array([-1.0, 1.0, 1.0, 1.0]), newest) == np.inf
+    assert np.isnan(ratio_of(np.array([1.0, -1.0]), newest[:2])[0])
+
+
+@pytest.mark.slow
+def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_processes_of_its_own(
+    made: dict[str, Release], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(costs, "PROCESSES", 2)
+    monkeypatch.setattr(costs, "ROUNDS", 2)
+    some = [made["1.0"], made["3.0"]]
+    with as_engines(TWIN, some):
+        found, _ = costs.race_releases(TWIN, some, lambda sentence: None)
+    rows = {(x.version, x.work): x for x in found}
+    assert {x for x, _ in rows} == {"1.0", "3.0", costs.NULL}
+    assert all(x.seconds > 0 for x in found if x.work == costs.STEP_TIME)
+    assert rows["3.0", costs.STEP_TIME].ratio == 1.0
+    assert rows["1.0", costs.STEP_TIME].verdict in ("slower", "faster", "same")
+    assert rows[costs.NULL, costs.STEP_TIME].verdict == ""
+
+
+def test_releases_are_engines_while_they_are_compared(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(FILE, raising=False)
+    with as_engines(TWIN, [made["1.0"], made["2.0"]]):
+        found = read_environments()
+        assert list(found) == ["twin-1.0", "twin-2.0", "twin-2.0-again"]
+        assert found["twin-1.0"].class_name == "twin.adapter:Twin"
+        again, once = (Path(found[x].python) for x in ("twin-2.0-again", "twin-2.0"))
+        assert again != once
+        assert again.parent == once.parent
+    assert FILE not in os.environ
+
+
+def test_a_file_is_trusted_by_its_hash_or_installed_by_its_version(tmp_path: Path) -> None:
+    wheel = tmp_path / "twin-1.0-py3-none-any.whl"
+    wheel.write_bytes(b"a wheel")
+    right = hashlib.sha256(b"a wheel").hexdigest()
+    assert check_hash(TWIN, wheel) == BY_VERSION
+    assert check_hash(replace(TWIN, sha256={wheel.name: right}), wheel) == CHECKED
+    with pytest.raises(InstallationFault, match="its hash differs"):
+        check_hash(replace(TWIN, sha256={wheel.name: right[::-1]}), wheel)
+
+
+@pytest.mark.slow
+def test_a_release_that_pip_does_not_find_has_the_reason_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    for variable, value in {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "PIP_CONFIG_FILE": os.devnull}.items():
+        monkeypatch.setenv(variable, value)
+    found = install_release(TWIN, "1.0", lambda sentence: None)
+    assert (found.python, found.reason) == ("", "pip finds no wheel of twin 1.0 for this Python and machine")
+    assert list(environments.folder_of_releases().iterdir()) == []
+
+
+def test_what_pip_says_becomes_a_reason() -> None:
+    explain = environments.explain
+    assert explain(TWIN, "1.0", "ERROR: ResolutionImpossible: see") == "twin 1.0 does not go together with numpy>=2"
+    assert explain(TWIN, "1.0", "no route to host") == "no route to host"
+    assert read_available("twin (2.0)\nAvailable versions: 2.0, 1.0\n  INSTALLED: 1.0\n", "twin") == ["2.0", "1.0"]
+    with pytest.raises(InstallationFault, match="does not tell the releases of twin"):
+        read_available("", "twin")
+
+
+def answers_of(version: str, factor: float, **more: object) -> Answers:
+    values = factor * np.ones((1, 2))
+    return Answers(version, figures=(figure(values, np.array([values * (1 + 1e-14)]), error=factor - 1),), **more)  # type: ignore[arg-type]
+
+
+def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_path: Path) -> None:
+    answers = [answers_of("1.0", 1.5), answers_of("2.0", 1.0), Answers("3.0", status="skip", message="pip finds no wheel")]
+    cost = Cost("1.0", "four_bar", "default rk4", costs.STEP_TIME, 2e-6, 1.5, 1.4, 1.6, "slower")
+    changed = CostChange("1.0", "2.0", "four_bar", "default rk4", costs.STEP_TIME, 0.67, 0.6, 0.7)
+    for engine in ("twin", "other", "twin"):
+        write_tables(make_tables(engine, answers, [cost], [changed], "abc", "2026-01-01"), engine, tmp_path)
+    tables = {name: read_table(name, tmp_path) for name in NAMES}
+    assert [len(tables[name]) for name in NAMES] == [6, 2, 2, 2]
+    page = what_changed.write_page(tables)
+    assert page.count("## twin 1.0 -> 2.0") == 1
+    assert "1 differ, by up to 0.33 of their size" in page
+    assert "error against the truth 5.0e-01 -> 0.0e+00" in page
+    assert "cost of a step: four_bar, default rk4 times 0.67 (0.60 to 0.70)" in page
+    assert "twin 3.0: pip finds no wheel" in page
+    shown = releases_page(Run({}, tables))
+    assert shown is not None
+    assert "twin 1.0 -&gt; 2.0" in shown.body
+    assert releases_page(Run({}, {})) is None
+
+
+def test_an_engines_function_is_asked_in_its_environment(made: dict[str, Release]) -> None:
+    with as_engines(TWIN, list(made.values())), Worker() as worker:
+        worker.under(interpreter_of("twin-3.0"))
+        assert asking.ask(worker, "twin.release_cases:defaults") == {"tolerance": "1e-6"}
+        assert "there is no" not in str(asking.ask(worker, "twin.release_cases:list_probes"))
