@@ -27,8 +27,8 @@ ROOT = Path(__file__).parents[1]
 CHECK = ["check", "crank_slider", "--engine", "schur", "--baseline", "OUT/baseline.csv"]
 CALLS = QUICK | {
     "engines": ["engines"],
-    "check-settings": ["check-settings", "ROOT/tests/data/settings/minimal.toml"],
     "releases": ["releases", "mujoco", "--only", "3.6.0,3.7.0", "--no-costs", "--out", "OUT"],
+    "check-settings": ["check-settings", "ROOT/tests/data/settings/minimal.toml"],
     "simulate what an engine cannot model": ["simulate", "ROOT/tests/data/friction.toml", "--engine", "gauss-native"],
     "show welds": ["show", "ROOT/tests/data/everything.toml"],
     "kinematics of two drivers": ["kinematics", "excavator", "--intervals", "4"],

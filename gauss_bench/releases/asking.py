@@ -166,8 +166,9 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
     last = [float(drift(evaluator, x).position[-1]) for x in (run.trajectory, *others)]
     gaps = [np.array([[gap, 1.0]]) for gap in last]  # relative to 1 m or 1 rad: gaps of 1e-16 differ by as much
     yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=last[0])
-    if adaptive:
-        counts = [np.array([[float(x.steps)]]) for x in (run.trajectory, *others)]
+    steps = [x.steps for x in (run.trajectory, *others)]
+    if adaptive and None not in steps:
+        counts = [np.array([[x]], dtype=float) for x in steps]
         yield Figure(STEPS, *place, values=counts[0], shifted=np.array(counts[1:]))
 
 

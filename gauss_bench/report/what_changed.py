@@ -13,7 +13,7 @@ NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")
 TITLE = "# What changed between releases"
 RULE = (
     "Each release is asked for accelerations at the same states and for a run of 1 s at steps of 1 ms. A difference between "
-    "neighbours is real if it exceeds ten times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the "
+    "neighbours is real if it exceeds 50 times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the "
     "range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
 )
 

@@ -2,7 +2,7 @@
 
 The adapter is written for the newest release. Older ones differ in this:
 
-    before 3.8     mj_fullM takes the matrix and data.qM; now it takes the data and the matrix
+    up to 3.9      mj_fullM takes the matrix and data.qM; now it takes the data and the matrix
     before 3.7     stiffness and damping are numbers; now they are polynomials
     before 4.0     there is no integrator `discrete`
     before 3.3.1   elements of a specification do not know their index in the model
