@@ -1,7 +1,7 @@
 """What changed between the releases of each engine's library."""
 
 from gauss_bench.report.content import Block, Bullets, Section, Text, blocks_of
-from gauss_bench.report.rows import Row, Run, group_by
+from gauss_bench.report.rows import Row, Run, group_by, with_number
 from gauss_bench.report.what_changed import NAMES, RULE, describe_changes, describe_unusable, newest_first
 
 PLACE = 85
@@ -28,6 +28,6 @@ def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
     if unusable:
         blocks += [Text("**without answers**"), Bullets(unusable)]
     blocks += blocks_of("releases", ordered)
-    blocks += blocks_of("release_changes", tables["release_changes"])
+    blocks += blocks_of("release_changes", with_number(tables["release_changes"], "difference"))
     blocks += blocks_of("release_costs", tables["release_costs"])
     return Section(engine, f"{ANCHOR}-{engine}", blocks)
