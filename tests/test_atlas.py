@@ -329,7 +329,7 @@ def test_what_the_budget_does_not_reach_stays_open(tmp_path: Path, capsys: pytes
     told = capsys.readouterr()
     assert {x["last"] for x in json.loads(told.out)} == {"open"}
     assert "not reached within the budget" in told.err
-    assert sorted(x.name for x in tmp_path.iterdir()) == ["atlas.csv", "atlas.svg", "index.html"]
+    assert sorted(x.name for x in tmp_path.iterdir()) == ["atlas.csv", "atlas.svg", "checksums.json", "index.html"]
 
 
 @pytest.mark.long

@@ -149,6 +149,8 @@ def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:
         with_authors(read_suite("quick"), [SOUND])
     with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: minimal is not among the engines that are asked, gauss"):
         list_owned(["gauss"], [SOUND])
+    with pytest.raises(ChoiceError, match="give one of them"):
+        gauss_bench.recommend("four_bar", 1e-3, engines=["minimal"], settings="default", authors=[SOUND])
     (part,) = (x for x in with_authors(read_suite("search"), [SOUND]).search)
     assert part.authors == (str(SOUND),)
 

@@ -94,9 +94,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("page", [x for x in PAGES if x.name != "commands.md"], ids=lambda p: p.stem)
 def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(place)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(place / "my_engine"), str(place / "my_trees"), str(ROOT)]))
-    for name in ("my_engine", "my_trees"):
-        monkeypatch.syspath_prepend(str(place / name))
+    templates = [str(place / "my_engine"), str(DOCS / "pages" / "template" / "trees")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([*templates, str(ROOT)]))
+    for folder in templates:
+        monkeypatch.syspath_prepend(folder)
     carry_out(page.read_text(encoding="utf-8"), place, capsys)
 
 

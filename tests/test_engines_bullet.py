@@ -59,6 +59,7 @@ MEASURED = [
     ("eight_bar", "torque", "default", 0.0626),
     ("parallelogram", "torque", "default", 0.0324),
     ("crank_slider", "paper", "damping=0.04", 0.963),
+    ("eight_bar", "torque", "bodies_direct/DANTZIG", 0.00287),
 ]
 
 

@@ -5,6 +5,8 @@ Without MJX, MuJoCo itself stands in for it behind the same four calls: then the
 
 import ast
 import copy
+import os
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -189,3 +191,35 @@ def test_conformance_names_the_velocity_term_that_mjx_leaves_out(monkeypatch: py
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "same_states"])
     broken = {x.name: x.message for x in conformance("mjx") if x.passed is False}
     assert "the velocity term dJ/dt v of the constraints is missing" in broken["accelerations (default, rk4, none)"]
+
+
+ONCE = """
+import numpy as np
+from gauss_bench.engines.mjx.xla import Device, load_libraries
+
+libraries = load_libraries()
+model = libraries.mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><body><joint axis='0 0 1'/><inertial pos='1 0 0' mass='1' diaginertia='1 1 1'/></body></worldbody></mujoco>"
+)
+device = Device(libraries, model, np.zeros(1))
+state = device.start(np.array([0.25]), np.array([2.0]), 0.0)
+for size in (1e-3, 5e-4):
+    for _ in range(2):
+        state = device.take_steps(device.with_step(size), state, 100)
+    model.body_mass[1] *= 2.0
+    device.set(model)
+print(device._take_steps._cache_size(), float(device.tree_state(state)[0][0]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mjx")
+def test_steps_are_compiled_once_for_all_sizes_numbers_and_states() -> None:
+    assert ENVIRONMENT is not None
+    root = str(Path(gauss_bench.__file__).parents[1])
+    done = subprocess.run(
+        [ENVIRONMENT.python, "-c", ONCE], env=os.environ | {"PYTHONPATH": root}, capture_output=True, text=True, check=True
+    )
+    compiled, angle = done.stdout.split()
+    assert int(compiled) == 1
+    assert float(angle) == pytest.approx(0.25 + 2.0 * (2 * 0.1 + 2 * 0.05), abs=1e-12)  # it turns freely

@@ -113,6 +113,8 @@ def recommend(
     offered = offers(list(dict.fromkeys(engines)) if engines else order_kinds())
     if settings is not None and len(offered) != 1:
         raise ChoiceError("settings are those of one engine: name it with --engine")
+    if settings is not None and authors:
+        raise ChoiceError("--settings asks for these settings alone, and --authors for more: give one of them")
     spaces = {x.name: variants(x, settings) for x in offered}
     owned = list_owned([x.name for x in offered], authors) if settings is None else {}
     run = Run(linkage, mechanism, end)

@@ -162,13 +162,21 @@ def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
     environment = environment_of(name)
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
         return str(ask(get(name), "in_python")(mechanism, choice))
-    if "in_python" not in offer(name).methods:
+    if not has_method(name, "in_python"):
         return NOT_TOLD
     try:
         worker = keep(name).under(interpreter_of(name))
         return in_a_sentence(worker.call(in_python_there, (name, mechanism, choice), LIMIT))
     except WorkerFailure:
         return NOT_TOLD
+
+
+def has_method(name: str, method: str) -> bool:
+    """Tell whether an engine has one of METHODS; an engine that is not known here has none."""
+    try:
+        return method in offer(name).methods
+    except KeyError:
+        return False
 
 
 def in_python_there(name: str, mechanism: Mechanism, choice: Choice) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from gauss_bench.engines import get, not_installed
 from gauss_bench.engines.base import Choice, ask
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.offers import offer
+from gauss_bench.runs.offers import has_method
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 LONGEST = 1 << 20  # characters of a program
@@ -16,10 +16,7 @@ LONGEST = 1 << 20  # characters of a program
 
 def writes_programs(engine: str) -> bool:
     """Tell whether an engine writes programs itself; an engine that is not known here writes none."""
-    try:
-        return "program" in offer(engine).methods
-    except KeyError:
-        return False
+    return has_method(engine, "program")
 
 
 def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:

@@ -9,6 +9,9 @@ run y moves on, and so does P. From step to step, in the limit of short steps, v
 The first term is the change of v in one step at y, whatever its length; the second is found by fourth-order differences of steps
 so short that they only project. So the error of the time step is not in it, nor is that of closures that are drawn shut (erp = 0).
 The solver is iterated until it has converged: in a run with Bullet's own limits it ends before, the sooner the shorter the step.
+
+`tree_model.acceleration_by_steps` does not split the rate. It would divide what an iterated solver leaves by the length of a step,
+which is far shorter than the differences here.
 """
 
 from collections.abc import Mapping

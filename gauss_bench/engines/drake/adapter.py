@@ -4,6 +4,9 @@ Only discrete plants take part in constraints, and only in steps of the solver S
 kLagged, and its near-rigid threshold, change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a
 knob. A continuous plant accepts a constraint and fails at the first evaluation; there, bushings are all that Drake offers.
 
+Where loops are closed, a bushing exerts no force yet: the accelerations at a given state are those of the open tree. Those of a
+motion appear after some periods of the bushing.
+
 The generated tree is compared with the suite's own terms before it is used, at states at which loops are open.
 """
 

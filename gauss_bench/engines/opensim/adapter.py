@@ -31,7 +31,8 @@ AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or facto
 class OpenSim:
     """OpenSim with Simbody's explicit integrators, which take equal steps or choose them.
 
-    CPodes is not offered: after a failure it returns a state that is wrong, without an exception.
+    CPodes is not offered. At a tenth of the tolerance it is less exact than the method of Runge, Kutta and Merson (on the eight-bar
+    after 1 s, 5e-7 rad at 1e-9 against 7e-9 rad at 1e-8), and it prints a message about mxstep from which it goes on.
     """
 
     name = "opensim"

@@ -1,11 +1,11 @@
 """Forces of joints by OpenSim: reactions in the tree's joints, and forces of the point constraints that close its loops.
 
 Both are turned into the suite's convention: fx, fy on the second link of a joint, and the moment about its point. OpenSim's
-reaction is everything that passes from one link to the other through a joint. This includes what the joint itself does not exert:
+reaction is everything that passes from one link to the other, and so includes what the joint itself does not exert:
 
-    loads on coordinates   a torque or spring between two links of which OpenSim has a force on a coordinate: it passes through
-                           joints other than those through which it passes in the linkage, and is replaced by what acts on links
-    drivers                the force on a prescribed coordinate, along the direction in which the joint is free
+    loads on coordinates   a torque, slide motor, spring or damper that is a force on a coordinate in OpenSim: there it passes
+                           through that coordinate's joint, in the linkage it acts on the links that it names
+    drivers                the force on a prescribed coordinate, along which the joint is free
 """
 
 from collections.abc import Iterable, Mapping
@@ -68,15 +68,15 @@ class JointForces:
         about = position(q, second)
         reaction = joint.calcReactionOnChildExpressedInGround(state)  # about the origin of the child's frame
         force, moment = np.array([reaction.get(1).get(i) for i in range(2)]), reaction.get(0).get(2)
-        moment += turn(position(q, Point(b.link, b.anchor, "")) - about, force)
+        moment += moment_of(position(q, Point(b.link, b.anchor, "")) - about, force)
         for i in self.beyond[b.link]:
             push = place_at(on_coordinates, i)
             force = force - push
-            moment -= angle_at(on_coordinates, i) + turn(place_at(q, i) - about, push)
+            moment -= angle_at(on_coordinates, i) + moment_of(place_at(q, i) - about, push)
         if b.at in self.driven and b.kind == "revolute":
             moment = 0.0
         elif b.at in self.driven:  # a driver's force acts on the point of the block, so that it has no moment about it
-            axis = rotate(b.axis, 0.0 if b.parent == GROUND else angle_at(q, b.parent))
+            axis = turn_with(b.parent, b.axis, q)
             force = force - axis * (axis @ force)
         sign = 1.0 if second.link == b.link else -1.0  # a joint used backwards has its second link as parent
         return sign * np.array([*force, moment])
@@ -88,12 +88,16 @@ class JointForces:
         on the second. Trap: Simbody gives it in the frame of the outermost body from which both hang, and that may turn.
         """
         values = constraint.getRecordValues(state)
-        frame = nearest_common(self.beyond, a.link, b.link)
         force = np.array([values.get(0), values.get(1)])
-        return force if frame == GROUND else rotate(force, angle_at(q, frame))
+        return turn_with(nearest_common(self.beyond, a.link, b.link), force, q)
 
 
-def turn(arm: Array, force: Array) -> float:
+def turn_with(link: int, vector: Array, q: Array) -> Array:
+    """Return a vector (2,) of a link's frame, or of the ground's, in the world's."""
+    return vector if link == GROUND else rotate(vector, np.asarray(angle_at(q, link)))
+
+
+def moment_of(arm: Array, force: Array) -> float:
     """Return the moment of a force (2,) at an arm (2,)."""
     return float(wedge(Vec(*arm), Vec(*force)))
 
