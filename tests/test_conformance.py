@@ -115,6 +115,19 @@ def test_constraints_without_their_velocity_term_are_named_though_loops_are_soft
     )
 
 
+def test_one_row_without_its_velocity_term_is_seen_beside_soft_ones() -> None:
+    on = probe("four_bar", "torque")
+    evaluator = AbsoluteCoordinates(on.mechanism).evaluator
+    for left in (1.0, 0.0):  # of gamma in the last row, while each row gives way in proportion to its force
+        given = []
+        for t, q, v in zip(on.t, on.q, on.v, strict=True):
+            terms = evaluator.terms(float(t), q, v)
+            gamma = terms.gamma * np.array([*np.ones(len(terms.J) - 1), left])
+            K = np.block([[terms.M, terms.J.T], [terms.J, -0.1 * np.eye(len(terms.J))]])
+            given.append(np.linalg.solve(K, np.concatenate([terms.Q, gamma]))[: on.mechanism.n])
+        assert on.share_of_gamma(np.array(given)) == pytest.approx(left, abs=1e-9)
+
+
 def test_without_any_velocity_term_none_is_missed() -> None:
     on = probe("four_bar", "torque")
     still = replace(on, v=0.0 * on.v)

@@ -28,7 +28,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
 EXACT = 1e-9  # of the largest acceleration of a state: rounding leaves 1e-12, Pinocchio's articulated bodies 1e-10
-LEAST_GAMMA = 0.5  # of gamma in J a: with soft closures as MuJoCo ships them it is 0.95 or more, without the velocity term 0
+LEAST_GAMMA = 0.5  # of gamma in a row of J a: with MuJoCo's softest closures it is 1.0000, without the velocity term 0
 ALONG = 1e-8  # of N^T Q: MuJoCo's solver leaves 1e-9 where it ends by its own tolerance
 RATIO = 3.0  # of what half the step changes: an error of order one is twice that, of a higher order less
 ROUNDING = 1e-9  # of the largest position, speed and acceleration
@@ -68,7 +68,7 @@ class Answer:
 
     Attributes:
         off, along: errors of the accelerations and of N^T (M a - Q); NaN where the engine returned no accelerations.
-        gamma: the factor c for which J a is nearest to c gamma.
+        gamma: the smallest share of gamma in a row of J a.
         refused: why the engine does not take the linkage; wrong: why there are no accelerations.
         given: (k, n), or None.
     """

@@ -72,17 +72,25 @@ class Probe:
         return _share(np.array(left), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
-        """Return the factor c by which J a is nearest to c gamma over all states; 1 where no gamma is required.
+        """Return the smallest factor c in J a = c gamma + r f over the rows of J, by least squares over the states.
 
-        A loop that gives way changes it little, because its gap does not follow gamma; it is 0 where the term dJ/dt v is missing.
+        f are the constraint forces that the accelerations a (k, n) need. A row that gives way in proportion to its force has c = 1;
+        c is 0 for a row without its velocity term dJ/dt v. Rows without gamma are left out, and so are linkages with redundant
+        rows, whose forces are not determined; the result is then 1.
         """
+        if self.mechanism.redundant:
+            return 1.0
         evaluator = AbsoluteCoordinates(self.mechanism).evaluator
-        product = square = 0.0
+        found = []
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
             terms = evaluator.terms(float(t), q, v)
-            product += float(terms.gamma @ (terms.J @ given))
-            square += float(terms.gamma @ terms.gamma)
-        return product / square if square else 1.0
+            force = np.linalg.lstsq(terms.J.T, terms.M @ given - terms.Q, rcond=None)[0]
+            found.append((terms.J @ given, terms.gamma, force))
+        given, gamma, forces = (np.array(x) for x in zip(*found, strict=True))  # (k, m)
+        largest = np.abs(gamma).max(initial=0.0)
+        rows = [row for row in range(gamma.shape[1]) if np.abs(gamma[:, row]).max() > FLOOR * largest]
+        shares = [np.linalg.lstsq(np.column_stack([gamma[:, x], forces[:, x]]), given[:, x], rcond=None)[0][0] for x in rows]
+        return float(min(shares, default=1.0))
 
 
 def _share(errors: Array, sizes: Array) -> float:
