@@ -23,6 +23,7 @@ from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.metrics import compare_joint_forces, state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.certificate import find_certified
@@ -262,7 +263,7 @@ class AskedForces:
     @property
     def count(self) -> int:
         """The count of numbers in its answer."""
-        return 3 * len(self.mechanism.joints) * len(self.states.t)
+        return SIZE * len(self.mechanism.joints) * len(self.states.t)
 
     def remark(self, answer: object) -> list[str]:
         """Return the sentence on the error of the forces in an answer; none where the engine tells no forces."""

@@ -19,6 +19,7 @@ from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.linkage.load import document_of
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.metrics import compare_joint_forces
 from gauss_bench.reference.build import absolute_motion
 from gauss_bench.runs.one_run import Run, nothing
@@ -225,7 +226,7 @@ def reactions(subject: Subject) -> Iterator[Check]:
         on = probe(linkage, scenario)
         names = tuple(joint.name for joint in on.mechanism.joints)
         question = partial(joint_forces, names, on.t, on.q, on.v)
-        run = subject.perform(on.mechanism, subject.usual, np.array([0.0, STEP]), question, 3 * len(on.t) * len(names))
+        run = subject.perform(on.mechanism, subject.usual, np.array([0.0, STEP]), question, SIZE * len(on.t) * len(names))
         if run.trajectory is None:
             yield Check(title, None if refusal(subject, subject.usual, run, on.mechanism) else False, run.message)
             return

@@ -18,6 +18,7 @@ from gauss_bench.engines import ELSEWHERE, names, unknown
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.metrics import compare_joint_forces, joint_force_errors
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.apart import Request, run_apart
@@ -77,7 +78,7 @@ def compare_runs(
         choice,
         sampling(step, until, sample_times(until)),
         ask=partial(joint_forces, joints, states.t, states.q, states.v),
-        answers=3 * len(joints) * len(states.t),
+        answers=SIZE * len(joints) * len(states.t),
     )
     runs = []
     for _ in range(2):

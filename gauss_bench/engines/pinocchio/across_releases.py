@@ -8,6 +8,8 @@ The adapter is written for the newest release. Those before 4 differ in this:
 
 from typing import Any
 
+import numpy as np
+
 from gauss_bench.trajectory import RunFailure, Status
 
 
@@ -42,7 +44,7 @@ def set_gains(row: Any, gains: tuple[float, float]) -> None:
     """Set Baumgarte's gains Kp, Kd of a constraint: numbers, or in older releases one for each of its rows."""
     corrector = corrector_of(row)
     for name, gain in zip(("Kp", "Kd"), gains, strict=True):
-        if isinstance(getattr(corrector, name), float):
-            setattr(corrector, name, gain)
-        else:
+        if isinstance(getattr(corrector, name), np.ndarray):
             getattr(corrector, name)[:] = gain
+        else:
+            setattr(corrector, name, gain)

@@ -5,6 +5,8 @@ from gauss_bench.report.rows import Row, Run, group_by, with_number
 from gauss_bench.report.what_changed import NAMES, RULE, describe_changes, describe_unusable, newest_first
 
 PLACE = 85
+NO_VALUE = {"missing": "no earlier release to compare with", "why_message": "it answered all questions"}  # reasons for dashes
+NO_TIME = {"missing": "one of both was not timed", "why_verdict": "the others are compared with it"}
 TITLE, ANCHOR = "What changed between releases", "releases"
 
 
@@ -27,7 +29,7 @@ def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
     unusable = describe_unusable(ordered)
     if unusable:
         blocks += [Text("**without answers**"), Bullets(unusable)]
-    blocks += blocks_of("releases", ordered)
+    blocks += blocks_of("releases", [row | NO_VALUE for row in ordered])
     blocks += blocks_of("release_changes", with_number(tables["release_changes"], "difference"))
-    blocks += blocks_of("release_costs", tables["release_costs"])
+    blocks += blocks_of("release_costs", [row | NO_TIME for row in tables["release_costs"]])
     return Section(engine, f"{ANCHOR}-{engine}", blocks)
