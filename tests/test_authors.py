@@ -155,6 +155,7 @@ def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:
     assert part.authors == (str(SOUND),)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_recommendation_has_an_answer_of_theirs_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     needs("llvmlite")

@@ -222,6 +222,7 @@ def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused() -> None:
         assert (leading(told, run.trajectory.t, 9) is not None) is known
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_engines_that_count_no_steps_are_recommended_and_conform(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     engines = [f"{FAULTY}:Chooser", f"{FAULTY}:Uncounted"]
@@ -314,6 +315,7 @@ def test_a_model_is_asked_for_the_forces_of_the_joints_that_it_knows() -> None:
     assert np.isnan(questions.joint_forces(("A",), t, states, states, object())).all()  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "reactions"])
@@ -381,6 +383,7 @@ def test_the_template_is_simulated_and_listed(trees: dict[str, str], tmp_path: P
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, str], tmp_path: Path) -> None:
     file = tmp_path / "four_bar.py"
@@ -399,6 +402,7 @@ def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, st
     assert len(rows) > 50
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_variants_of_the_template_are_searched_and_its_programs_written(trees: dict[str, str], tmp_path: Path) -> None:
     asked = ("recommend", "four_bar", "--position", "1e-4", "--until", "0.2", "--engine", "trees")
@@ -416,6 +420,7 @@ def test_the_variants_of_the_template_are_searched_and_its_programs_written(tree
     assert float(done.stdout.splitlines()[-1].split(",")[0]) == pytest.approx(0.2)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_template_is_diagnosed(trees: dict[str, str]) -> None:
     asked = ("diagnose", "four_bar", "--engine", "trees", "--until", "0.5", "--step", "0.01", "--json")

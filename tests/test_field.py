@@ -286,6 +286,7 @@ def test_the_pages_of_engines_have_the_table_and_commands_to_paste(run: Run) -> 
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_two_runs_of_the_suite_give_the_same_rows_bit_by_bit(tmp_path: Path) -> None:
     needs("llvmlite")

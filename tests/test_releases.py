@@ -143,6 +143,7 @@ def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel
     assert read_table("release_changes", tmp_path) == changes
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_interrupted_comparison_keeps_the_releases_that_were_asked(
     twin: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -389,6 +390,7 @@ def test_the_null_reaches_as_far_as_the_newest_differs_from_itself() -> None:
     assert np.isnan(ratio_of(np.array([1.0, -1.0]), newest[:2])[0])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_processes_of_its_own(
     made: dict[str, Release], monkeypatch: pytest.MonkeyPatch
