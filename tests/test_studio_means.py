@@ -564,6 +564,7 @@ def hand(request: pytest.FixtureRequest, browser: Any, folder: Path) -> Iterator
         opened.page.close()
 
 
+@pytest.mark.long("keys", "touch")
 @pytest.mark.slow
 def test_edits_by_every_means_are_on_the_page_in_the_file_and_taken_back(hand: Hand, folder: Path) -> None:
     edits = [x for x in EDITS if x.is_quick]
