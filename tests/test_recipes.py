@@ -179,7 +179,7 @@ print(*ran)
 """
 
 
-@pytest.mark.long("magnet", "motor", "rack_and_pinion")
+@pytest.mark.long("magnet", "motor")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> None:
