@@ -5,10 +5,12 @@ The releases are stand-ins: one small engine with a library of one number, in en
 
 import hashlib
 import json
+import math
 import os
 import venv
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -474,6 +476,24 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
     assert shown is not None
     assert "twin 1.0 -&gt; 2.0" in shown.body
     assert releases_page(Run({}, {})) is None
+
+
+def test_a_reason_is_told_once_and_names_by_what_became_of_them() -> None:
+    def change(quantity: str, setting: str, was: str, now: str) -> dict[str, Any]:
+        return {"quantity": quantity, "case": "four_bar", "setting": setting, "was": was, "now": now, "difference": math.nan}
+
+    lost = "RunFailure: library 1.0 has no solver (adapter.py:21)"
+    rows = [change(x, setting, lost, "works") for x in ("at rest", "in motion") for setting in ("CG", "PGS")]
+    rows += [change("in motion", "LU", "works", "it diverges " + 20 * "again ")]
+    rows += [change("default", "mu", "not there", "0.5"), change("default", "nu", "not there", "there")]
+    rows += [change("default", "xi", "2", "not there"), change("default", "pi", "3", "3.14")]
+    assert what_changed.describe_quantities(rows) == [
+        "4 questions answered since then, before: library 1.0 has no solver (four_bar, CG; four_bar, PGS)",
+        "1 question no longer answered: it diverges " + 11 * "again " + "... (four_bar, LU)",
+        "names and defaults that are new: four_bar, mu (0.5), four_bar, nu",
+        "names and defaults that are gone: four_bar, xi",
+        "names and defaults that are changed: four_bar, pi from 3 to 3.14",
+    ]
 
 
 def test_an_engines_function_is_asked_in_its_environment(made: dict[str, Release]) -> None:
