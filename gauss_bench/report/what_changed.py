@@ -16,8 +16,9 @@ NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")
 TITLE = "# What changed between releases"
 RULE = (
     "Each release is asked for accelerations at the same states and for a run of 1 s at steps of 1 ms. A difference between "
-    "neighbours is real if it exceeds 50 times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the "
-    "range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
+    "neighbours is real if it exceeds 50 times what a start changed by 1e-14 makes; else it is rounding. It is real too where "
+    "such a start changes the answers of one of both by more than a thousandth, and those of the other by less than a millionth. "
+    "A cost changed if the range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
 )
 
 
