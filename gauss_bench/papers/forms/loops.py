@@ -16,7 +16,6 @@ from itertools import chain
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.link_units import MOVING
 from gauss_bench.kinematics.loop_equations import LoopEquations, Matrices
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
@@ -69,8 +68,7 @@ def list_driven() -> tuple[DrivenLinkage, ...]:
 def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
     """Return a linkage at time t of its driven scenario."""
     q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
-    moved = replace(mechanism, q0=q)
-    equations = LoopEquations(moved, inputs_of(moved))
+    equations = LoopEquations(replace(mechanism, q0=q))
     slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
     rate, second = [], []
     for variable in equations.variables:
@@ -190,7 +188,7 @@ def unknowns_off(form: list[int]) -> float:
     errors = []
     for name in COUNTED:
         mechanism = load(name, "driven")
-        equations = LoopEquations(mechanism, inputs_of(mechanism))
+        equations = LoopEquations(mechanism)
         errors.append(count_off(form, (len(equations.ways), mechanism.redundant), len(equations.unknown)))
     return worst(errors)
 

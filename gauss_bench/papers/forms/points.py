@@ -13,7 +13,6 @@ from functools import cache
 import numpy as np
 
 from gauss_bench.kinematics.basins import basins
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import newton_raphson
 from gauss_bench.linkage.load import load
@@ -172,7 +171,7 @@ def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
 
 def from_before() -> float:
     """Return the largest distance [m] that an unknown point moves between two positions 5 degrees apart."""
-    model = PointModel(load_shaper(), inputs_of(load_shaper()))
+    model = PointModel(load_shaper())
     unknown = np.array([model.points.unknown_at(q) for q in turn_states()])
     return float(np.abs(unknown - np.roll(unknown, 1, axis=0)).max())
 
@@ -182,5 +181,5 @@ def starts_off(form: Callable[[], float]) -> float:
 
     A form returns how far [m] the starts are spread about the assembly.
     """
-    searches = basins(load_shaper(), inputs_of(load_shaper()), [form()], STARTS, SEED)
+    searches = basins(load_shaper(), [form()], STARTS, SEED)
     return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])
