@@ -337,7 +337,7 @@ class Builder:
         """Project the velocity onto the constraints at the positions q (default: those at the beginning of the step)."""
         if not self.code.projected:
             return self.v
-        nearest, guard = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
+        nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
         self._watch(guard, self.code.program.correcting_thresholds)
         return nearest
 
@@ -345,12 +345,10 @@ class Builder:
         """Project positions onto the constraints with the Jacobian of the positions `at`, and register their sines."""
         if not self.code.projected:
             return q, pairs
-        if at is q:
-            self._watch(
-                inline(self.g, self.code.acceleration, ([t], q, self.v, self.p), self.sincos)[1], self.code.program.thresholds
-            )
+        if at is q:  # no stage was there, so that nothing has watched the pivots
+            self.acceleration(t, q, self.v)
         for k in range(self.reach.corrections):
-            dq, guard = inline(self.g, self.code.position, ([t], at, [t], q, self.p), self.sincos)
+            dq, guard = inline(self.g, self.code.program.position_correction, ([t], at, [t], q, self.p), self.sincos)
             if k == 0:
                 self._watch(guard, self.code.program.correcting_thresholds)
             q = [self.g.add(x, d) for x, d in zip(q, dq, strict=True)]
@@ -383,10 +381,10 @@ class Builder:
     def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
         """Return the end state projected onto the constraints by one correction; the guards of the next step check it."""
         g, end = self.g, self.g.add(self.t, self.h)
-        dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
+        dq, _ = inline(g, self.code.program.position_correction, ([end], q, [end], q, self.p), self.sincos)
         nearest = [g.add(x, d) for x, d in zip(q, dq, strict=True)]
         pairs = self.turn(pairs, dq, self.reach.step, nearest) if pairs else []
-        velocities, _ = inline(g, self.code.velocity, ([end], nearest, v, self.p), self.sincos)
+        velocities, _ = inline(g, self.code.program.nearest_velocity, ([end], nearest, v, self.p), self.sincos)
         return nearest, velocities, pairs
 
 
