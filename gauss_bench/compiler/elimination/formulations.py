@@ -42,6 +42,8 @@ from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
 
+Guard = tuple[Node, float]  # a pivot, and the size below which it is not to be used
+
 REACH = 12  # in a long sum, a pair whose sum is already known is looked for among so many neighbours
 
 
@@ -126,6 +128,8 @@ class Gauss:
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
         self.search = search
         self.reduced = _metric(terms.graph, self.N, terms.mass, search)
+        self.guards, self.correcting = guarded(self.factors), list[Guard]()
+        self.directions = self.N, list[Guard]()
 
     @cached_property
     def _motions(self) -> Motions:
@@ -146,10 +150,6 @@ class Gauss:
     def velocity(self, v: Sequence[Node]) -> Right:
         return self._motions.nearest(v, self.factors.solve(self.terms.driven))
 
-    @property
-    def correcting(self) -> list[tuple[Node, float]]:
-        return []
-
     def multipliers(self, gamma: Right) -> Right:
         a, terms = self.acceleration(gamma), self.terms
         # the dependent columns determine lambda: Jd^T lambda = (Q - M a)_d
@@ -161,14 +161,6 @@ class Gauss:
             forces[c] = terms.graph.total(parts)
         transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
         return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), terms.mixed).solve(forces)
-
-    @property
-    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
-        return self.N, []
-
-    @property
-    def guards(self) -> list[tuple[Node, float]]:
-        return guarded(self.factors)
 
 
 def _at(x: Right, j: int) -> list[Node]:
@@ -226,6 +218,7 @@ class Lagrange:
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
         self.factors = self._factors(terms.mass)
         self.single = moving and len(self.independent) <= 1
+        self.guards = guarded(self.factors)
 
     def _factors(self, mass: Sequence[Node]) -> Factors:
         # KKT matrix [M J^T; J 0], symmetric
@@ -282,14 +275,14 @@ class Lagrange:
         return {j: x + change[j] if j in change else x for j, x in enumerate(v)}
 
     @property
-    def correcting(self) -> list[tuple[Node, float]]:
+    def correcting(self) -> list[Guard]:
         return guarded(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Right) -> Right:
         return {k - self.n: x for k, x in self._solve(gamma).items() if k >= self.n}
 
     @property
-    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
+    def directions(self) -> tuple[list[Right], list[Guard]]:
         graph, unknowns, motions, factors = self.terms.graph, range(len(self.independent)), self._free_motions, self._mobility
         if len(motions) == 1:
             return motions, guarded(factors)
@@ -299,14 +292,10 @@ class Lagrange:
         ]
         return [{j: x for j, x in motion if not x.zero} for motion in sums], guarded(factors)
 
-    @property
-    def guards(self) -> list[tuple[Node, float]]:
-        return guarded(self.factors)
 
-
-def guarded(factors: Factors) -> list[tuple[Node, float]]:
+def guarded(factors: Factors) -> list[Guard]:
     """Return the pivots that vary with the state, without constant factors and duplicates, and their thresholds."""
-    guards: dict[int, tuple[Node, float]] = {}
+    guards: dict[int, Guard] = {}
     for p in factors.guarded:
         if p.node.number is None:
             factor, base = factor_out(p.node)

@@ -163,7 +163,7 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
     return plans
 
 
-__all__ = ["Costs", "Function", "KernelError", "Program", "costs", "drops", "generate", "known_program", "partitions"]
+__all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,16 +271,6 @@ known_program = lru_cache(maxsize=32)(generate)  # the same mechanism is often c
 def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
     """Return choices of independent coordinates: at every sampled position at least one is usable, the first at most of them."""
     return covering(study(mechanism))
-
-
-def drops(mechanism: Mechanism) -> int:
-    """Count the choices of redundant rows, of which at least one is usable at every position met."""
-    return len(study(mechanism).drops)
-
-
-def costs(program: Program) -> Costs:
-    """Operations, divisions and critical path of an acceleration with its guards."""
-    return program.acceleration.costs
 
 
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:

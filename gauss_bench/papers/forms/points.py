@@ -18,7 +18,7 @@ from gauss_bench.kinematics.root_finding import newton_raphson
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.papers.forms.problems import worst
+from gauss_bench.papers.audit import worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
@@ -85,8 +85,8 @@ def sides(x: Shaper) -> tuple[complex, complex]:
     return r1 + r2 - r3, x.lever * e3 + (x.C - x.B) - frame - slide
 
 
-def loops_off(form: Callable[[Shaper], tuple[complex, complex]]) -> float:
-    return worst([max(map(abs, form(x))) / x.lever for x in shapers()])
+def loops_off(form: Callable[[Shaper], tuple[complex, complex]], x: Shaper) -> float:
+    return max(map(abs, form(x))) / x.lever
 
 
 def lengths(x: Shaper) -> tuple[float, float]:
@@ -98,8 +98,8 @@ def lengths(x: Shaper) -> tuple[float, float]:
     )
 
 
-def lengths_off(form: Callable[[Shaper], tuple[float, float]]) -> float:
-    return worst([max(map(abs, form(x))) / x.lever**2 for x in shapers()])
+def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> float:
+    return max(map(abs, form(x))) / x.lever**2
 
 
 def basic_off(form: list[str]) -> float:
@@ -109,13 +109,10 @@ def basic_off(form: list[str]) -> float:
     return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))
 
 
-def collinear_off(form: list[str]) -> float:
-    """Return the largest sine of the angle between three points that are claimed to be in line."""
-    errors = []
-    for x in shapers():
-        a, b, c = (getattr(x, name) for name in form)
-        errors.append(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
-    return worst(errors)
+def collinear_off(form: list[str], x: Shaper) -> float:
+    """Return the sine of the angle between three points that are claimed to be in line."""
+    a, b, c = (getattr(x, name) for name in form)
+    return float(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
 
 
 def quotient(O1: complex, A: complex, B: complex) -> float:
