@@ -30,7 +30,7 @@ from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.runs.scrutiny import measurable_gain
 from gauss_bench.runs.worker import Worker
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.sweep.family import Columns, Family, Varied, describe
+from gauss_bench.sweep.family import Columns, Family, describe
 from gauss_bench.sweep.figures import figures, units
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -186,7 +186,7 @@ def _fill_rows(
         forces: multipliers (times, k, rows).
     """
     q, v = (np.stack([getattr(x, level) for x in motions], axis=1) for level in "qv")  # (times, k, n)
-    by_name, evidence = figures(Varied(linkages.nominal, columns, q, v), motions[0].t, forces)
+    by_name, evidence = figures(linkages.nominal, columns, motions[0].t, q, v, forces)
     for name, x in by_name.items():
         rows[name][samples] = x
     for k, one, motion, numbers in zip(samples, evidence, motions, values.tolist(), strict=True):
@@ -244,7 +244,7 @@ def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: in
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(steps.t), Constraints(mechanism).m), np.nan)
-    by_name, (evidence,) = figures(Varied(mechanism, {}, x.q[:, None], x.v[:, None]), x.t, multipliers[:, None])
+    by_name, (evidence,) = figures(mechanism, {}, x.t, x.q[:, None], x.v[:, None], multipliers[:, None])
     evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
     status, sentence = _judge(evidence, lambda: mechanism, x)
     return status, "; ".join(filter(None, (run.message, sentence))), by_name

@@ -103,7 +103,7 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
             changes[field.name] = find(names[0], old) if names else change(old)
         return replace(x, **changes)
 
-    parts = ("joints", "forces", "drivers", "observed_points", "measured")
+    parts = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
     changed = {part: change(getattr(mechanism, part)) for part in parts}
     return replace(mechanism, links=tuple(links), ground_points=ground, gravity=find("gravity", mechanism.gravity), **changed)
 
