@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, PAIR, Bar
+from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, PAIR
 from gauss_bench.engines.exudyn import across_releases
 from gauss_bench.engines.exudyn.adapter import library
 from gauss_bench.terms import Array
@@ -66,7 +66,7 @@ def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequen
     for k, bar in enumerate(PAIR):
         place, speed = list(q[3 * k : 3 * k + 3]), list(v[3 * k : 3 * k + 3])
         node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=place, initialVelocities=speed))
-        body = mbs.AddObject(across_releases.rigid_body(items, bar.mass, bar.inertia, node))
+        body = mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody2D, bar.mass, bar.inertia, node))
         weigh(mbs, items, body)
         pins = [point(mbs, items, ground, bar.at), point(mbs, items, body, -bar.centre)]
         mbs.AddObject(items.ObjectJointRevolute2D(markerNumbers=pins))
@@ -82,7 +82,8 @@ def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Se
     for k, bar in enumerate(FOUR_BAR):
         place, speed = in_space(q[3 * k : 3 * k + 3]), in_space(v[3 * k : 3 * k + 3])
         node = mbs.AddNode(items.NodeRigidBodyRxyz(referenceCoordinates=place, initialVelocities=speed))
-        bodies.append(mbs.AddObject(body_in_space(items, bar, node)))
+        moments = [bar.inertia] * 3 + [0.0] * 3  # equal about all axes
+        bodies.append(mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody, bar.mass, moments, node)))
         weigh(mbs, items, bodies[k])
         parent, at = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
         pins = [frame(mbs, items, parent, at), frame(mbs, items, bodies[k], -bar.centre)]
@@ -103,15 +104,6 @@ def close_in_space(items: Any, closure: str, ends: Sequence[Any]) -> Any:
 def in_space(x: Array) -> list[float]:
     """Return x, y, angle as the six coordinates of a body in space."""
     return [float(x[0]), float(x[1]), 0.0, 0.0, 0.0, float(x[2])]
-
-
-def body_in_space(items: Any, bar: Bar, node: Any) -> Any:
-    """Return a rigid body in space whose moments of inertia are equal."""
-    moments = [bar.inertia] * 3 + [0.0] * 3
-    try:
-        return items.ObjectRigidBody(mass=bar.mass, inertia=moments, nodeNumber=node)
-    except TypeError:
-        return items.ObjectRigidBody(physicsMass=bar.mass, physicsInertia=moments, nodeNumber=node)
 
 
 def weigh(mbs: Any, items: Any, body: Any) -> None:

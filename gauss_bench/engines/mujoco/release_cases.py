@@ -10,20 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.bars import (
-    CHAIN,
-    CURVE,
-    FOUR_BAR,
-    GRAVITY,
-    HALVES,
-    PAIR,
-    RATIO,
-    Bar,
-    accelerations_of,
-    angles_of,
-    relative,
-    sum_up,
-)
+from gauss_bench.engines.bars import CHAIN, CURVE, FOUR_BAR, GRAVITY, HALVES, PAIR, RATIO, Bar, accelerate_states, relative
 from gauss_bench.engines.mjcf.across_releases import disable
 from gauss_bench.terms import Array
 
@@ -67,14 +54,13 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     model = mujoco.MjModel.from_xml_string(document(bars, equality, tendons, solver))
     data: Any = mujoco.MjData(model)
     disable(mujoco, model, ["mjDSBL_WARMSTART"])
-    answers = []
-    for state, rates in zip(q, v, strict=True):
-        theta, w = angles_of(state, bars), angles_of(rates, bars)
-        data.qpos[:], data.qvel[:] = relative(theta, bars), relative(w, bars)
+
+    def solve(y: Array, dy: Array) -> Array:
+        data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)
-        a = accelerations_of(theta, w, sum_up(np.array(data.qacc), bars), bars)
-        answers.append(a[: q.shape[1]])
-    return np.array(answers)
+        return np.array(data.qacc)
+
+    return accelerate_states(solve, q, v, bars)
 
 
 def document(bars: Sequence[Bar], equality: str, tendons: str, solver: str) -> str:
