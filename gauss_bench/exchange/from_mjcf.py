@@ -3,7 +3,6 @@
 Elements that a linkage cannot have are refused. Elements that do not change its motion are listed as left out.
 """
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,12 @@ from scipy.spatial.transform import Rotation
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.safe_xml import refuse_bulk, refuse_files
 from gauss_bench.exchange.spatial import Acting, Between, Body, Joint, OnJoints, Push, Spatial, Spot, Straight
-from gauss_bench.exchange.unused import list_names, list_unused
+from gauss_bench.exchange.unused import FIELDS, list_names, list_unused
 from gauss_bench.terms import Array
 
 NEEDED = {"constraint", "equality", "spring", "damper", "actuation", "passive"}  # features that must not be disabled
 START = "start"  # name of the preferred keyframe
 TAGS = {"jnt": "joint"}  # MuJoCo's name of a kind of element -> its tag in a file, if they differ
-FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))
 
 
 def from_mjcf(root: Element, path: Path) -> Spatial:

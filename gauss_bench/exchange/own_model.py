@@ -67,11 +67,8 @@ def see(flattened: Flattened, mechanism: Mechanism) -> Seen:
         body, com = spatial.bodies[g], flattened.to_plane(g, complex(*mechanism.links[link].com))
         away = com - plane.flat(body.origin)
         places.append(body.turn.T @ (away.real * plane.x + away.imag * plane.y))
-        while g:  # hinges on the way to the world, body 0
-            for k in flattened.joints_of.get(g, []):
-                if spatial.joints[k].kind == "hinge":
-                    turns[link, k] += flattened.sign(spatial.joints[k])
-            g = spatial.bodies[g].parent
+        for k, turn in flattened.hinges_under(g):
+            turns[link, k] += turn
     refs = np.array([joint.ref for joint in spatial.joints])
     angles = np.array([flattened.frames[g][1] for g in flattened.links]) - turns @ refs
     axes = np.array([plane.x, plane.y, plane.normal])

@@ -68,9 +68,9 @@ def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequen
         node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=place, initialVelocities=speed))
         body = mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody2D, bar.mass, bar.inertia, node))
         weigh(mbs, items, body)
-        pins = [point(mbs, items, ground, bar.at), point(mbs, items, body, -bar.centre)]
+        pins = [mark(mbs, items.MarkerBodyPosition, *end) for end in ((ground, bar.at), (body, -bar.centre))]
         mbs.AddObject(items.ObjectJointRevolute2D(markerNumbers=pins))
-        ends.append(point(mbs, items, body, bar.length - bar.centre))
+        ends.append(mark(mbs, items.MarkerBodyPosition, body, bar.length - bar.centre))
     mbs.AddObject(getattr(items, closure)(markerNumbers=ends, distance=2.0))
     return range(6)
 
@@ -86,10 +86,9 @@ def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Se
         bodies.append(mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody, bar.mass, moments, node)))
         weigh(mbs, items, bodies[k])
         parent, at = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
-        pins = [frame(mbs, items, parent, at), frame(mbs, items, bodies[k], -bar.centre)]
+        pins = [mark(mbs, items.MarkerBodyRigid, *end) for end in ((parent, at), (bodies[k], -bar.centre))]
         mbs.AddObject(items.ObjectJointGeneric(markerNumbers=pins, constrainedAxes=[1, 1, 1, 1, 1, 0]))
-    rod, rocker = FOUR_BAR[1], FOUR_BAR[2]
-    ends = [frame(mbs, items, bodies[1], rod.length - rod.centre), frame(mbs, items, bodies[2], rocker.length - rocker.centre)]
+    ends = [mark(mbs, items.MarkerBodyRigid, bodies[k], FOUR_BAR[k].length - FOUR_BAR[k].centre) for k in (1, 2)]  # rod, rocker
     mbs.AddObject(close_in_space(items, closure, ends))
     return [6 * k + at for k in range(len(FOUR_BAR)) for at in (0, 1, 5)]
 
@@ -112,14 +111,9 @@ def weigh(mbs: Any, items: Any, body: Any) -> None:
     mbs.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=[0.0, GRAVITY, 0.0]))
 
 
-def point(mbs: Any, items: Any, body: Any, at: float) -> Any:
-    """Add a marker of a point at `at` [m] along a bar, from its centre of mass."""
-    return mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
-
-
-def frame(mbs: Any, items: Any, body: Any, at: float) -> Any:
-    """Add a marker of a frame at `at` [m] along a bar, from its centre of mass."""
-    return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
+def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
+    """Add a marker of a kind, of a point or a frame, at `at` [m] along a bar, from its centre of mass."""
+    return mbs.AddMarker(kind(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
 
 
 def defaults() -> dict[str, str]:
