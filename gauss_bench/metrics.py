@@ -317,8 +317,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     """Energy gained beyond the work done since the start (k,) [J], and the error bar of that work.
 
     Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, friction,
-    turning forces, a driver) is the integral of its power through the samples by a quintic spline. The difference from the spline
-    through every second sample is the error bar: generous if the samples resolve the motion, and large if they do not.
+    turning forces, a driver) is the integral of its power through the samples.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
@@ -332,9 +331,8 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     gain = energy - energy[0]
     if not np.any(power) or len(t) < 2:
         return gain, rounding
-    half = np.unique([*range(0, len(t), 2), len(t) - 1])
-    fine, coarse = work(t, power, t), work(t[half], power[half], t)
-    return gain - fine, float(np.abs(fine - coarse).max()) + rounding
+    done, bar = work(t, power)
+    return gain - done, float(bar) + rounding
 
 
 def energy_rounding(energy: Array) -> float:
@@ -360,13 +358,22 @@ def without_loss(t: Array, gain: Array, spacing: float) -> Array:
     return gain - lost
 
 
-def work(t: Array, power: Array, at: Array) -> Array:
-    """Integrate powers (k, ...) [W] at times t (k,) by a quintic spline: the work [J] done from t[0] to the times `at` (j,)."""
+def work(t: Array, power: Array) -> tuple[Array, Array]:
+    """Return the work (k, ...) [J] done since t[0] by powers (k, ...) [W] at times t (k,), and its error bar (...).
+
+    The power is integrated by a quintic spline through the samples. The largest difference from the spline through every second
+    sample is the error bar: generous if the samples resolve the motion, and large if they do not.
+    """
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
-    spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
-    primitive: Callable[[Array], Array] = spline.antiderivative()
-    return np.asarray(primitive(at) - primitive(t[:1]))
+    def integrate(t_known: Array, known: Array) -> Array:
+        spline = make_interp_spline(t_known, known, k=min(5, 2 * ((len(t_known) - 2) // 2) + 1))
+        primitive: Callable[[Array], Array] = spline.antiderivative()
+        return np.asarray(primitive(t) - primitive(t[:1]))
+
+    half = np.unique([*range(0, len(t), 2), len(t) - 1])
+    fine, coarse = integrate(t, power), integrate(t[half], power[half])
+    return fine, np.asarray(np.abs(fine - coarse).max(axis=0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -297,14 +297,11 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
     for what, (whose, effect) in terms.items():
         said = f"the velocity terms of {whose} are left out"
         yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, said, once=True)
-    old, first = own.parts(before), own.parts(start)
-    J0, gamma0 = np.broadcast_to(first.J, parts.J.shape), np.broadcast_to(first.gamma, parts.gamma.shape)
-    for what, effect in (("Jacobian", parts.effect(J=J0)), ("Jacobian and bias", parts.effect(J=J0, gamma=gamma0))):
-        said = f"the constraints' {what.lower()} stays that of the start"
-        yield Explanation(Cause.STALE, f"{what} of the start", effect, said, once=True)
-    for what, effect in (("Jacobian", parts.effect(J=old.J)), ("Jacobian and bias", parts.effect(J=old.J, gamma=old.gamma))):
-        said = f"the constraints' {what.lower()} is {{amount}} steps old"
-        yield Explanation(Cause.STALE, f"{what} of earlier steps", effect, said)
+    for when, then, age in (("the start", start, "stays that of the start"), ("earlier steps", before, "is {amount} steps old")):
+        old = own.parts(then)
+        for what, effect in (("Jacobian", parts.effect(J=old.J)), ("Jacobian and bias", parts.effect(J=old.J, gamma=old.gamma))):
+            said = f"the constraints' {what.lower()} {age}"
+            yield Explanation(Cause.STALE, f"{what} of {when}", effect, said, once=then is start)
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:

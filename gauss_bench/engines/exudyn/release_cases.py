@@ -16,7 +16,8 @@ from gauss_bench.engines.exudyn.adapter import library
 from gauss_bench.terms import Array
 
 SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
-SPATIAL = ("ObjectJointGeneric", "ObjectJointSpherical")  # closures of bodies in space
+# closure of bodies in space -> the axes that it holds: x and y alone, since rows of the plane's other directions would be redundant
+SPATIAL = {"ObjectJointGeneric": [1, 1, 0, 0, 0, 0], "ObjectJointSpherical": [1, 1, 0]}
 PLANAR = "ObjectConnectorDistance"
 FOUR, LENGTH = "wide_four_bar", "rod_of_one_length"
 LISTED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # items whose defaults are compared
@@ -89,15 +90,8 @@ def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Se
         pins = [mark(mbs, items.MarkerBodyRigid, *end) for end in ((parent, at), (bodies[k], -bar.centre))]
         mbs.AddObject(items.ObjectJointGeneric(markerNumbers=pins, constrainedAxes=[1, 1, 1, 1, 1, 0]))
     ends = [mark(mbs, items.MarkerBodyRigid, bodies[k], FOUR_BAR[k].length - FOUR_BAR[k].centre) for k in (1, 2)]  # rod, rocker
-    mbs.AddObject(close_in_space(items, closure, ends))
+    mbs.AddObject(getattr(items, closure)(markerNumbers=ends, constrainedAxes=SPATIAL[closure]))
     return [6 * k + at for k in range(len(FOUR_BAR)) for at in (0, 1, 5)]
-
-
-def close_in_space(items: Any, closure: str, ends: Sequence[Any]) -> Any:
-    """Return the joint that closes the four-bar; the rows of the plane's other directions would be redundant."""
-    if closure == "ObjectJointGeneric":
-        return items.ObjectJointGeneric(markerNumbers=ends, constrainedAxes=[1, 1, 0, 0, 0, 0])
-    return items.ObjectJointSpherical(markerNumbers=ends, constrainedAxes=[1, 1, 0])
 
 
 def in_space(x: Array) -> list[float]:

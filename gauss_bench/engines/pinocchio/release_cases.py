@@ -84,7 +84,6 @@ def by_constraint(
 
 def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
     """Return a function (y, dy) -> joint accelerations by forwardDynamics, from Pinocchio's Jacobians and bias accelerations."""
-    data = model.createData()
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     kind = pin.FrameType.OP_FRAME
     frames = [
