@@ -170,9 +170,8 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     for part in np.array_split(np.flatnonzero(is_finite), -(-int(is_finite.sum()) // TOGETHER)):
         forces = _multipliers(code, steps.t, q[part], v[part], p[part])
         own, samples = {name: x[part] for name, x in columns.items()}, closed[part]
-        # motions side by side: (times, motions, n)
-        together = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))
-        by_name, evidence = figures(linkages.nominal, own, steps.t, *together, forces)
+        q_part, v_part = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))  # (times, motions, n)
+        by_name, evidence = figures(linkages.nominal, own, steps.t, q_part, v_part, forces)
         for name, x in by_name.items():
             rows[name][samples] = x
         for k, sample, one in zip(part, samples, evidence, strict=True):
