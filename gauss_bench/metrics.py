@@ -455,8 +455,7 @@ def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     `steps` must decrease. Errors within ten times their floor say nothing about the integrator and are left out.
     """
     order = np.full(len(steps), np.nan)
-    for k in range(1, len(steps)):
-        usable = errors[k] > 10 * floors[k] and errors[k - 1] > 10 * floors[k - 1]
-        if usable and np.isfinite(errors[k]) and np.isfinite(errors[k - 1]):
-            order[k] = np.log(errors[k - 1] / errors[k]) / np.log(steps[k - 1] / steps[k])
+    usable = (errors > 10 * floors) & np.isfinite(errors)
+    k = 1 + np.flatnonzero(usable[1:] & usable[:-1])
+    order[k] = np.log(errors[k - 1] / errors[k]) / np.log(steps[k - 1] / steps[k])
     return order
