@@ -42,11 +42,10 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     blocks = []
     h = evaluator.constraints.holonomic
     for start in range(0, len(trajectory.t), CHUNK):
-        part = slice(start, start + CHUNK)
-        t, q, v, a = trajectory.t[part], trajectory.q[part], trajectory.v[part], trajectory.a[part]
-        rows = evaluator.constraints(t, q, v)
-        velocity = (rows.J @ v[..., None])[..., 0] + rows.phi_t
-        acceleration = (rows.J @ a[..., None])[..., 0] - rows.gamma
+        part = trajectory.part(slice(start, start + CHUNK))
+        rows = evaluator.constraints(part.t, part.q, part.v)
+        velocity = (rows.J @ part.v[..., None])[..., 0] + rows.phi_t
+        acceleration = (rows.J @ part.a[..., None])[..., 0] - rows.gamma
         blocks.append([np.abs(x).max(axis=-1, initial=0.0) for x in (rows.phi[:, :h], velocity, acceleration)])
     return Drift(*(np.concatenate(x) for x in zip(*blocks, strict=True)))
 
@@ -435,10 +434,7 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
         return np.full(len(mine), np.nan)
-    own, true = (
-        joint_forces(evaluator, Trajectory(x.t[at], x.q[at], x.v[at], x.a[at], 0))
-        for x, at in ((trajectory, mine), (reference, both))
-    )
+    own, true = (joint_forces(evaluator, samples) for samples in (trajectory.part(mine), reference.part(both)))
     gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
     return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
 

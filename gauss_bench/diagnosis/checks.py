@@ -83,7 +83,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
 
 def exact(reference: Reference) -> Trajectory:
     """Return the reference as the trajectory of an engine without errors."""
-    return Trajectory(reference.t, reference.q, reference.v, reference.a, len(reference.t) - 1)
+    return reference.part(slice(None))
 
 
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
