@@ -226,7 +226,8 @@ class Family:
             pairs = [*held_by_joints(changed), *zip(held, target.T, strict=True)]
 
             def residual(q: Array) -> tuple[Array, Array]:
-                states = [state(coordinate, Placed(q)) for coordinate, _ in pairs]
+                at = Placed(q)
+                states = [state(coordinate, at) for coordinate, _ in pairs]
                 residuals = [x.value - value for x, (_, value) in zip(states, pairs, strict=True)]
                 phi = np.stack(np.broadcast_arrays(*residuals), axis=-1)
                 J = np.zeros((*phi.shape, mechanism.n))
