@@ -10,6 +10,7 @@ rows contradict each other slightly; the tolerance is large enough that they sti
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Parts:
         """The accelerations (k, n) under these terms."""
         return self.accelerations()
 
-    def effect(self, **terms: Array) -> Array:
+    def effect(self, **terms: Any) -> Array:
         """Return the change (k, n) of the accelerations where other terms stand in the place of some."""
         return replace(self, **terms).accelerations() - self.unaltered
 
