@@ -177,7 +177,7 @@ class Reader:
         """Return the two points that an equality joins, each with axes (3, 3), which a weld makes parallel."""
         m = self.model
         a, b = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
-        if m.eq_objtype[k] == int(self.compiled.mujoco.mjtObj.mjOBJ_SITE):
+        if self.compiled.word("mjtObj", m.eq_objtype[k]) == "site":
             return [(self._site(i), self.data.site_xmat[i].reshape(3, 3)) for i in (a, b)]
         at_a, at_b, turn = m.eq_data[k][:3], m.eq_data[k][3:6], np.eye(3)
         if kind == "weld":
