@@ -395,6 +395,11 @@ class Errors:
         """(k, links) the larger of the two per link."""
         return np.maximum(self.length, self.angle)
 
+    @property
+    def largest(self) -> dict[str, float]:
+        """The largest error of all: "position" of any link's centre of mass [m], and "angle" of any link [rad]."""
+        return {"position": float(self.length.max()), "angle": float(self.angle.max())}
+
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Return the indices in t (k,) of the times that `true` (j,) has too, and a mask (j,) of these; times increase."""
@@ -428,10 +433,7 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
         return np.full(len(mine), np.nan)
-    own, true = (
-        joint_forces(evaluator, Trajectory(x.t[at], x.q[at], x.v[at], x.a[at], 0))
-        for x, at in ((trajectory, mine), (reference, both))
-    )
+    own, true = (joint_forces(evaluator, x[at]) for x, at in ((trajectory, mine), (reference.samples, both)))
     gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
     return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
 
