@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.advice.answer import LOOPS, UNITS, Answer, format_setting
+from gauss_bench.advice.answer import BEATS, LOOPS, UNITS, Answer, format_errors, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import MORE, NoTruth, Truth, truth
@@ -46,7 +46,6 @@ SHARE = "share of the requirement"  # largest of the errors, each divided by its
 HALF = Requirement(SHARE, 0.5)
 KNOWN = 0.1  # largest error bar of the reference, as a share of the requirement
 TRUE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
-BEATS = 200  # number of samples of a run whose integrator chooses its own steps
 DENSE = 400  # most samples of a run with equal steps
 EVALUATED = 24  # most runs of one variant
 MOST = 200_000  # most steps of a run
@@ -369,7 +368,7 @@ class Recommender:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
-        return ", ".join(f"{trial.errors[kind]:.1e} {UNITS[kind]}" for kind in self.wanted)
+        return format_errors(trial.errors, self.wanted, ", ")
 
     # The race for the cheapest setting
 
@@ -506,5 +505,6 @@ def answer_of(engine: _Engine) -> Reach:
 
 def describe_setting(way: Way, engine: _Engine) -> str:
     """Return a setting in words."""
-    size = f"tolerance {way.size:.2g}" if way.integrator in engine.adaptive else f"step {way.size:.4g} s"
-    return f"{format_setting(way.settings, way.integrator, way.stabilization)}, {size}"
+    adaptive = way.integrator in engine.adaptive
+    size = {"tolerance": way.size} if adaptive else {"step": way.size}
+    return format_setting(way.settings, way.integrator, way.stabilization, **size)

@@ -15,12 +15,12 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from gauss_bench.advice.answer import format_errors
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.metrics import drift, joint_force_errors, relative_acceleration_error, state_errors
-from gauss_bench.reach import UNITS
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
@@ -40,6 +40,9 @@ AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding 
 SIXTH = (
     16.0  # error of the interpolation through every second sample over that through all: 2^6 = 64, of which a quarter is relied on
 )
+
+
+SHORTER, ATTEMPTS = 4.0, 3  # factor by which a time is shortened where no reference is known over it, and how many times there are
 
 
 class NoTruth(ArithmeticError):
@@ -77,6 +80,12 @@ class Truth:
         return max(self.bars["position"], self.bars["angle"])
 
 
+def shorten(until: float) -> Iterator[float]:
+    """Yield a duration [s] and ever shorter ones: a chaotic motion has a reference over a short time only."""
+    for k in range(ATTEMPTS):
+        yield until / SHORTER**k
+
+
 def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     """Return q and v (k, n) at times between equally spaced samples, by quintic Hermite polynomials of q."""
     h = float(known.t[1] - known.t[0])
@@ -110,8 +119,7 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
         """Try `first` steps and more; return whether one is accurate enough. `share` of the budget is left for other engines."""
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
-                bars = ", ".join(f"{found.bars[k]:.1e} {UNITS[k]}" for k in wanted if k in found.bars)
-                told(f"truth: {2 * found.steps} steps by {engine}, known to {bars}")
+                told(f"truth: {2 * found.steps} steps by {engine}, known to {format_errors(found.bars, wanted, ', ')}")
                 known.append(found)
                 if all(found.bars.get(k, 0.0) <= x for k, x in wanted.items()):
                     return True

@@ -298,5 +298,4 @@ def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: f
     except truths.NoTruth as failure:
         motion = f"{mechanism.name}, scenario {mechanism.scenario}"
         raise ChoiceError(f"{motion}, has no reference to compare with: {failure}") from failure
-    bar = np.full(len(found.reference.t), max(found.bars[kind] for kind in KNOWN))
-    return replace(found.reference, error_q=bar, error_v=bar, error_a=bar)
+    return Reference.with_one_bar(found.reference.samples, found.reference.method, found.bar)

@@ -69,7 +69,8 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
         raise Refused("there is no scenario that could be exported: let it go or drive it first")
     with workplace(text, name) as path:
         try:
-            model = write_file(str(path), chosen, kind, STEP, (NOT_MEASURED,) if KINDS[kind].is_program else ())
+            remarks = (NOT_MEASURED,) if KINDS[kind].is_program else ()
+            model = write_file(str(path), chosen, kind, KINDS[kind].choose(STEP), remarks)
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{path}: ", "")) from error
-        return {"name": f"{name}{KINDS[kind].suffix}", "text": str(model["text"]).replace(str(path), path.name)}
+        return {"name": f"{name}{KINDS[kind].suffix}", "text": model.text.replace(str(path), path.name)}
