@@ -9,19 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import (
-    BLOCK,
-    CERTAIN,
-    Block,
-    Key,
-    Measured,
-    foreseen,
-    interleave,
-    lasting,
-    measure_seconds,
-    ratio,
-    stepping,
-)
+from gauss_bench.bench.clock import CERTAIN, Key, Measured, foreseen, interleave, ratio
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.bench.survived import race_here
@@ -29,6 +17,8 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.blocks import BLOCK, Block, lasting, stepping
+from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine
 

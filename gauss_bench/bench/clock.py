@@ -27,13 +27,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gauss_bench.engines import not_installed
-from gauss_bench.runs.blocks import BLOCK as BLOCK
-from gauss_bench.runs.blocks import MOTION as MOTION
-from gauss_bench.runs.blocks import Block as Block
-from gauss_bench.runs.blocks import BlockElsewhere
-from gauss_bench.runs.blocks import lasting as lasting
-from gauss_bench.runs.blocks import stepping as stepping
-from gauss_bench.runs.one_run import measure_seconds as measure_seconds
+from gauss_bench.runs.blocks import Block, BlockElsewhere
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

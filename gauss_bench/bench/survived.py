@@ -11,8 +11,9 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.bench.clock import Block, Measured, Race, gather_rounds
+from gauss_bench.bench.clock import Measured, Race, gather_rounds
 from gauss_bench.bench.tasks import LIMIT, LOST, Rows
+from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes for the name of the running engine

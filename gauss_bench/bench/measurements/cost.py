@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.cases import variants
-from gauss_bench.bench.clock import Block, Key, Measured, gather_rounds, key_of, lasting, ratio, stepping, time_of
+from gauss_bench.bench.clock import Key, Measured, gather_rounds, key_of, ratio, time_of
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import LIMIT, Context, Rows, Tables, Task, patient, place_of
@@ -27,7 +27,7 @@ from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, Engine, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.blocks import accelerating, block_elsewhere
+from gauss_bench.runs.blocks import Block, accelerating, block_elsewhere, lasting, stepping
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.runs.worker import Worker, WorkerFailure

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
+from gauss_bench.bench.clock import Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
 from gauss_bench.bench.measure import reference_of
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
@@ -47,6 +47,7 @@ from gauss_bench.engines.own_options import is_assignment
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
+from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
