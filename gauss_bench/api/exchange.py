@@ -17,6 +17,7 @@ from gauss_bench.api.in_worker import answer_in_worker, tell_plainly
 from gauss_bench.api.program_error import LIMIT, ProgramError, measure_program
 from gauss_bench.api.recommend import list_requirements, setting_of, variants
 from gauss_bench.api.telling import Result, Told, nobody
+from gauss_bench.atomic import write_text
 from gauss_bench.bench.ways import Run
 from gauss_bench.compiler.stepping.driver import INTEGRATORS
 from gauss_bench.engines import all_names, is_class
@@ -30,7 +31,6 @@ from gauss_bench.reach import UNITS
 from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, offer, offers_from_outside
 from gauss_bench.runs.programs import ask_program, writes_programs
 from gauss_bench.runs.worker import Worker, WorkerFailure
-from gauss_bench.tables import write_text
 from gauss_bench.trajectory import RunFailure
 
 WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours

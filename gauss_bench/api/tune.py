@@ -22,6 +22,7 @@ from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.api.own_model import OwnFile, read_own_file, refuse_what_acts
 from gauss_bench.api.recommend import list_requirements
 from gauss_bench.api.telling import Result, Told, nobody
+from gauss_bench.atomic import atomically
 from gauss_bench.bench.clock import interleave, time_of
 from gauss_bench.bench.ways import Run, Way, judge_trial
 from gauss_bench.engines import get
@@ -40,7 +41,6 @@ from gauss_bench.runs.blocks import stepping
 from gauss_bench.runs.offers import check_budget, duration
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.worker import Worker
-from gauss_bench.tables import atomically
 from gauss_bench.untrusted import read_bytes
 
 BUDGET = 60.0  # [s]
