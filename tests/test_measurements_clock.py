@@ -19,6 +19,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.blocks import BLOCK, Block, lasting, stepping
 from gauss_bench.runs.one_run import measure_seconds
+from gauss_bench.runs.starting import cold_there
 from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine
 
@@ -107,7 +108,7 @@ def test_a_cold_build_is_that_of_the_first_step_with_nothing_stored_and_counts_c
     monkeypatch.setenv("XDG_CACHE_HOME", "what the user has")
     made = Compiles(clock)
     monkeypatch.setattr(type(get("mujoco")), "build", made.build)
-    found = cost.cold("four_bar", "torque", "mujoco", Choice("default", "rk4", "none", 1e-4))
+    found = cold_there("mujoco", load("four_bar", "torque"), Choice("default", "rk4", "none", 1e-4))
     assert 0.6 - 0.02 <= found["seconds"] < 1.0
     assert made.stores != ["what the user has"]
 

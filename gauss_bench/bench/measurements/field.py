@@ -20,11 +20,11 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import joint_force_errors
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.offers import interpreter_of, offer
+from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import sampling
 from gauss_bench.runs.questions import ask_along
-from gauss_bench.runs.starting import start_there
-from gauss_bench.runs.worker import Worker, WorkerFailure
+from gauss_bench.runs.starting import start_there, time_start
+from gauss_bench.runs.worker import Worker
 from gauss_bench.suites.schema import PLAIN, SameQuestions, Suite
 from gauss_bench.trajectory import Status, Trajectory
 
@@ -100,23 +100,17 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
         for number in range(part.processes):
             for name in (x for x in engines_of(part) if offer(x).usable):
                 arguments = (*place, name, part.step, number)
-                tasks.append(context.task("untimed", time_start, arguments, *place, engine=name, quantity=START))
+                tasks.append(context.task("untimed", first_use, arguments, *place, engine=name, quantity=START))
     return tasks
 
 
-def time_start(linkage: str, scenario: str, engine: str, step: float, number: int) -> Tables:
+def first_use(linkage: str, scenario: str, engine: str, step: float, number: int) -> Tables:
     """Return the processor time of a start of an engine with its defaults, in a new process, or the reason why there is none."""
     mechanism, offered = load(linkage, scenario or None), offer(engine)
     settings, integrator = next(iter(offered.settings)), offered.integrators[0]
     row: dict[str, Any] = place_of(mechanism) | {"engine": engine, "settings": settings, "integrator": integrator}
     row |= {"stabilization": "none", "quantity": START}
-    try:
-        with Worker() as worker:
-            started = worker.under(interpreter_of(engine)).call(
-                start_there, (engine, mechanism, Choice(settings, integrator, "none", step)), LIMIT
-            )
-    except WorkerFailure as failure:
-        started = failure.columns
+    started = time_start(start_there, engine, mechanism, Choice(settings, integrator, "none", step), LIMIT)
     if "status" in started:
         return {"untimed": [row | started]}
     return {"samples": [row | {"step": step, "process": number, "round": 0} | started]}

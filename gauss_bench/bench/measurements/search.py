@@ -28,7 +28,6 @@ from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_
 from gauss_bench.bench.ways import (
     BEATS,
     ROUGH_ROUNDS,
-    Models,
     Run,
     Way,
     choice_of,
@@ -47,7 +46,7 @@ from gauss_bench.engines.own_options import is_assignment
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
-from gauss_bench.runs.blocks import Block
+from gauss_bench.runs.blocks import Block, Models
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
