@@ -4,8 +4,9 @@ The searches are `measurements/search.py` and `../advice`.
 """
 
 import math
+from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,13 +59,18 @@ def space(engine: Offer) -> list[Variant]:
     ]
 
 
-def loop_of(way: Way) -> str:
-    """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
+def options_of(way: Way) -> Mapping[str, Any]:
+    """Return the options that the settings of a way stand for: a variant, a label, or options one by one."""
     offered = offer(way.engine)
     if is_assignment(way.settings):
-        return str(offered.resolve_settings(way.settings).get("loop", ""))
+        return offered.resolve_settings(way.settings)
     variant = offered.variants.get(way.settings)
-    return str((variant.options if variant else offered.settings.get(way.settings, {})).get("loop", ""))
+    return variant.options if variant else offered.settings.get(way.settings, {})
+
+
+def loop_of(way: Way) -> str:
+    """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
+    return str(options_of(way).get("loop", ""))
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:

@@ -15,6 +15,8 @@ from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure, Status
 
+Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
+
 
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
     """Return the processor time [s] until an engine has taken its first step in this process, or why it takes none.
