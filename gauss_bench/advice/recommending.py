@@ -35,7 +35,7 @@ from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
-from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach, share
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import in_python, interpreter_of, offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
@@ -212,9 +212,9 @@ class Recommender:
         self.truth = truth
         # Steps in which the fastest link would turn by more than TURNED are not tried.
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
-        share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
+        halved = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
         # The error of the reference's method falls with steps^-ORDER: these steps should give half of the requirement.
-        self.first = self.run.until / (truth.steps * (share / HALF.limit) ** (1 / ORDER))
+        self.first = self.run.until / (truth.steps * (halved / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
         failures: queue.Queue[BaseException] = queue.Queue()
         self._failures = failures
@@ -340,18 +340,17 @@ class Recommender:
         errors = dict(trial.errors)
         if LOOPS in self.wanted and ran.trajectory is not None:
             errors[LOOPS] = float(drift(self.judge, ran.trajectory).position.max())
-        # The requirement that is met worst counts; an undetermined error (NaN) must not pass as small.
-        shares = [errors[kind] / limit for kind, limit in self.wanted.items()]
-        share = math.nan if any(map(math.isnan, shares)) else max(shares)
-        return Trial(trial.size, {**errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
+        # The requirement that is met worst counts; an undetermined error (NaN) does not pass as small.
+        worst = share(replace(trial, errors=errors), [Requirement(*x) for x in self.wanted.items()])
+        return replace(trial, errors=errors | {SHARE: worst})
 
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]. The first run of an engine, which loads or compiles its library, has a minimum."""
         if engine.has_run:
             return max(min(LONGEST * self.budget.seconds, self.budget.remaining(SEARCHED + AFTER)), 1.0)
         waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
-        share = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
-        return max(min(2 * LONGEST * self.budget.seconds, share), ONE_TRY * self.budget.seconds, 1.0)
+        own = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
+        return max(min(2 * LONGEST * self.budget.seconds, own), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
         after, trials = engine.best(), [x for many in engine.trials.values() for x in many]
