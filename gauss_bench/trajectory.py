@@ -77,12 +77,25 @@ class Trajectory:
         return replace(self, t=self.t[chosen], q=self.q[chosen], v=self.v[chosen], a=self.a[chosen])
 
 
-class RunFailure(RuntimeError):
-    """A run that ended without a usable trajectory, with its status, a sentence, and the samples that it had reached, if any."""
+class Failure(RuntimeError):
+    """Work that has no result, with its status and the reason in a sentence."""
+
+    def __init__(self, status: Status, message: str):
+        self.status = status
+        super().__init__(message)
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The failure as columns of a row."""
+        return {"status": str(self.status), "message": str(self)}
+
+
+class RunFailure(Failure):
+    """A run that ended without a usable trajectory, with the samples that it had reached, if any."""
 
     def __init__(self, status: Status, message: str, reached: Trajectory | None = None):
-        self.status, self.reached = status, reached
-        super().__init__(message)
+        self.reached = reached
+        super().__init__(status, message)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,8 +42,8 @@ def race_here(
         watch(block.entry)
         if facts := block.facts():
             rows.append(name | {"facts": facts})
-    for key, missing in measured.failed.items():
-        rows.append(key._asdict() | {"status": str(missing.status), "message": str(missing)})  # type: ignore[attr-defined]
+    for key, failure in measured.failed.items():
+        rows.append(key._asdict() | failure.columns)  # type: ignore[attr-defined]
     return rows
 
 

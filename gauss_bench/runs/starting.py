@@ -67,7 +67,7 @@ def time_with_compilers(call: Callable[[], object]) -> dict[str, Any]:
     try:
         seconds = measure_seconds(call)
     except RunFailure as failure:
-        return {"status": str(failure.status), "message": str(failure)}
+        return dict(failure.columns)
     return {"seconds": seconds + sum(os.times()[2:4]) - compilers}
 
 

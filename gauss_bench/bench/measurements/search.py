@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
+from gauss_bench.bench.clock import Measured, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
 from gauss_bench.bench.measure import reference_of
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
@@ -50,7 +50,7 @@ from gauss_bench.runs.blocks import Block, Models
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Failure, Status
 
 STATUSES = dict.fromkeys(
     (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
@@ -365,7 +365,7 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
     """Return the columns of a time and its spread; the spread is NaN where only one process ran the way.
 
     Raises:
-        Missing: it was not measured.
+        Failure: it was not measured.
     """
     samples = measured.of(way)
     columns: Row = spread("seconds", samples)
@@ -439,7 +439,7 @@ def row_of_authors(
     return found
 
 
-def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
+def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Failure]) -> Row:
     """Return the columns of an engine without a winner: the reason, and the way with the least error."""
     found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
