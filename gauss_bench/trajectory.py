@@ -186,7 +186,7 @@ class History:
 
 
 @dataclass(frozen=True)
-class Told:
+class Caption:
     """Sentences on a run beside its curves.
 
     Attributes:

@@ -170,7 +170,7 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
     for name, value in held.items():
         _hold_body(moved, own, name, value, start)
     duration = chosen["duration"] if driver is None else float(tables[0].get("time", 1.0))
-    scenario = {"duration": duration, "drivers": tables, "start": start}
+    scenario: dict[str, Any] = {"duration": duration, "drivers": tables, "start": start}
     for key in ("expect", "measure"):
         moved.pop(key, None)
     defined, joints = moved.pop("forces", {}), moved.get("joints", {})

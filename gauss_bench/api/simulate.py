@@ -7,8 +7,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, nobody, tell
-from gauss_bench.api.telling import Told as Hearing
+from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody, tell
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
 from gauss_bench.judge import Evidence, Judgement, Objection, Subject, advice, judge, remark, trusted_until
@@ -33,7 +32,7 @@ from gauss_bench.runs.scrutiny import (
 )
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Status, Told, Trajectory
+from gauss_bench.trajectory import Caption, Reference, Status, Trajectory
 
 RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
 QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4  # [s] least time of a step: smallest linkage, fast machine
@@ -221,13 +220,13 @@ class Simulation(OneRun):
     def notices(self) -> tuple[str, ...]:
         return tuple(f"warning: {x}" for x in self.warnings)
 
-    def told(self) -> Told:
+    def told(self) -> Caption:
         """Return the sentences on the run that plots and animations show."""
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
         trusted = None if self.trusted_until is None or self.trusted_until >= end else self.trusted_until
-        return Told(f"{self.mechanism} / {self.scenario}", how, verdict, end, trusted)
+        return Caption(f"{self.mechanism} / {self.scenario}", how, verdict, end, trusted)
 
 
 def simulate(
@@ -240,7 +239,7 @@ def simulate(
     step: float = 1e-3,
     at: list[float] | None = None,
     limit: float = LIMIT,
-    told: Hearing = nobody,
+    told: Told = nobody,
     tolerance: float | None = None,
     whole: bool = False,
     forces: bool = False,

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.atomic import atomically
 from gauss_bench.linkage.load import built_in_folder, generate
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -73,21 +72,6 @@ class Certificate:
 
 
 ARRAYS = tuple(x.name for x in fields(Certificate) if x.type is Array)  # names in the archive; the other fields are in its header
-
-
-def write_certificate(certificate: Certificate, path: Path) -> None:
-    """Write the file atomically; the same certificate gives the same bytes."""
-    header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
-    text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
-
-    def write(part: Path) -> None:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, array in {"header": np.array(text), **{x: getattr(certificate, x) for x in ARRAYS}}.items():
-                content = io.BytesIO()
-                np.save(content, array, allow_pickle=False)
-                archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
-
-    atomically(path, write)
 
 
 def read_certificate(path: Path) -> Certificate:

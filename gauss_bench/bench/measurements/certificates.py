@@ -21,9 +21,8 @@ from gauss_bench.reference.certificate import (
     certificate_path,
     check_holds,
     read_certificate,
-    write_certificate,
 )
-from gauss_bench.reference.certify import DIGITS, Uncertified, certify
+from gauss_bench.reference.certify import DIGITS, Uncertified, certify, write_certificate
 from gauss_bench.reference.verification import verify
 from gauss_bench.runs.offers import duration
 from gauss_bench.suites.schema import Suite
