@@ -50,9 +50,8 @@ DENSE = 400  # most samples of a run with equal steps
 EVALUATED = 24  # most runs of one variant
 MOST = 200_000  # most steps of a run
 TURNED = 0.7  # [rad] largest turn of the fastest link in a step that is tried: larger steps are never accurate
-ORDER = (
-    8.0  # of the reference's integrator: others first try the steps that it would need, and coarser ones only if these are accurate
-)
+# order of the reference's integrator: others first try the steps that it would need, and coarser ones only if these are accurate
+ORDER = 8.0
 SPARE = 8.0  # most evaluations of a variant, in units of those of the engine's best setting so far
 CHOICES = 4  # most settings of one engine that are timed
 NEAR = 4.0  # settings with more than NEAR times the least work of their engine are not timed

@@ -37,9 +37,8 @@ COMPILED = 0.6  # share of the budget for compiled code, which may be compiled a
 MOST = 400_000  # most steps of a run
 SAMPLES = 3200  # most samples of the reference
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
-SIXTH = (
-    16.0  # error of the interpolation through every second sample over that through all: 2^6 = 64, of which a quarter is relied on
-)
+# error of the interpolation through every second sample over that through all: 2^6 = 64, of which a quarter is relied on
+SIXTH = 16.0
 
 
 SHORTER, ATTEMPTS = 4.0, 3  # factor by which a time is shortened where no reference is known over it, and how many times there are

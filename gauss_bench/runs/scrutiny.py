@@ -78,9 +78,8 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         choice = replace(choice, step=choice.step / 2)
     else:
         choice = replace(choice, tolerance=finer_tolerance(offer, choice))
-        part = np.sort(
-            np.concatenate([part, (part[1:] + part[:-1]) / 2])
-        )  # samples end steps: with the same samples, a tolerance might have no effect
+        # samples end steps: with the same samples, a tolerance might have no effect
+        part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))
     return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
 
 

@@ -36,7 +36,7 @@ SPEED = 10.0  # [rad/s] of the crank there
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.agreement, "kernel_agreement", agreement)
 
 

@@ -29,7 +29,7 @@ CHECKED = 32  # trajectories that are run again one by one
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.batch, "kernel_batch", race_batch)
 
 

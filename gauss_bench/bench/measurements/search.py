@@ -52,9 +52,7 @@ from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.trajectory import Failure, Status
 
-STATUSES = dict.fromkeys(
-    (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
-)  # in tables; other kinds are their own status
+SKIPPED = (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED)  # have this status in tables; other kinds are their own status
 BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
 Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
 Owners = dict[Way, str]  # variant that the authors of its engine own -> who they are
@@ -442,7 +440,7 @@ def row_of_authors(
 def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Failure]) -> Row:
     """Return the columns of an engine without a winner: the reason, and the way with the least error."""
     found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
-    status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
+    status = failed[0].status if found.holds and failed else Status.SKIP if found.kind in SKIPPED else found.kind
     columns: Row = {"status": str(status), "message": found.words}
     every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
     if not every:

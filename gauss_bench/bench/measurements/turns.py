@@ -29,7 +29,7 @@ LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
 
