@@ -247,19 +247,15 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     table = TABLES[name]
     kinds = {"text": pa.string(), "number": pa.float64(), "flag": pa.bool_()}
     measured = [c.name for c in columns if c.kind == "number" and c.name not in KEY]
-    arrays = {}
-    for c in columns:
-        values = [row[c.name] for row in rows]
-        if table.curves and c.name in measured:
-            drawn = values if c in table.key else map(round_bits, values)
-            arrays[c.name] = pa.array(drawn, type=pa.float32())
-        else:
-            arrays[c.name] = pa.array(values, type=kinds[c.kind])
-    content = pa.table(arrays).replace_schema_metadata({b"gauss_bench": json.dumps({"table": name, "format": FORMAT}).encode()})
+    drawn = measured if table.curves else []
+    schema = pa.schema([(c.name, pa.float32() if c.name in drawn else kinds[c.kind]) for c in columns])
+    schema = schema.with_metadata({"gauss_bench": json.dumps({"table": name, "format": FORMAT})})
+    rounded = [x for x in drawn if x not in [c.name for c in table.key]]
+    content = pa.Table.from_pylist([{**row, **{x: round_bits(row[x]) for x in rounded}} for row in rows], schema)
     options = {
         "compression": "zstd",
         "compression_level": 19,
-        "use_dictionary": [n for n in arrays if n not in measured],
+        "use_dictionary": [c.name for c in columns if c.name not in measured],
         "use_byte_stream_split": measured,
         "write_statistics": False,  # statistics let readers skip parts of large files; they would be half of a small one
     }

@@ -53,21 +53,34 @@ class States:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
-    """States in the absolute coordinates of the mechanism, sampled at given times.
+class Samples:
+    """States with their accelerations, in the absolute coordinates of a mechanism.
 
     Attributes:
         t: (k,) times [s].
         q, v, a: (k, n) positions, velocities, accelerations; angles unwrapped.
-        steps: integration steps taken, or None where the engine does not count them.
-        evaluations: evaluations of the accelerations, or None where the engine does not count them.
-        note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
     """
 
     t: Array
     q: Array
     v: Array
     a: Array
+
+    def part(self, chosen: NDArray[Any] | slice) -> "Trajectory":
+        """Return some of the samples."""
+        return Trajectory(self.t[chosen], self.q[chosen], self.v[chosen], self.a[chosen], None)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory(Samples):
+    """The samples of a run.
+
+    Attributes:
+        steps: integration steps taken, or None where the engine does not count them.
+        evaluations: evaluations of the accelerations, or None where the engine does not count them.
+        note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
+    """
+
     steps: int | None
     evaluations: int | None = None
     note: str = ""
@@ -99,11 +112,10 @@ class RunFailure(Failure):
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(Samples):
     """A trajectory more exact than the runs that it judges, with its own error bar.
 
     Attributes:
-        t: (k,); q, v, a: (k, n) as in Trajectory.
         error_q, error_v, error_a: (k,) largest disagreement of two integrations at each time.
         floor_q, floor_v, floor_a: (k,) largest change so far when the linkage's numbers change by 1e-16 of themselves, which no
             engine in double precision can tell; zero where it was not worked out.
@@ -111,10 +123,6 @@ class Reference:
         certified: whether two derivations that share nothing vouch for it, not two integrations of one.
     """
 
-    t: Array
-    q: Array
-    v: Array
-    a: Array
     error_q: Array
     error_v: Array
     error_a: Array

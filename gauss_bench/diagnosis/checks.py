@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -82,7 +83,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
 
 def exact(reference: Reference) -> Trajectory:
     """Return the reference as the trajectory of an engine without errors."""
-    return Trajectory(reference.t, reference.q, reference.v, reference.a, len(reference.t) - 1)
+    return reference.part(slice(None))
 
 
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
@@ -343,16 +344,13 @@ def read_certified(
 @contextmanager
 def ticking() -> Iterator[Callable[[float], None]]:
     """Replace the processor's clock by an artificial one; the yielded function advances it by seconds."""
-    now, true = [0], (time.process_time_ns, time.process_time)
-    time.process_time_ns, time.process_time = lambda: now[0], lambda: now[0] * 1e-9
+    now = [0]  # [ns]
 
     def spend(seconds: float) -> None:
         now[0] += round(seconds * 1e9)
 
-    try:
+    with patch.multiple(time, process_time_ns=lambda: now[0], process_time=lambda: now[0] * 1e-9):
         yield spend
-    finally:
-        time.process_time_ns, time.process_time = true
 
 
 def clocks() -> str | None:

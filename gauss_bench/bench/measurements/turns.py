@@ -15,7 +15,6 @@ from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.closure import Sweep, compile_closure
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -66,8 +65,8 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))
 
     def plain() -> Block:
-        times, inputs = np.arange(PLAIN_SAMPLES) / samples, inputs_of(mechanism)
-        return lasting(None, lambda: loop_motion(mechanism, inputs, times), PLAIN_SAMPLES)
+        times = np.arange(PLAIN_SAMPLES) / samples
+        return lasting(None, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
 
     yield Key("turn", NATIVE), native
     yield Key("turn", LINK_UNITS), plain
