@@ -199,7 +199,7 @@ def export(
     check_size(usual.step, mechanism.duration)
     order = Order(linkage, mechanism, engine, kind)
     answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, usual.step, (), None)
-    told(f"{order.motion}: the model")
+    told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
     file = order.write(usual)  # what the kind cannot express is refused before anything is searched
     try:
         setting = choose_setting(order, usual, tuned, wanted, seconds, told)
@@ -250,11 +250,6 @@ class Order:
     mechanism: Mechanism
     name: str
     kind: Kind
-
-    @property
-    def motion(self) -> str:
-        """The linkage and its scenario in words."""
-        return f"{self.mechanism.name}, scenario {self.mechanism.scenario}"
 
     def write(self, choice: Choice, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
         """Return the file with a setting of the engine, and with a warning and remarks in its head.
