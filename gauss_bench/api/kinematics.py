@@ -195,34 +195,24 @@ def kinematics(
         LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, the driver goes too far, or the loads
             are not determined.
     """
-    if method not in METHODS:
-        raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
     if steps is not None:
         warnings.warn("kinematics(steps=) is now kinematics(intervals=)", DeprecationWarning, stacklevel=2)
         intervals = steps
-    if not 1 <= intervals <= MOST_INTERVALS:
-        raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
+    _check_known(method, intervals)
     mechanism = load_with_drivers(linkage, scenario, driver, hold, with_forces=forces)
     _check_all_driven(mechanism)
-    chosen = observe(mechanism, points)
+    shown = observe(mechanism, points)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
     _check_travel(mechanism, times)
-    status, message = "ok", ""
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
-    try:
-        motion = METHODS[method](mechanism, times)
-    except MotionError as error:
-        status, message, motion = "stopped", str(error), error.reached
-    except ValueError as error:  # a linkage that the method does not cover, or drivers that do not match its freedom
-        raise ChoiceError(str(error)) from error
-    n = len(motion.q)
-    states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
+    moved = move(mechanism, times, method)
+    states = moved.states
     curves = _find_loads(mechanism, states) if forces else ()
-    driven_by = {x.name: driver_state(x, times[:n]) for x in mechanism.drivers}
+    driven_by = {x.name: driver_state(x, states.t) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
-        status=status,
-        message=message,
+        status="stopped" if moved.stopped else "ok",
+        message=moved.stopped,
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
         method=method,
@@ -230,20 +220,65 @@ def kinematics(
         driver=next(iter(driven_by.values())),
         drivers=driven_by,
         links=link_states(mechanism.whole, links),
-        points=point_states(chosen, links),
+        points=point_states(shown, links),
         loops=[loop.joints for loop in graph.loops],
         branch=branch_of(mechanism, mechanism.q0),
-        iterations=getattr(motion, "iterations", None),
+        iterations=moved.iterations,
         singular=describe_singular(mechanism),
         link_types=_link_types(mechanism, graph),
         branch_changes=_changes(mechanism, states),
-        observed=observe_names(mechanism, chosen),
+        observed=observe_names(mechanism, shown),
         model=mechanism,
         trajectory=links,
-        shown=chosen,
+        shown=shown,
         loads=metrics.summarise_loads(mechanism, states, curves) if forces else None,
         load_curves=curves,
     )
+
+
+def _check_known(method: str, intervals: int) -> None:
+    """Check the name of a method, and the number of intervals.
+
+    Raises:
+        ChoiceError: there is no such method, or there are too few or too many intervals.
+    """
+    if method not in METHODS:
+        raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
+    if not 1 <= intervals <= MOST_INTERVALS:
+        raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A motion through a law.
+
+    Attributes:
+        states: at the times that were reached.
+        iterations: (k,) of the solver at each of them, or None if the method counts none.
+        stopped: why the motion ends before its law, or an empty text.
+    """
+
+    states: Trajectory
+    iterations: Array | None
+    stopped: str
+
+
+def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
+    """Move a linkage by its drivers over the times (k,) [s], as far as it goes.
+
+    Raises:
+        ChoiceError: the method does not cover the linkage, or the drivers do not match its freedom.
+    """
+    stopped = ""
+    try:
+        motion = METHODS[method](mechanism, times)
+    except MotionError as error:
+        stopped, motion = str(error), error.reached
+    except ValueError as error:
+        raise ChoiceError(str(error)) from error
+    count = len(motion.q)
+    states = Trajectory(times[:count], motion.q, motion.v, motion.a, count - 1)
+    return Moved(states, getattr(motion, "iterations", None), stopped)
 
 
 def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
@@ -343,8 +378,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
     where = ", ".join(f"{name} = {value:.10g}" for name, value in loss.inputs.items())
     text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
-    k = loss.sample
-    reached = Trajectory(times[:k], sweep.q[:k], sweep.v[:k], sweep.a[:k], 0)
+    reached = Trajectory(times, sweep.q, sweep.v, sweep.a, 0)[: loss.sample]
     raise kind(text, loss.inputs, float(times[loss.sample]), reached)
 
 

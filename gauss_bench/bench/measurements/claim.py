@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather_rounds, row
+from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
 from gauss_bench.bench.survived import race_survivors
@@ -23,6 +23,7 @@ from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.linkage.load import load
+from gauss_bench.runs.blocks import Block
 from gauss_bench.suites.schema import Claim, Cost, Suite
 from gauss_bench.trajectory import Status
 

@@ -29,7 +29,7 @@ Levels = tuple[Array, Array, Array]
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.geometry, "agreement", geometry)
 
 

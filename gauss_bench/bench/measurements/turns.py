@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, lasting, row, spread
+from gauss_bench.bench.clock import Key, Measured, Row, at_least, row, spread
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
@@ -19,6 +19,7 @@ from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.suites.schema import Suite, Turns
 
 METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
@@ -27,7 +28,7 @@ LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
 

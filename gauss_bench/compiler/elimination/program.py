@@ -16,7 +16,7 @@ steps.
 import json
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, lru_cache
 from itertools import product
 from typing import Any
@@ -166,6 +166,9 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
+NOTHING = Function((), (), ())
+
+
 @dataclass(frozen=True, eq=False)
 class Program:
     """Straight-line functions of one mechanism under one formulation and one partition.
@@ -192,6 +195,8 @@ class Program:
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
         stabilized: as acceleration, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None unless asked for.
+
+    A program of accelerations alone leaves out what follows `acceleration`.
     """
 
     name: str
@@ -204,15 +209,15 @@ class Program:
     dropped: tuple[str, ...]
     thresholds: Array
     acceleration: Function
-    position_correction: Function
-    nearest_velocity: Function
-    correcting_thresholds: Array
-    directions: Function
-    direction_thresholds: Array
-    multipliers: Function
-    energy: Function
-    residual: Function
-    stabilized: Function | None
+    position_correction: Function = NOTHING
+    nearest_velocity: Function = NOTHING
+    correcting_thresholds: Array = field(default_factory=lambda: np.zeros(0))
+    directions: Function = NOTHING
+    direction_thresholds: Array = field(default_factory=lambda: np.zeros(0))
+    multipliers: Function = NOTHING
+    energy: Function = NOTHING
+    residual: Function = NOTHING
+    stabilized: Function | None = None
 
     @property
     def n_parameters(self) -> int:

@@ -14,7 +14,8 @@ motion never leaves these rows, which are linear. The argument of a sine is a co
 update the sine by a rotation. (Frames turned until most points lie on an axis were tried: they save one operation in a hundred.)
 """
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,18 @@ from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
 
 
+def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
+    """Return name -> number or vector (2,) of everything that can be left open."""
+    numbers: dict[str, float | Array] = {"gravity": mechanism.gravity}
+    for link in mechanism.links:
+        numbers |= {f"links.{link.name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
+    for owner, points in [("ground", mechanism.ground_points), *((link.name, link.points) for link in mechanism.links)]:
+        numbers |= {f"points.{owner}.{name}": xy for name, xy in points.items()}
+    for force in mechanism.forces:
+        numbers |= {f"forces.{force.name}.{key}": x for key, x in force_numbers(force).items()}
+    return numbers | {f"joints.{j.name}.offset": j.offset for j in mechanism.slides}
+
+
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
     """Return name -> value of every number that can be left open, vectors by component.
 
@@ -41,16 +54,8 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
         loads(f for f in mechanism.forces if not factor_of(f))
     except TypeError as error:
         raise KernelError(str(error)) from None
-    numbers: dict[str, float | Array] = {"gravity": mechanism.gravity}
-    for link in mechanism.links:
-        numbers |= {f"links.{link.name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
-    for owner, points in [("ground", mechanism.ground_points), *((link.name, link.points) for link in mechanism.links)]:
-        numbers |= {f"points.{owner}.{name}": xy for name, xy in points.items()}
-    for force in mechanism.forces:
-        numbers |= {f"forces.{force.name}.{key}": x for key, x in force_numbers(force).items()}
-    numbers |= {f"joints.{j.name}.offset": j.offset for j in mechanism.slides}
     values: dict[str, float] = {}
-    for name, number in numbers.items():
+    for name, number in named_numbers(mechanism).items():
         labels = [f"{name}.x", f"{name}.y"] if np.ndim(number) else [name]
         values |= dict(zip(labels, np.ravel(number).tolist(), strict=True))
     return values
@@ -59,6 +64,48 @@ def parameter_values(mechanism: Mechanism) -> dict[str, float]:
 def force_numbers(force: Force) -> dict[str, float | Array]:
     """Return the fields of a force that are numbers or vectors (2,), except angles of axes, which are geometry."""
     return {x.name: getattr(force, x.name) for x in fields(force) if x.type in (float, Array) and x.name != "angle"}
+
+
+def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
+    """Return the mechanism with other numbers, by the names of `parameter_values`; arrays (k,) are those of k linkages."""
+    if not numbers:
+        return mechanism
+    zeros, known = 0.0 * next(iter(numbers.values())), named_numbers(mechanism)
+
+    def find(name: str, old: Any) -> Any:
+        """Return the new number or vector of this name; numbers that stay are repeated for every linkage."""
+        if np.ndim(old) == 0:
+            return numbers.get(name, old + zeros)
+        return np.stack([find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
+
+    def find_points(owner: str, points: Mapping[str, Array]) -> dict[str, Array]:
+        return {name: find(f"points.{owner}.{name}", xy) for name, xy in points.items()}
+
+    ground, links = find_points("ground", mechanism.ground_points), []
+    for link in mechanism.links:
+        masses = {key: find(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia", "com")}
+        links.append(replace(link, points=find_points(link.name, link.points), **masses))
+
+    def change(x: Any) -> Any:
+        """Replace named numbers and points in a value, and recursively in everything that contains such values."""
+        if isinstance(x, tuple):
+            return tuple(map(change, x))
+        if isinstance(x, Point):
+            own, centre = (ground, 0.0) if x.link == GROUND else (links[x.link].points, links[x.link].com)
+            name = x.name.partition(".")[2]
+            return replace(x, local=own[name] - centre) if name in own else x
+        if not is_dataclass(x) or isinstance(x, (type, MotionLaw, Factor)):
+            return x
+        changes = {}
+        for field in fields(x):
+            old, label = getattr(x, field.name), f"{getattr(x, 'name', '')}.{field.name}"
+            names = [name for name in (f"forces.{label}", f"joints.{label}") if name in known]
+            changes[field.name] = find(names[0], old) if names else change(old)
+        return replace(x, **changes)
+
+    parts = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
+    changed = {part: change(getattr(mechanism, part)) for part in parts}
+    return replace(mechanism, links=tuple(links), ground_points=ground, gravity=find("gravity", mechanism.gravity), **changed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -248,7 +248,7 @@ def set_length(d: Drawing, message: Message) -> None:
     if a not in points or b not in points or a == b:
         raise Refused(f"{name} has no length {a[:40]}-{b[:40]}", where, "a")
     if not SHORTEST <= length <= 1e5:
-        raise Refused("a length is between 1e-6 and 1e5 m", where, "value")
+        raise Refused("a length is at least 1e-6 m and at most 1e5 m", where, "value")
     along = points[b] - points[a]
     if abs(along) < SAME:
         raise Refused(f"{a} and {b} lie at one place of {name}", where)
