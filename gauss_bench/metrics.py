@@ -401,6 +401,11 @@ class Errors:
         """(k, links) the larger of the two per link."""
         return np.maximum(self.length, self.angle)
 
+    @property
+    def largest(self) -> dict[str, float]:
+        """The largest error of all: "position" of any link's centre of mass [m], and "angle" of any link [rad]."""
+        return {"position": float(self.length.max()), "angle": float(self.angle.max())}
+
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Return the indices in t (k,) of the times that `true` (j,) has too, and a mask (j,) of these; times increase."""

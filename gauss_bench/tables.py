@@ -16,14 +16,14 @@ import csv
 import io
 import json
 import math
-import os
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from gauss_bench import checksums
+from gauss_bench.atomic import atomically, write_text
 from gauss_bench.untrusted import BadInput
 
 FORMAT = 5
@@ -459,19 +459,6 @@ def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
     return content.column_names, content.to_pylist()
 
 
-def atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a file beside `path`, then put it in place in one move."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        write(part)
-        with part.open("rb") as file:
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
     """Refuse to overwrite a file that gauss-bench did not write, that is, one without the given sign.
 
@@ -481,13 +468,3 @@ def refuse_foreign(signs: Mapping[Path, str]) -> None:
     for path, sign in signs.items():
         if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):
             raise FileExistsError(f"{path}: is there already, and gauss-bench did not write it; move it or take another folder")
-
-
-def write_text(path: Path, content: str) -> None:
-    """Write a text file atomically."""
-    atomically(path, lambda part: part.write_text(content, encoding="utf-8"))
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file atomically."""
-    atomically(path, lambda part: part.write_bytes(content))

@@ -96,9 +96,8 @@ def best_of(work: Workspace, count: int) -> Best:
     attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
     repeated = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
-    again = [
-        replace(search, seed=100 + k) for k, search in repeated if search.by_chance
-    ]  # without chance a repetition gives the same program
+    # without chance a repetition gives the same program
+    again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
@@ -164,7 +163,7 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
     return plans
 
 
-__all__ = ["Costs", "Function", "KernelError", "Program", "costs", "drops", "generate", "known_program", "partitions"]
+__all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
 NOTHING = Function((), (), ())
@@ -279,16 +278,6 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
     return covering(study(mechanism))
 
 
-def drops(mechanism: Mechanism) -> int:
-    """Count the choices of redundant rows, of which at least one is usable at every position met."""
-    return len(study(mechanism).drops)
-
-
-def costs(program: Program) -> Costs:
-    """Operations, divisions and critical path of an acceleration with its guards."""
-    return program.acceleration.costs
-
-
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
     """Write all functions of the best plan."""
     work, algebra = best.work, best.work.algebra(best.search)
@@ -299,7 +288,7 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
     dq = vector(graph, algebra.correction(work.residuals()), n)
     correcting = algebra.correcting
-    nearest = vector(graph, algebra.velocity(work.velocities), n)
+    nearest = vector(graph, algebra.velocity([links.rate(k) for k in range(n)]), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = work.spread_out(algebra.multipliers(work.terms.gamma))
     directions, apart = algebra.directions
