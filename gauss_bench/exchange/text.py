@@ -58,7 +58,7 @@ def unique(base: str, taken: Collection[str]) -> str:
     return base if base not in taken else next(name for name in candidates if name not in taken)
 
 
-def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
+def identifiers(names: Iterable[str], reserved: str) -> Mapping[str, str]:
     """Return name -> identifier of C and Python: all are different, and none is one of the words in the text `reserved`."""
     by_name: dict[str, str] = {}
     taken = set(reserved.split())
