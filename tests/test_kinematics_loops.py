@@ -269,12 +269,17 @@ def turned(mechanism: Mechanism, speed: float) -> tuple[Input, ...]:
     return (Input(constant(float(mechanism.q0[2]), speed), link=0),)
 
 
+def test_inputs_are_told_with_their_units() -> None:
+    inputs = Input(constant(0.0, 1.0), link=0), Input(constant(0.0, 1.0), joint="slide")
+    assert describe_inputs(inputs, {"crank": 1.25, "slide": 0.5}) == "crank = 1.25 rad, slide = 0.5 m"
+
+
 @pytest.mark.parametrize("step", [0.01, 0.5])
 def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None:
     mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     times = np.arange(0.0, 2.0, step)
-    with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ .*limit of motion") as caught:
+    with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ rad on the way .*limit of motion") as caught:
         loop_motion(mechanism, turned(mechanism, 1.0), times)
     error = caught.value
     assert error.inputs["a"] == pytest.approx(limit, abs=2e-10)  # halving ends at 1e-10 rad

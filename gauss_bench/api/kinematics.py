@@ -14,7 +14,7 @@ from gauss_bench.api.simulate import LinkState, Observed, PointState, link_state
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
-from gauss_bench.kinematics.inputs import Input, inputs_of
+from gauss_bench.kinematics.inputs import Input, describe_inputs, inputs_of
 from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
@@ -343,8 +343,7 @@ def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array)
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     loss = sweep.losses[0]
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
-    where = ", ".join(f"{name} = {value:.10g}" for name, value in loss.inputs.items())
-    text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
+    text = f"{mechanism.name} stops at {describe_inputs(inputs, loss.inputs)} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
     k = loss.sample
     reached = Trajectory(times[:k], sweep.q[:k], sweep.v[:k], sweep.a[:k], 0)
     raise kind(text, loss.inputs, float(times[loss.sample]), reached)

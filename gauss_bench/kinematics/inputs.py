@@ -1,5 +1,6 @@
 """Inputs of a linkage: prescribed angles of links, coordinates along slides, and lengths of active bars."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gauss_bench.mechanism.model import GROUND, Angle, AngleDriver, Coordinate, LengthDriver, Mechanism
@@ -20,6 +21,12 @@ class Input:
             return Angle(GROUND, self.link)
         along = {j.name: j.motion for j in mechanism.slides}
         return along[self.joint] if self.joint in along else active_bars(mechanism)[str(self.joint)].coordinate
+
+
+def describe_inputs(inputs: Sequence[Input], values: Mapping[str, float]) -> str:
+    """Return inputs in words, with the values [rad, m] that they have, by name in the same order."""
+    units = ["m" if given.link is None else "rad" for given in inputs]
+    return ", ".join(f"{name} = {x:.10g} {unit}" for (name, x), unit in zip(values.items(), units, strict=True))
 
 
 def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:

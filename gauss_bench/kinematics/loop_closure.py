@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
-from gauss_bench.kinematics.inputs import Input
+from gauss_bench.kinematics.inputs import Input, describe_inputs
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.mechanism.close import walk
@@ -72,9 +72,8 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
         end = stopped if isinstance(stopped, _End) else _End(f"singular position, {stopped}", True, x)
         reached = _motion(equations, states, rates)
         values, time = equations.input_values(end.x), float(times[len(states)])
-        where = ", ".join(f"{name} = {value:.10g}" for name, value in values.items())
         kind = SingularPosition if end.singular else LimitOfMotion
-        raise kind(f"{mechanism.name} stops at {where} on the way to t = {time:.6g} s: {end}", values, time, reached) from end
+        raise kind(f"{mechanism.name} stops at {describe_inputs(inputs, values)} on the way to t = {time:.6g} s: {end}", values, time, reached) from end
     return _motion(equations, states, rates)
 
 
