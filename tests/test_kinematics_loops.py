@@ -12,7 +12,7 @@ import pytest
 
 from gauss_bench.kinematics.basic_coordinates import basic_motion
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
-from gauss_bench.kinematics.inputs import Input, inputs_of
+from gauss_bench.kinematics.inputs import Input, describe_inputs, inputs_of
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.loop_equations import LoopEquations
