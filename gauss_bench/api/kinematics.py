@@ -343,10 +343,10 @@ def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array)
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     loss = sweep.losses[0]
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
-    text = f"{mechanism.name} stops at {describe_inputs(inputs, loss.inputs)} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
-    k = loss.sample
+    k, where = loss.sample, describe_inputs(inputs, loss.inputs)
+    text = f"{mechanism.name} stops at {where} on the way to t = {times[k]:.6g} s: {loss.text}"
     reached = Trajectory(times[:k], sweep.q[:k], sweep.v[:k], sweep.a[:k], 0)
-    raise kind(text, loss.inputs, float(times[loss.sample]), reached)
+    raise kind(text, loss.inputs, float(times[k]), reached)
 
 
 METHODS: dict[str, Callable[..., Any]] = {"loop": loop_motion, "basic": basic_motion, "native": native_motion}

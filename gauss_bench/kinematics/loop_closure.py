@@ -73,7 +73,8 @@ def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> 
         reached = _motion(equations, states, rates)
         values, time = equations.input_values(end.x), float(times[len(states)])
         kind = SingularPosition if end.singular else LimitOfMotion
-        raise kind(f"{mechanism.name} stops at {describe_inputs(inputs, values)} on the way to t = {time:.6g} s: {end}", values, time, reached) from end
+        text = f"{mechanism.name} stops at {describe_inputs(inputs, values)} on the way to t = {time:.6g} s: {end}"
+        raise kind(text, values, time, reached) from end
     return _motion(equations, states, rates)
 
 
