@@ -476,6 +476,13 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
     assert releases_page(Run({}, {})) is None
 
 
+def test_figures_that_differ_by_nothing_are_told_as_equal_to_the_last_bit() -> None:
+    row = {"rounding": 56, "compared": 56, "largest_rounding": 0.0}
+    assert what_changed.describe_rounding(row) == "equal to the last bit: 56 of 56 figures"
+    said = what_changed.describe_rounding(row | {"largest_rounding": 1.4e-10})
+    assert said == "equal but for rounding: 56 of 56 figures, which differ by at most 1.4e-10"
+
+
 def test_an_engines_function_is_asked_in_its_environment(made: dict[str, Release]) -> None:
     with as_engines(TWIN, list(made.values())), Worker() as worker:
         worker.under(interpreter_of("twin-3.0"))
