@@ -527,6 +527,13 @@ def test_every_probe_of_mujoco_is_its_model_at_rest() -> None:
         assert relative_difference(told, states.a[rest]) < 1e-3, name
 
 
+def test_figures_that_differ_by_nothing_are_told_as_equal_to_the_last_bit() -> None:
+    row = {"rounding": 56, "compared": 56, "largest_rounding": 0.0}
+    assert what_changed.describe_rounding(row) == "equal to the last bit: 56 of 56 figures"
+    said = what_changed.describe_rounding(row | {"largest_rounding": 1.4e-10})
+    assert said == "equal but for rounding: 56 of 56 figures, which differ by at most 1.4e-10"
+
+
 def test_an_engines_function_is_asked_in_its_environment(made: dict[str, Release]) -> None:
     with as_engines(TWIN, list(made.values())), Worker() as worker:
         worker.under(interpreter_of("twin-3.0"))

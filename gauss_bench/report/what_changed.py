@@ -101,10 +101,9 @@ def shorten(answer: str) -> str:
 
 def describe_rounding(after: Row) -> str:
     """Return a sentence on what is equal."""
-    return (
-        f"equal but for rounding: {int(after['rounding'])} of {int(after['compared'])} figures, "
-        f"which differ by at most {after['largest_rounding']:.1e}"
-    )
+    figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
+    off = after["largest_rounding"]
+    return f"equal but for rounding: {figures}, which differ by at most {off:.1e}" if off else f"equal to the last bit: {figures}"
 
 
 def describe_left_out(releases: Iterable[Row]) -> list[str]:
