@@ -1,0 +1,167 @@
+"""Newton with its solver Kamino, on one processor core: steps of the semi-implicit Euler method in single precision.
+
+Every step launches some hundred kernels from Python, which takes tens of milliseconds for any linkage; Kamino is made for thousands
+of linkages at once on a graphics card. So a run of more steps than `longest` allows is refused before it begins.
+
+A sample's acceleration is that of the step that follows it in the run, where it can be, and else that of `accelerations.py`.
+"""
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice, Model, sample_arrays
+from gauss_bench.engines.newton.accelerations import Accelerations
+from gauss_bench.engines.newton.kernels import PACKAGES, are_compiled, load_libraries, mark_compiled
+from gauss_bench.engines.newton.sample import sample_linkage
+from gauss_bench.engines.newton.world import World
+from gauss_bench.engines.shared import common_refusal, finite_acceleration
+from gauss_bench.engines.variants import read_variants
+from gauss_bench.integrate.fixed_step import stretches
+from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status, Trajectory, with_accelerations
+
+VARIANTS = read_variants(Path(__file__).parent)
+SHORT = 1e-3  # [s] of the step that is timed
+EQUAL = 1e-6  # relative: the steps between two samples and those between the next two differ by rounding at least
+
+
+def refusal(mechanism: Mechanism) -> str | None:
+    """Return the reason why Newton cannot model a mechanism, or None if it can."""
+    if reason := common_refusal(mechanism, "Newton"):
+        return reason
+    if mechanism.knife_edges:
+        return f"Newton has no constraint on velocities alone ({mechanism.knife_edges[0].name})"
+    if mechanism.drivers:
+        return f"Kamino drives joints by springs and dampers, so that {mechanism.drivers[0].name} would not follow its law"
+    return None
+
+
+class Newton:
+    """Newton's solver Kamino with the semi-implicit Euler method, the only one that it has without collisions."""
+
+    name = "newton"
+    integrators = ("semi_implicit_euler",)
+    stabilizations = ("none",)
+    settings = VARIANTS.settings
+    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
+    packages = PACKAGES
+    resizable = True
+    native_loop = False
+    python_loop = True
+
+    def version(self) -> str:
+        from importlib.metadata import version
+
+        return f"newton {version('newton')} (warp {version('warp-lang')})"
+
+    def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
+        return refusal(mechanism)
+
+    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
+        return "the launches of Newton's kernels, and the forces"
+
+    def unbuilt(self, settings: str) -> str:
+        return "" if are_compiled() else "Newton's kernels, which takes minutes"
+
+    def build_once(self) -> None:
+        """Compile the kernels of every solver that settings name, by steps of a crank-slider."""
+        for options in VARIANTS.settings.values():
+            compile_kernels(options)
+        mark_compiled()
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> Model:
+        return NewtonModel(mechanism, choice)
+
+
+def compile_kernels(options: Mapping[str, Any]) -> None:
+    """Take a step of the sample linkage under a setting, for which all kernels are compiled that are not yet."""
+    world = World(load_libraries(), sample_linkage(), options)
+    world.step(np.zeros(9), SHORT)
+
+
+class NewtonModel:
+    """A mechanism in Newton under one choice.
+
+    Attributes:
+        seconds: processor time of a step [s].
+        unconverged: steps of a run after which Kamino's solver told that it had not converged.
+    """
+
+    def __init__(self, mechanism: Mechanism, choice: Choice):
+        self.mechanism, self.choice = mechanism, choice
+        self.options = VARIANTS.options(choice.settings)
+        self.libraries = load_libraries()
+        self.forces = AppliedForces(replace(mechanism, gravity=np.zeros(2))).generalised  # gravity is Newton's
+        self.accelerations = Accelerations(self.libraries, mechanism, self.options)
+        self.seconds = self._measure_step()
+
+    def _measure_step(self) -> float:
+        """Return the processor time of a step [s], after one that loads the kernels."""
+        world = World(self.libraries, self.mechanism, self.options)
+        for _ in range(2):
+            started = time.process_time()
+            world.step(self.forces(self.mechanism.q0, self.mechanism.v0, 0.0), SHORT)
+        return time.process_time() - started
+
+    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        return finite_acceleration(t, self.accelerations(q, v, self.forces(q, v, t)), "Newton")
+
+    def prepare(self, times: Array, native: bool = True) -> None:
+        self.times, self.plan = times, list(stretches(times, self.choice.step, self.mechanism.kinks))
+        self.steps = sum(stretch.steps for stretch in self.plan)
+        require_short(self.steps, self.seconds, float(self.options["longest"]))
+        self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
+        self.a = np.full_like(self.q, np.nan)
+        self.unconverged = 0
+        self.world = World(self.libraries, self.mechanism, self.options)  # a new one, which knows nothing of the run before
+
+    def run(self) -> None:
+        q, v, length = self.mechanism.q0, self.mechanism.v0, 0.0
+        sampled: int | None = None  # the sample at which the next step starts
+        for begin, count, h, last, row in self.plan:
+            for k in range(count):
+                converged = self.world.step(self.forces(q, v, min(begin + k * h, last)), h)
+                self.unconverged += not converged
+                before, (q, v) = v, self.world.state()
+                if sampled is not None and math.isclose(h, length, rel_tol=EQUAL):
+                    self.a[sampled] = (v - before) / h
+                sampled, length = None, h
+            if row is not None:
+                self.q[row], self.v[row], sampled = q, v, row
+
+    def read(self) -> Trajectory:
+        """Return the samples; where no two equal steps meet, as at the first and the last, `acceleration` is asked.
+
+        v satisfies J v = 0 with J of where the step before began, and v1 with J of where it ended. So (v1 - v) / h has the velocity
+        term of J a = gamma only if both steps are equally long.
+        """
+
+        def acceleration_of_sample(k: int) -> Array:
+            if np.isfinite(self.a[k]).all():
+                return np.asarray(self.a[k])
+            return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
+
+        note = f"Kamino's solver did not converge in {self.unconverged} of {self.steps} steps" if self.unconverged else ""
+        return with_accelerations(self.times, self.q, self.v, acceleration_of_sample, self.steps, note=note)
+
+
+def require_short(steps: int, seconds: float, longest: float) -> None:
+    """Check that a run of steps that take `seconds` each takes no longer than `longest` [s].
+
+    Raises:
+        RunFailure: it takes longer.
+    """
+    if steps * seconds > longest:
+        raise RunFailure(
+            Status.SKIP,
+            f"{steps} steps of {1e3 * seconds:.0f} ms would take {steps * seconds:.0f} s, and `longest` is {longest:g} s: take "
+            "longer steps or an earlier end",
+        )
