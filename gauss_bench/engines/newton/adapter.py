@@ -100,7 +100,7 @@ class NewtonModel:
         self.options = VARIANTS.options(choice.settings)
         self.libraries = load_libraries()
         self.forces = AppliedForces(replace(mechanism, gravity=np.zeros(2))).generalised  # gravity is Newton's
-        self.accelerations = Accelerations(self.libraries, mechanism, self.options)
+        self.accelerations = Accelerations(self.libraries, mechanism)
         self.seconds = self._measure_step()
 
     def _measure_step(self) -> float:
