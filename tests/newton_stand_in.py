@@ -3,6 +3,7 @@
 The step is M (v1 - v) = h Q + J^T lambda with J v1 = -alpha phi / h, and q1 = q + h v1; redundant rows get the least lambda.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -72,6 +73,8 @@ class Builder:
                 first = copy * len(other.masses)
                 self.joints.append((kind, parent if parent == GROUND else parent + first, child + first, near, far))
 
+    rigid_contact_max: int = 1000
+
     def finalize(self, device: str) -> "Builder":
         assert device == "cpu"
         return self
@@ -84,6 +87,28 @@ class Builder:
         return SimpleNamespace(body_q=Data((n, 7)), body_qd=Data((n, 6)), body_f=Data((n, 6)))
 
 
+class Capture:
+    """A recording of calls, which are carried out when it is launched."""
+
+    now: "Capture | None" = None
+
+    def __init__(self, device: str):
+        assert device == "cpu"
+        self.graph: list[Callable[[], None]] = []
+
+    def __enter__(self) -> "Capture":
+        Capture.now = self
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        Capture.now = None
+
+
+def launch(graph: list[Callable[[], None]]) -> None:
+    for call in graph:
+        call()
+
+
 class Kamino:
     """The solver; it says that it converged unless `fails` is set."""
 
@@ -94,6 +119,10 @@ class Kamino:
         self.status = SimpleNamespace(numpy=lambda: {"converged": np.array([not Kamino.fails])})
 
     def step(self, now: Any, after: Any, control: None, contacts: None, h: float) -> None:
+        assert Capture.now is not None  # outside of a recording it would take as long as Newton's own does
+        Capture.now.graph.append(lambda: self.take_step(now, after, h))
+
+    def take_step(self, now: Any, after: Any, h: float) -> None:
         model = self.model
         poses, speeds, wrenches = (x.numpy() for x in (now.body_q, now.body_qd, now.body_f))
         q, v, Q = (np.zeros(3 * len(poses)) for _ in range(3))
@@ -154,6 +183,8 @@ warp = SimpleNamespace(
     transform=to_transform,
     config=SimpleNamespace(kernel_cache_dir=None, quiet=False),
     set_device=lambda name: None,
+    ScopedCapture=Capture,
+    capture_launch=launch,
 )
 newton = SimpleNamespace(
     ModelBuilder=Builder,

@@ -18,7 +18,7 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.engines import FILE, environment_of
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.newton import adapter, kernels
-from gauss_bench.engines.newton.adapter import VARIANTS, Newton, require_short
+from gauss_bench.engines.newton.adapter import VARIANTS, Newton
 from gauss_bench.engines.newton.kernels import Libraries
 from gauss_bench.engines.newton.sample import sample_linkage
 from gauss_bench.engines.newton.world import World
@@ -30,7 +30,7 @@ from gauss_bench.reference.build import random_states
 from gauss_bench.reference.certificate import certificate_path, read_certificate
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import Trajectory
 from tests import newton_stand_in
 from tests.conftest import USERS_CACHE
 from tests.engine_runs import by_gauss, linkage, relative_error
@@ -128,11 +128,24 @@ def test_gaps_of_joints_are_drawn_shut_by_the_share_alpha_in_a_step() -> None:
     evaluator = Evaluator(mechanism)
     left = []
     for alpha in (0.0, 0.2):
-        world = World(STAND_IN, mechanism, {"dynamics_solver": "padmm", "alpha": alpha})
+        world = World(STAND_IN, mechanism, {"dynamics_solver": "padmm", "alpha": alpha, "contacts": 1})
         world.put(q, np.zeros(mechanism.n))
         world.step(np.zeros(mechanism.n), 1e-4)
         left.append(evaluator.constraints(0.0, world.state()[0], mechanism.v0).phi)
     np.testing.assert_allclose(left[1], 0.8 * left[0], atol=1e-2 * np.abs(left[0]).max())
+
+
+@pytest.mark.parametrize("copies", [1, 6])
+def test_each_copy_has_room_for_one_contact(copies: int) -> None:
+    world = World(STAND_IN, load("four_bar", "torque"), VARIANTS.options("default"), copies)
+    assert world.solver.model.rigid_contact_max == copies
+
+
+def test_a_step_is_recorded_once_for_each_size_in_single_precision() -> None:
+    world = World(STAND_IN, load("four_bar", "torque"), VARIANTS.options("default"))
+    for h in (1e-3, 1e-3 * (1 + 1e-12), 5e-4):
+        world.step(np.zeros(9), h)
+    assert len(world.graphs) == 2
 
 
 def test_the_sample_linkage_is_closed_and_has_a_pin_and_a_slide_that_close_no_tree() -> None:
@@ -140,20 +153,6 @@ def test_the_sample_linkage_is_closed_and_has_a_pin_and_a_slide_that_close_no_tr
     assert np.abs(Evaluator(mechanism).constraints(0.0, mechanism.q0, mechanism.v0).phi).max() < 1e-15
     assert {b.kind for b in spanning_tree(mechanism).branches} == {"revolute", "prismatic"}
     assert len(spanning_tree(mechanism).closures) == 1
-
-
-def test_a_run_is_refused_if_its_steps_take_longer_than_allowed() -> None:
-    require_short(1000, 0.1, 100.0)
-    with pytest.raises(RunFailure, match="1001 steps of 100 ms would take 100 s, and `longest` is 100 s") as caught:
-        require_short(1001, 0.1, 100.0)
-    assert caught.value.status is Status.SKIP
-
-
-@pytest.mark.usefixtures("stand_in")
-def test_what_a_run_may_take_is_an_option() -> None:
-    model = Newton().build(load("four_bar", "torque"), Choice("longest=0"))
-    with pytest.raises(RunFailure, match="`longest` is 0 s"):
-        model.prepare(np.array([0.0, 0.01]))
 
 
 @pytest.mark.parametrize(

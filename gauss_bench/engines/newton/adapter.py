@@ -1,13 +1,9 @@
 """Newton with its solver Kamino, on one processor core: steps of the semi-implicit Euler method in single precision.
 
-Every step launches some hundred kernels from Python, which takes tens of milliseconds for any linkage; Kamino is made for thousands
-of linkages at once on a graphics card. So a run of more steps than `longest` allows is refused before it begins.
-
 A sample's acceleration is that of the step that follows it in the run, where it can be, and else that of `accelerations.py`.
 """
 
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,10 +22,9 @@ from gauss_bench.integrate.fixed_step import stretches
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory, with_accelerations
+from gauss_bench.trajectory import Trajectory, with_accelerations
 
 VARIANTS = read_variants(Path(__file__).parent)
-SHORT = 1e-3  # [s] of the step that is timed
 EQUAL = 1e-6  # relative: the steps between two samples and those between the next two differ by rounding at least
 
 
@@ -66,7 +61,7 @@ class Newton:
         return refusal(mechanism)
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        return "the launches of Newton's kernels, and the forces"
+        return "a call for every step, and the forces"
 
     def unbuilt(self, settings: str) -> str:
         return "" if are_compiled() else "Newton's kernels, which takes minutes"
@@ -84,14 +79,13 @@ class Newton:
 def compile_kernels(options: Mapping[str, Any]) -> None:
     """Take a step of the sample linkage under a setting, for which all kernels are compiled that are not yet."""
     world = World(load_libraries(), sample_linkage(), options)
-    world.step(np.zeros(9), SHORT)
+    world.step(np.zeros(9), 1e-3)
 
 
 class NewtonModel:
     """A mechanism in Newton under one choice.
 
     Attributes:
-        seconds: processor time of a step [s].
         unconverged: steps of a run after which Kamino's solver told that it had not converged.
     """
 
@@ -101,15 +95,6 @@ class NewtonModel:
         self.libraries = load_libraries()
         self.forces = AppliedForces(replace(mechanism, gravity=np.zeros(2))).generalised  # gravity is Newton's
         self.accelerations = Accelerations(self.libraries, mechanism)
-        self.seconds = self._measure_step()
-
-    def _measure_step(self) -> float:
-        """Return the processor time of a step [s], after one that loads the kernels."""
-        world = World(self.libraries, self.mechanism, self.options)
-        for _ in range(2):
-            started = time.process_time()
-            world.step(self.forces(self.mechanism.q0, self.mechanism.v0, 0.0), SHORT)
-        return time.process_time() - started
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         return finite_acceleration(t, self.accelerations(q, v, self.forces(q, v, t)), "Newton")
@@ -117,11 +102,12 @@ class NewtonModel:
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.plan = times, list(stretches(times, self.choice.step, self.mechanism.kinks))
         self.steps = sum(stretch.steps for stretch in self.plan)
-        require_short(self.steps, self.seconds, float(self.options["longest"]))
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
         self.a = np.full_like(self.q, np.nan)
         self.unconverged = 0
         self.world = World(self.libraries, self.mechanism, self.options)  # a new one, which knows nothing of the run before
+        for size in {stretch.size for stretch in self.plan}:
+            self.world.record(size)
 
     def run(self) -> None:
         q, v, length = self.mechanism.q0, self.mechanism.v0, 0.0
@@ -151,17 +137,3 @@ class NewtonModel:
 
         note = f"Kamino's solver did not converge in {self.unconverged} of {self.steps} steps" if self.unconverged else ""
         return with_accelerations(self.times, self.q, self.v, acceleration_of_sample, self.steps, note=note)
-
-
-def require_short(steps: int, seconds: float, longest: float) -> None:
-    """Check that a run of steps that take `seconds` each takes no longer than `longest` [s].
-
-    Raises:
-        RunFailure: it takes longer.
-    """
-    if steps * seconds > longest:
-        raise RunFailure(
-            Status.SKIP,
-            f"{steps} steps of {1e3 * seconds:.0f} ms would take {steps * seconds:.0f} s, and `longest` is {longest:g} s: take "
-            "longer steps or an earlier end",
-        )

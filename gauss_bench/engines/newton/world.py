@@ -7,7 +7,10 @@ A step of h [s] from q, v takes forces and constraint rows J at q, and is one of
 
     M (v1 - v) = h Q + J^T lambda      J v1 = -alpha phi / h      q1 = q + h v1
 
-Traps: Newton knows single precision alone, and forces must be given to the state that is stepped, at every step.
+A step launches some hundred kernels. Called from Python they take 0.1 s, so they are recorded once for each h, as Warp offers it,
+and replayed in C++.
+
+Traps: Newton knows single precision alone. Where there are no shapes, Kamino makes room for 1000 contacts (`contacts`).
 """
 
 from collections.abc import Mapping
@@ -59,10 +62,12 @@ class World:
         self._add_joints(mechanism)
         together.replicate(self.builder, copies)
         model = together.finalize(device="cpu")
+        model.rigid_contact_max = options["contacts"] * copies
         settings = self.newton.solvers.SolverKamino.Config(dynamics_solver=options["dynamics_solver"])
         settings.constraints.alpha = options["alpha"]
         self.solver = self.newton.solvers.SolverKamino(model, config=settings)
-        self.control, self.now, self.next = model.control(), model.state(), model.state()
+        self.control, self.now = model.control(), model.state()
+        self.graphs: dict[float, Any] = {}  # step size, in single precision [s] -> recorded step
         self.put(np.tile(mechanism.q0, copies), np.tile(mechanism.v0, copies))
 
     def _add_joints(self, mechanism: Mechanism) -> None:
@@ -112,6 +117,15 @@ class World:
         self.angles = angles(q).copy()
         return q, v
 
+    def record(self, h: float) -> Any:
+        """Return the recorded step of h [s], which is not taken by recording it."""
+        size = float(np.float32(h))
+        if size not in self.graphs:
+            with self.warp.ScopedCapture(device="cpu") as capture:
+                self.solver.step(self.now, self.now, self.control, None, size)
+            self.graphs[size] = capture.graph
+        return self.graphs[size]
+
     def step(self, forces: Array, h: float) -> bool:
         """Take a step of h [s], and tell whether the solver converged.
 
@@ -121,6 +135,5 @@ class World:
         wrenches = np.zeros((len(self.angles), 6), dtype=np.float32)
         wrenches[:, PLANE], wrenches[:, TURN] = places(forces), angles(forces)
         self.now.body_f.assign(wrenches)
-        self.solver.step(self.now, self.next, self.control, None, h)
-        self.now, self.next = self.next, self.now
+        self.warp.capture_launch(self.record(h))
         return bool(self.solver.status.numpy()["converged"].all())
