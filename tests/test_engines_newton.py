@@ -82,9 +82,8 @@ def test_accelerations_of_samples_are_those_at_their_states() -> None:
     mechanism = load("four_bar", "torque")
     samples = run(mechanism, [0.0, 0.02, 0.0205, 0.04], 1e-3)
     exact = np.array([by_gauss_at(mechanism, *state) for state in zip(samples.t, samples.q, samples.v, strict=True)])
-    assert relative_error(samples.a, exact) < 5e-3  # 2e-2 where a step of half the length is taken for one as long as the next
+    assert relative_error(samples.a, exact) < 1e-4
     assert samples.steps == 20 + 1 + 20
-    assert np.isfinite(run(mechanism, [0.0, 0.01, 0.02], 1e-3).a).all()
 
 
 def by_gauss_at(mechanism: Mechanism, t: float, q: Array, v: Array) -> Array:

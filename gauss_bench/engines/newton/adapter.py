@@ -1,9 +1,8 @@
 """Newton with its solver Kamino, on one processor core: steps of the semi-implicit Euler method in single precision.
 
-A sample's acceleration is that of the step that follows it in the run, where it can be, and else that of `accelerations.py`.
+It has no accelerations; `accelerations.py` finds those that its steps imply.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,6 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory, with_accelerations
 
 VARIANTS = read_variants(Path(__file__).parent)
-EQUAL = 1e-6  # relative: the steps between two samples and those between the next two differ by rounding at least
 
 
 def refusal(mechanism: Mechanism) -> str | None:
@@ -101,39 +99,26 @@ class NewtonModel:
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.plan = times, list(stretches(times, self.choice.step, self.mechanism.kinks))
-        self.steps = sum(stretch.steps for stretch in self.plan)
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
-        self.a = np.full_like(self.q, np.nan)
         self.unconverged = 0
         self.world = World(self.libraries, self.mechanism, self.options)  # a new one, which knows nothing of the run before
         for size in {stretch.size for stretch in self.plan}:
             self.world.record(size)
 
     def run(self) -> None:
-        q, v, length = self.mechanism.q0, self.mechanism.v0, 0.0
-        sampled: int | None = None  # the sample at which the next step starts
+        q, v = self.mechanism.q0, self.mechanism.v0
         for begin, count, h, last, row in self.plan:
             for k in range(count):
                 converged = self.world.step(self.forces(q, v, min(begin + k * h, last)), h)
                 self.unconverged += not converged
-                before, (q, v) = v, self.world.state()
-                if sampled is not None and math.isclose(h, length, rel_tol=EQUAL):
-                    self.a[sampled] = (v - before) / h
-                sampled, length = None, h
+                q, v = self.world.state()
             if row is not None:
-                self.q[row], self.v[row], sampled = q, v, row
+                self.q[row], self.v[row] = q, v
 
     def read(self) -> Trajectory:
-        """Return the samples; where no two equal steps meet, as at the first and the last, `acceleration` is asked.
-
-        v satisfies J v = 0 with J of where the step before began, and v1 with J of where it ended. So (v1 - v) / h has the velocity
-        term of J a = gamma only if both steps are equally long.
-        """
-
         def acceleration_of_sample(k: int) -> Array:
-            if np.isfinite(self.a[k]).all():
-                return np.asarray(self.a[k])
             return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
 
-        note = f"Kamino's solver did not converge in {self.unconverged} of {self.steps} steps" if self.unconverged else ""
-        return with_accelerations(self.times, self.q, self.v, acceleration_of_sample, self.steps, note=note)
+        steps = sum(stretch.steps for stretch in self.plan)
+        note = f"Kamino's solver did not converge in {self.unconverged} of {steps} steps" if self.unconverged else ""
+        return with_accelerations(self.times, self.q, self.v, acceleration_of_sample, steps, note=note)
