@@ -127,7 +127,7 @@ def test_gaps_of_joints_are_drawn_shut_by_the_share_alpha_in_a_step() -> None:
     evaluator = Evaluator(mechanism)
     left = []
     for alpha in (0.0, 0.2):
-        world = World(STAND_IN, mechanism, {"dynamics_solver": "padmm", "alpha": alpha, "contacts": 1})
+        world = World(STAND_IN, mechanism, {**VARIANTS.options("default"), "alpha": alpha})
         world.put(q, np.zeros(mechanism.n))
         world.step(np.zeros(mechanism.n), 1e-4)
         left.append(evaluator.constraints(0.0, world.state()[0], mechanism.v0).phi)
