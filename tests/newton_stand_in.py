@@ -191,6 +191,4 @@ newton = SimpleNamespace(
     Axis=SimpleNamespace(X="X", Y="Y", Z="Z"),
     solvers=SimpleNamespace(SolverKamino=Kamino),
 )
-Kamino.Config = lambda dynamics_solver: SimpleNamespace(
-    constraints=SimpleNamespace(alpha=0.01), padmm=SimpleNamespace(max_iterations=200)
-)  # type: ignore[attr-defined]
+Kamino.Config = lambda dynamics_solver: SimpleNamespace(constraints=SimpleNamespace(alpha=0.01))  # type: ignore[attr-defined]

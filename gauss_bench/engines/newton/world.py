@@ -64,7 +64,7 @@ class World:
         model = together.finalize(device="cpu")
         model.rigid_contact_max = options["contacts"] * copies
         settings = self.newton.solvers.SolverKamino.Config(dynamics_solver=options["dynamics_solver"])
-        settings.constraints.alpha, settings.padmm.max_iterations = options["alpha"], options["iterations"]
+        settings.constraints.alpha = options["alpha"]
         self.solver = self.newton.solvers.SolverKamino(model, config=settings)
         self.control, self.now = model.control(), model.state()
         self.graphs: dict[float, Any] = {}  # step size, in single precision [s] -> recorded step
