@@ -43,7 +43,7 @@ from gauss_bench.tables import TABLES, read_table
 from tests.conftest import DOCUMENTATION, needs
 
 REPORTS = Path(__file__).parents[1] / "reports"
-SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines")
+SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines", "engine-bullet")
 BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
 
 MOST_SECONDS = 30  # of processor time to build the site with its documentation
@@ -298,10 +298,10 @@ def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path:
         assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque").body
 
 
-def test_a_table_of_more_numbers_than_huge_has_no_csv_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_of_more_numbers_than_huge_is_published_as_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = read_table("scaling", Path(__file__).parents[1] / "reports")
     numbers = len(rows) * len(TABLES["scaling"].columns)
-    for most, files in ((numbers, {"scaling.csv", "scaling.parquet"}), (numbers - 1, {"scaling.parquet"})):
+    for most, files in ((numbers, {"scaling.csv"}), (numbers - 1, {"scaling.parquet"})):
         monkeypatch.setattr(tables_page, "HUGE", most)
         (folder := tmp_path / str(most)).mkdir()
         assert {x.name for x in tables_page.write_data(folder, {"scaling": rows})} == files == {x.name for x in folder.iterdir()}
@@ -342,7 +342,8 @@ def test_sizes_and_addresses(out: Path) -> None:
         found = re.findall(r'\sid="([^"]+)"', text)
         assert len(found) == len(set(found)), f"{page.name}: {sorted({x for x in found if found.count(x) > 1})}"
     names = {p.name for p in (site / "tables").iterdir()}
-    assert {"results.csv.xz", "results.parquet", "scaling.csv"} <= names
+    assert {"results.csv.xz", "series.parquet", "scaling.csv"} <= names
+    assert "field.csv" in {p.name for p in (site / "tables" / "field").iterdir()}
 
 
 # In the browser
@@ -407,7 +408,7 @@ OPEN = """for (const x of document.querySelectorAll("main details")) x.open = tr
 for (const x of document.querySelectorAll("button.more")) x.click();"""  # everything that a reader can open
 LOOKS = [pytest.param(*look, False, marks=pytest.mark.slow) for look in ((390, "light"), (1440, "dark"))]
 LOOKS += [pytest.param(w, x, True, marks=pytest.mark.long) for w, x in product((390, 1440), ("light", "dark"))]
-KINDS = ("index", "linkage-eight_bar", "engine-mujoco", "findings", "search")  # looked at in each change; the others at length
+KINDS = ("index", "linkage-eight_bar", "engine-mujoco", "engine-dart", "engines", "findings", "search")  # looked at in each change; the others at length
 
 
 @pytest.mark.parametrize(("width", "scheme", "every"), LOOKS)
