@@ -27,7 +27,7 @@ from gauss_bench.report.faults import faults_of, make_section
 from gauss_bench.report.field_run import READ, drop_unread
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field as shown
-from gauss_bench.report.site.engine import command_of, engine_page, engines_page, list_changes, runs_of_engines
+from gauss_bench.report.site.engine import command_of, engine_page, engines_page, list_changes, list_inexact, runs_of_engines
 from gauss_bench.report.site.settings import Setting
 from gauss_bench.runs.offers import offer
 from gauss_bench.suites.read import of_engines, read_suite
@@ -296,6 +296,14 @@ def test_the_pages_of_engines_have_the_table_and_commands_to_paste(run: Run) -> 
     ]
     assert "another step" in engine_page(replace(run, accepted=tuple(kept)), "good").body
     assert "is not installed" in engine_page(run, "gone").body
+
+
+def test_a_setting_whose_accelerations_are_not_the_linkages_is_named_with_its_cause(run: Run) -> None:
+    said = "Under `tuned` the relative error of accelerations at given states is 1.0e-03 in the median, where 1e-06 counts as none"
+    assert list_inexact(run, "good") == [f"{said}."]
+    soft = replace(run, environment={"engines": {"good": {"soft": {"tuned": "its closures are springs"}}}})
+    assert list_inexact(soft, "good") == [f"{said}: its closures are springs."]
+    assert list_inexact(run, "dice") == []
     one = Setting(
         "four_bar", "torque", "mujoco", 'rigid,tree="least depth"', "rk4", "none", 1e-3, math.nan, 10.0, *[math.nan] * 3, False,
         1e-5, math.nan, 1.0,

@@ -43,7 +43,19 @@ from gauss_bench.tables import TABLES, read_table
 from tests.conftest import DOCUMENTATION, needs
 
 REPORTS = Path(__file__).parents[1] / "reports"
-SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines", "engine-bullet")
+SHOWN = (
+    "index",
+    "linkage-eight_bar",
+    "engine-mujoco",
+    "papers",
+    "kernel",
+    "method",
+    "findings",
+    "data",
+    "cite",
+    "engines",
+    "engine-bullet",
+)
 BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
 
 MOST_SECONDS = 30  # of processor time to build the site with its documentation
@@ -408,7 +420,15 @@ OPEN = """for (const x of document.querySelectorAll("main details")) x.open = tr
 for (const x of document.querySelectorAll("button.more")) x.click();"""  # everything that a reader can open
 LOOKS = [pytest.param(*look, False, marks=pytest.mark.slow) for look in ((390, "light"), (1440, "dark"))]
 LOOKS += [pytest.param(w, x, True, marks=pytest.mark.long) for w, x in product((390, 1440), ("light", "dark"))]
-KINDS = ("index", "linkage-eight_bar", "engine-mujoco", "engine-dart", "engines", "findings", "search")  # looked at in each change; the others at length
+KINDS = (
+    "index",
+    "linkage-eight_bar",
+    "engine-mujoco",
+    "engine-dart",
+    "engines",
+    "findings",
+    "search",
+)  # looked at in each change; the others at length
 
 
 @pytest.mark.parametrize(("width", "scheme", "every"), LOOKS)

@@ -12,7 +12,17 @@ from gauss_bench.report.faults import faults_of
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.pages import facts
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, number, setting_words, with_number
+from gauss_bench.report.rows import (
+    SAME_ACCELERATION,
+    Row,
+    Run,
+    group_by,
+    has_ended,
+    is_known,
+    number,
+    setting_words,
+    with_number,
+)
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
 from gauss_bench.report.sections.settings import list_options
@@ -230,9 +240,25 @@ def list_failures(run: Run, name: str) -> list[str]:
     skips = (r for r in (*run.results, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
     skipped = sorted({r["message"] for r in skips} - {""})
     sentences += [f"Not modelled: {x}." for x in skipped[:4]]
-    sentences = sentences or ["No case of this run failed."]
+    sentences = [*(sentences or ["No case of this run failed."]), *list_inexact(run, name)]
     if not any(r["engine"] == name for r in run.table("atlas")):
         sentences.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
+    return sentences
+
+
+def list_inexact(run: Run, name: str) -> list[str]:
+    """Return a sentence for each setting under which accelerations are not those of the linkage, with the cause if it is known."""
+    causes = run.environment.get("engines", {}).get(name, {}).get("soft", {})
+    rows = with_number((r for r in run.results if r["engine"] == name), "acceleration_error_median")
+    sentences = []
+    for settings, some in group_by(rows, "settings").items():
+        off = max(r["acceleration_error_median"] for r in some)
+        if off > SAME_ACCELERATION:
+            cause = f": {causes[settings]}" if settings in causes else ""
+            sentences.append(
+                f"Under `{settings}` the relative error of accelerations at given states is {error_text(off)} in the median, where "
+                f"{SAME_ACCELERATION:.0e} counts as none{cause}."
+            )
     return sentences
 
 
