@@ -25,14 +25,16 @@ import pytest
 from markupsafe import Markup
 
 from gauss_bench.bench.runner import own_files
+from gauss_bench.engines import ELSEWHERE
 from gauss_bench.report.build import all_findings, build_report, read_run
 from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
+from gauss_bench.report.sections import field
 from gauss_bench.report.site import tables_page
 from gauss_bench.report.site.cards import CARDS, HOLDS
 from gauss_bench.report.site.charts import over_time, points
-from gauss_bench.report.site.engine import explain_time
+from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
 from gauss_bench.report.site.first import pack
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
@@ -145,6 +147,26 @@ def test_a_race_at_the_same_accuracy_replaces_the_estimate(run: Run) -> None:
         one = cheapest_stored(run, row.mechanism, row.accuracy)[row.engine]
         assert one.seconds == pytest.approx(row.seconds, rel=1e-6)
         assert one.settings == row.settings
+
+
+def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_environment_has_a_page(run: Run) -> None:
+    assert run.beside is not None
+    folder = REPORTS / "field"
+    times, rows = (
+        pd.read_csv(folder / place, keep_default_na=False, na_values=[""]) for place in ("times/search_winners.csv", "field.csv")
+    )
+    times = times[(times.required == "position") & times.seconds.notna()]
+    lines = {line["engine"]: line for line in field.costs(run)}
+    assert {*ELSEWHERE} < {*lines} == {*rows.engine}
+    for key, limit in field.ACCURACIES.items():
+        seconds = times[np.isclose(times.accuracy, limit, rtol=1e-6)].set_index("engine").seconds
+        assert {name: line[key] for name, line in lines.items() if math.isfinite(line[key])} == seconds.to_dict()
+    pages = runs_of_engines(run)
+    for name in ELSEWHERE:
+        assert pages[name] is run.beside
+        body = engine_page(run, name).body
+        assert f"gauss-bench simulate four_bar --scenario torque --engine {name} " in body
+        assert f"gauss-bench engines install {name}" in body
 
 
 # Colours
