@@ -215,7 +215,10 @@ CASES = [
     CASE | {"engine": "dice", "acceleration_error_median": 1e-12, "observed_order": 1.0, "length_error": 1e-4},
 ]
 WINNER = PLACE | METHOD | {"engine": "good", "required": "position", "unit": "m", "status": "ok", "step": 1e-3, "error": 1e-7}
-WINNERS = [WINNER | {"accuracy": 1e-4, "seconds": 2e-3}, WINNER | {"accuracy": 1e-6, "seconds": 5e-3}]
+WINNERS = [
+    WINNER | {"accuracy": 1e-4, "seconds": 2e-3, "seconds_low": 1.5e-3, "seconds_high": 2.5e-3},
+    WINNER | {"accuracy": 1e-6, "seconds": 5e-3, "seconds_low": 4e-3, "seconds_high": 6e-3},
+]
 
 
 @pytest.fixture
@@ -254,8 +257,12 @@ def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
 
 
 def test_an_engine_has_one_line_of_costs(run: Run) -> None:
-    good, dice, gone = cells(lay_out("field_costs", shown.costs(run)))
-    assert [cell for cell, _ in good.values()] == ["good", "2.00 ms", "5.00 ms", "500 ms", "12", "its environment"]
+    table = lay_out("field_costs", shown.costs(run))
+    _, dice, gone = cells(table)
+    assert [cell.text for cell in table.rows[0]] == [
+        *("good", "2.00 ms", "1.50 ms..2.50 ms", "1.00", "5.00 ms", "4.00 ms..6.00 ms", "1.00"),
+        *("500 ms", "12", "its environment"),
+    ]
     assert dice["time within 1e-6 m"] == ("-", "not searched in this run")
     assert dice["start"] == ("-", "not timed")
     assert dice["size [MB]"] == ("-", "a part of the suite")
@@ -265,10 +272,14 @@ def test_an_engine_has_one_line_of_costs(run: Run) -> None:
 
 def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest() -> None:
     costs = {"own": 1e-3, "slow": 8e-3, "apart": 2.5e-3, "soft": math.nan}
-    lines = [{"engine": x, "mechanism": "four_bar", "coarse": seconds, "fine": math.nan} for x, seconds in costs.items()]
+    winners = [WINNER | {"engine": x, "accuracy": 1e-4, "seconds": seconds} for x, seconds in costs.items()]
+    rows = {"field": [ASKED | {"engine": x, "status": "ok"} for x in costs], "search_winners": winners}
+    lines = shown.costs(Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()}))
+    assert [x["coarse_over"] for x in lines[:3]] == [1.0, 8.0, 2.5]
+    assert math.isnan(lines[3]["coarse_over"])
     assert shown.compare_costs(lines, ["apart", "slow", "soft"], "coarse") == (
-        "To hold 1e-04 m on four_bar, in multiples of the time of `own`, the fastest engine asked, it takes `apart` 2.50 and "
-        "`slow` 8.00; no setting of `soft` was found."
+        "To hold a tenth of a millimetre on four_bar, in multiples of the time of `own`, the fastest engine asked, it takes "
+        "`apart` 2.50 and `slow` 8.00; no setting of `soft` was found."
     )
     assert shown.compare_costs(lines, ["soft"], "coarse") == ""
     assert shown.compare_costs(lines, ["apart"], "fine") == ""
@@ -416,8 +427,8 @@ def test_a_changed_row_of_the_field_is_refused_and_the_citation_names_both_runs(
     for path, commit in (("reports", "0123456789ab"), ("reports/field", "fedcba987654")):
         assert f"rows in {path}/, measured by commit {commit}" in text
         assert f'value: "sha256:{checksum_of_run(read_checksums(folder.parent / path))}"' in text
-    path = folder / "field" / "field.csv"
-    path.write_text(path.read_text().replace("True", "False").replace("true", "false"))
+    table = folder / "field" / "field.csv"
+    table.write_text(table.read_text().replace("True", "False"))
     with pytest.raises(ChangedRows, match=r"field/field\.csv: a row was changed"):
         read_run(folder)
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 from gauss_bench.reach import Requirement
@@ -13,7 +14,6 @@ from gauss_bench.report.content import (
     count,
     itemise,
     lay_out,
-    limit_text,
     ratio_text,
 )
 from gauss_bench.report.first_table import mark_own
@@ -32,10 +32,12 @@ from gauss_bench.report.rows import (
     number,
     with_number,
 )
+from gauss_bench.tables import ENDS
 
 PLACE = 13
 TITLE, ANCHOR = "The field", "field"
 ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] at which the table has the cost of an engine's searched best
+WORDS = {"coarse": "a tenth of a millimetre", "fine": "a micrometre"}
 OWN_STEPS, NO_ORDER = "it chooses its own steps", "its errors at three steps have no order"
 
 
@@ -117,15 +119,18 @@ def redundant_rows(cases: Sequence[Row], row: Row) -> dict[str, Any]:
 def costs(run: Run, engine: str = "") -> list[Row]:
     """Return a row for each engine of the field, or for one: the cost of its searched best at two accuracies, start and size."""
     run = run.field_run
-    lines: list[Row] = []
-    for row, *_ in rows_of_engines(run, engine):
+    lines: list[dict[str, Any]] = []
+    for row, *_ in rows_of_engines(run, ""):
         line = {**row, "name": mark_own(run, row["engine"]), "why_start": row["message"] or "not timed", "why_size": row["size_of"]}
         for key, limit in ACCURACIES.items():
             winner = winner_of(run, row, limit)
-            line[key] = number(winner, "seconds") if winner else math.nan
-            line[f"why_{key}"] = why_no_winner(run, row, limit, winner)
+            line |= {f"{key}{end}": number(winner, f"seconds{end}") if winner else math.nan for end in ENDS}
+            line[f"why_{key}"] = line[f"why_{key}_over"] = why_no_winner(run, row, limit, winner)
         lines.append(line)
-    return lines
+    for line, key in product(lines, ACCURACIES):
+        same = [x[key] for x in lines if x["mechanism"] == line["mechanism"] and is_known(x[key])]
+        line[f"{key}_over"] = line[key] / min(same, default=math.nan)
+    return [line for line in lines if engine in ("", line["engine"])]
 
 
 def winner_of(run: Run, row: Row, limit: float) -> Mapping[str, Any] | None:
@@ -160,18 +165,18 @@ def findings(run: Run) -> Iterator[Finding]:
     sentences = [compare_costs(lines, apart, key) for key in ACCURACIES]
     if any(sentences):
         text = " ".join(filter(None, sentences))
-        yield Finding("Engines in environments of their own", text, short=sentences[-1], behind=(lay_out("field_costs", lines),))
+        yield Finding("Engines in environments of their own", text, short=sentences[0], behind=(lay_out("field_costs", lines),))
 
 
 def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
     """Return a sentence on the costs of some engines as multiples of the least of all; empty if none of them has a cost."""
-    seconds = {row["engine"]: row[key] for row in with_number(lines, key)}
-    timed = sorted((x for x in engines if x in seconds), key=lambda x: seconds[x])
+    over = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}
+    timed = sorted((x for x in engines if x in over), key=lambda x: over[x])
     if not timed:
         return ""
-    fastest = min(seconds, key=lambda x: seconds[x])
-    multiples = itemise(f"`{x}` {ratio_text(seconds[x] / seconds[fastest])}" for x in timed)
-    none = itemise(f"`{x}`" for x in engines if x not in seconds)
-    place = f"To hold {limit_text(ACCURACIES[key])} m on {lines[0]['mechanism']}"
+    fastest = min(over, key=lambda x: over[x])
+    multiples = itemise(f"`{x}` {ratio_text(over[x])}" for x in timed)
+    none = itemise(f"`{x}`" for x in engines if x not in over)
+    place = f"To hold {WORDS[key]} on {lines[0]['mechanism']}"
     words = f"{place}, in multiples of the time of `{fastest}`, the fastest engine asked, it takes {multiples}"
     return f"{words}; no setting of {none} was found." if none else f"{words}."
