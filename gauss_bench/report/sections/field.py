@@ -2,10 +2,22 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 from gauss_bench.reach import Requirement
-from gauss_bench.report.content import Finding, Section, Text, blocks_of, count, itemise, lay_out
+from gauss_bench.report.content import (
+    Finding,
+    Section,
+    Text,
+    blocks_of,
+    count,
+    itemise,
+    lay_out,
+    ratio_text,
+)
+from gauss_bench.report.first_table import mark_own
+from gauss_bench.report.pages import facts
 from gauss_bench.report.reaches import answer
 from gauss_bench.report.rows import (
     METHOD,
@@ -18,43 +30,59 @@ from gauss_bench.report.rows import (
     has_ended,
     is_known,
     number,
+    with_number,
 )
+from gauss_bench.tables import ENDS
 
 PLACE = 13
 TITLE, ANCHOR = "The field", "field"
 ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] at which the table has the cost of an engine's searched best
+WORDS = {"coarse": "a tenth of a millimetre", "fine": "a micrometre"}
 OWN_STEPS, NO_ORDER = "it chooses its own steps", "its errors at three steps have no order"
-EARLIER = "in the first row of this engine"
 
 
 def section(run: Run) -> Section | None:
-    """Return the table of all engines, or None for a run that did not ask them."""
-    rows = run.table("field")
-    if not rows:
+    """Return the tables of all engines, or None for a run that did not ask them."""
+    if not run.field_run.table("field"):
         return None
-    return Section(TITLE, ANCHOR, [Text(describe_questions(run)), *blocks_of("field", answers(run))])
+    return Section(
+        TITLE, ANCHOR, [Text(describe_questions(run)), *blocks_of("field", answers(run)), *blocks_of("field_costs", costs(run))]
+    )
 
 
 def describe_questions(run: Run) -> str:
-    """Return in words on which linkages and at which step the engines were asked."""
-    first = run.table("field")[0]
-    return (
+    """Return in words on which linkage and at which step the engines were asked, and in which run if that is another one."""
+    first = run.field_run.table("field")[0]
+    words = (
         f"All engines were asked the same on {first['mechanism']} at steps of {1e3 * number(first, 'step'):g} ms. Accuracy is that "
-        "of a setting; cost, start and size are those of an engine and stand in its first row."
+        "of a setting; cost, start and size are those of an engine."
+    )
+    return f"{words} {describe_run(run)}" if run.beside else words
+
+
+def describe_run(run: Run) -> str:
+    """Return in words which run asked the engines, and why its times differ from those of the run beside which it is published."""
+    return (
+        f"The rows are of a run of their own ({', '.join(facts(run.field_run))}). Its times are those of a brief search; the suite "
+        f"`{run.environment.get('suite', '')}`, whose times stand on the other pages, searched longer and found other settings."
     )
 
 
 def answers(run: Run, engine: str = "") -> list[Row]:
     """Return the rows of the field, or those of one engine, with what other tables of the run know of each setting."""
-    rows = [row for row in run.table("field") if engine in ("", row["engine"])]
+    run = run.field_run
     lines: list[Row] = []
-    for (_, name), group in group_by(rows, "mechanism", "engine").items():
+    for group in rows_of_engines(run, engine):
         shipped = [row for row in group if row["settings"] in ("default", "")]
-        ordered = [*shipped, *(row for row in group if row not in shipped)]
-        for row in ordered:
-            known = accuracy_of(run, row) | engine_facts(run, row, is_first=row is ordered[0])
-            lines.append({**row, **known, "name": f"{name} (own)" if name in run.own_engines else name})
+        for row in (*shipped, *(row for row in group if row not in shipped)):
+            lines.append({**row, **accuracy_of(run, row), "name": mark_own(run, row["engine"])})
     return lines
+
+
+def rows_of_engines(run: Run, engine: str) -> list[list[Row]]:
+    """Return the rows of the field of each engine, or of one engine."""
+    rows = [row for row in run.table("field") if engine in ("", row["engine"])]
+    return list(group_by(rows, "mechanism", "engine").values())
 
 
 def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
@@ -88,16 +116,21 @@ def redundant_rows(cases: Sequence[Row], row: Row) -> dict[str, Any]:
     return {"redundant": number(valid[0], "length_error") if valid else math.nan, "why_redundant": reason}
 
 
-def engine_facts(run: Run, row: Row, is_first: bool) -> dict[str, Any]:
-    """Return what belongs to an engine and not to a setting: the cost at two accuracies, start and size; in its first row alone."""
-    if not is_first:
-        return {f"why_{key}": EARLIER for key in (*ACCURACIES, "start", "size")} | {"start": math.nan, "size": math.nan}
-    facts: dict[str, Any] = {"why_start": row["message"] or "not timed", "why_size": row["size_of"]}
-    for key, limit in ACCURACIES.items():
-        winner = winner_of(run, row, limit)
-        facts[key] = number(winner, "seconds") if winner else math.nan
-        facts[f"why_{key}"] = why_no_winner(run, row, limit, winner)
-    return facts
+def costs(run: Run, engine: str = "") -> list[Row]:
+    """Return a row for each engine of the field, or for one: the cost of its searched best at two accuracies, start and size."""
+    run = run.field_run
+    lines: list[dict[str, Any]] = []
+    for row, *_ in rows_of_engines(run, ""):
+        line = {**row, "name": mark_own(run, row["engine"]), "why_start": row["message"] or "not timed", "why_size": row["size_of"]}
+        for key, limit in ACCURACIES.items():
+            winner = winner_of(run, row, limit)
+            line |= {f"{key}{end}": number(winner, f"seconds{end}") if winner else math.nan for end in ENDS}
+            line[f"why_{key}"] = line[f"why_{key}_over"] = why_no_winner(run, row, limit, winner)
+        lines.append(line)
+    for line, key in product(lines, ACCURACIES):
+        same = [x[key] for x in lines if x["mechanism"] == line["mechanism"] and is_known(x[key])]
+        line[f"{key}_over"] = line[key] / min(same, default=math.nan)
+    return [line for line in lines if engine in ("", line["engine"])]
 
 
 def winner_of(run: Run, row: Row, limit: float) -> Mapping[str, Any] | None:
@@ -117,8 +150,9 @@ def why_no_winner(run: Run, row: Row, limit: float, winner: Mapping[str, Any] | 
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield which engines do not repeat bit by bit, and which were not there to be asked."""
-    rows = run.table("field")
+    """Yield which engines do not repeat bit by bit and which were not there, and the cost of those of environments."""
+    run = run.field_run
+    rows, lines = run.table("field"), costs(run)
     differing = sorted({r["engine"] for r in rows if r["same_bits"] is False})
     asked = sorted({r["engine"] for r in rows if r["same_bits"] is not None})
     if asked:
@@ -127,3 +161,22 @@ def findings(run: Run) -> Iterator[Finding]:
         text += f"; not for {itemise(f'`{x}`' for x in differing)}" if differing else ""
         text += f". Not asked: {itemise(f'`{x}`' for x in missing)}." if missing else "."
         yield Finding("Runs that repeat", text, "warn" if differing else "", behind=(lay_out("field", answers(run)),))
+    apart = sorted(x for x, known in run.environment.get("engines", {}).items() if known.get("environment"))
+    sentences = [compare_costs(lines, apart, key) for key in ACCURACIES]
+    if any(sentences):
+        text = " ".join(filter(None, sentences))
+        yield Finding("Engines in environments of their own", text, short=sentences[0], behind=(lay_out("field_costs", lines),))
+
+
+def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
+    """Return a sentence on the costs of some engines as multiples of the least of all; empty if none of them has a cost."""
+    over = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}
+    timed = sorted((x for x in engines if x in over), key=lambda x: over[x])
+    if not timed:
+        return ""
+    fastest = min(over, key=lambda x: over[x])
+    multiples = itemise(f"`{x}` {ratio_text(over[x])}" for x in timed)
+    none = itemise(f"`{x}`" for x in engines if x not in over)
+    place = f"To hold {WORDS[key]} on {lines[0]['mechanism']}"
+    words = f"{place}, in multiples of the time of `{fastest}`, the fastest engine asked, it takes {multiples}"
+    return f"{words}; no setting of {none} was found." if none else f"{words}."
