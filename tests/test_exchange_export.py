@@ -35,7 +35,7 @@ from gauss_bench.exchange.text import (
     toml_string,
     xml_comment,
 )
-from gauss_bench.exchange.transcript import Script, python
+from gauss_bench.engines.transcript import Script, python
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array

@@ -21,7 +21,7 @@ from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
-from gauss_bench.exchange.scripts import plan_steps
+from gauss_bench.engines.programs import plan
 from gauss_bench.exchange.to_c import TRIED
 from gauss_bench.judge import OFF_MOTION
 from gauss_bench.mechanism.model import Mechanism
@@ -135,7 +135,7 @@ def measure_program(
         ChoiceError: the steps take longer than a quarter of the seconds.
     """
     end = mechanism.duration
-    steps, every = plan_steps(end, choice.step)
+    steps, every = plan(end, choice.step)
     choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
     rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # samples of a short motion that are close enough to be judged
     if source:

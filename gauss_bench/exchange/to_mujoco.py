@@ -5,8 +5,8 @@ from xml.etree.ElementTree import indent, tostring
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.transcript import name_laws
 from gauss_bench.exchange.scripts import write_program
-from gauss_bench.exchange.transcript import name_laws
 from gauss_bench.mechanism.model import Mechanism
 
 

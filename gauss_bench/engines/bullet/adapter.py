@@ -18,6 +18,7 @@ from gauss_bench.engines.base import Choice, Model, sample_arrays
 from gauss_bench.engines.bullet.accelerations import CONVERGED, Accelerations
 from gauss_bench.engines.bullet.bodies import BodyWorld
 from gauss_bench.engines.bullet.joints import TreeWorld
+from gauss_bench.engines.bullet.program import write
 from gauss_bench.engines.bullet.translate import BodyForces, JointForces, joint_forces, refusal
 from gauss_bench.engines.shared import drivers_by_coordinate, finite_acceleration, joint_tree, require_agreement, size
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -63,6 +64,9 @@ class Bullet:
     def build(self, mechanism: Mechanism, choice: Choice) -> Model:
         of_bodies = VARIANTS.options(choice.settings)["coordinates"] == "bodies"
         return BodyModel(mechanism, choice) if of_bodies else JointModel(mechanism, choice)
+
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        return write(mechanism, choice, VARIANTS)
 
 
 def step_through(

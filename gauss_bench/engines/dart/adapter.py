@@ -15,6 +15,7 @@ from typing import Any
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.given import GivenForces
 from gauss_bench.engines.dart.messages import Messages
+from gauss_bench.engines.dart.program import write
 from gauss_bench.engines.dart.translate import Builder, Built, refusal, select_pgs
 from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
@@ -59,6 +60,9 @@ class Dart:
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DartModel":
         return DartModel(mechanism, choice)
+
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        return write(mechanism, choice, VARIANTS.options(choice.settings))
 
 
 class DartModel(TreeModel):

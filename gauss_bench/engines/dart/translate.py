@@ -136,7 +136,8 @@ class Builder:
             "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
             "free": self.skeleton.createPlanarJointAndBodyNodePair,
         }
-        joint, body = create[b.kind](self.bodies.get(b.parent))
+        pair = create[b.kind](self.bodies.get(b.parent))
+        joint, body = pair[0], pair[1]
         joint.setName(f"joint{b.at}")
         body.setName(f"link{b.link}")
         if b.kind == "free":
@@ -148,7 +149,7 @@ class Builder:
         link = self.mechanism.links[b.link]
         body.setInertia(self.dartpy.dynamics.Inertia(link.mass, np.zeros(3), link.inertia * np.eye(3)))
         self.bodies[b.link] = body
-        for k in range(joint.getNumDofs()):
+        for k in range(3 if b.kind == "free" else 1):
             self.coordinates[b.at + k] = joint, k
 
     def _frame(self, origin: Array, angle: float = 0.0) -> Any:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.drake.translate import Built, Library
+from gauss_bench.engines.drake.translate import Built
 from gauss_bench.engines.shared import size
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
@@ -44,7 +44,7 @@ class Stepper:
 class Runner:
     """A simulation of a discrete plant, whose steps have one length."""
 
-    def __init__(self, drake: Library, built: Built):
+    def __init__(self, drake: Any, built: Built):
         self.built = built
         self.simulator: Any = drake.analysis.Simulator(built.system)
         self.root = self.simulator.get_mutable_context()
@@ -69,7 +69,7 @@ class Runner:
 class ContinuousRunner(Runner):
     """A simulation of a continuous plant by one of Drake's integrators."""
 
-    def set_integrator(self, drake: Library, scheme: str, accuracy: float | None) -> None:
+    def set_integrator(self, drake: Any, scheme: str, accuracy: float | None) -> None:
         """Set the integrator; with an accuracy it chooses its steps."""
         self.integrator: Any = drake.analysis.ResetIntegratorFromFlags(self.simulator, scheme, LONGEST_STEP)
         self.takes_equal_steps = accuracy is None

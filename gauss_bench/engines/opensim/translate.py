@@ -62,6 +62,7 @@ class Built:
     Attributes:
         model, coordinates: of OpenSim; start: a state of the model, from which others are copied.
         pins: for each closing pin, OpenSim's body and the point in it, of both sides.
+        bodies: of OpenSim, in the order of the links.
         elements: Python's references to joints and forces, without which OpenSim would lose them.
     """
 
@@ -69,6 +70,7 @@ class Built:
     coordinates: list[Any]
     start: Any
     pins: list[tuple[tuple[Any, Any], tuple[Any, Any]]]
+    bodies: list[Any]
     elements: list[Any]
 
 
@@ -108,7 +110,8 @@ class Builder:
             motor.overrideActuation(start, True)
             motor.setOverrideActuation(start, force)
         coordinates = [self.model.getCoordinateSet().get(f"y{k}") for k in range(self.tree.n)]
-        return Built(self.model, coordinates, start, pins, [self.bodies, self.coordinates, self.elements])
+        bodies = [self.bodies[i] for i in range(len(mechanism.links))]
+        return Built(self.model, coordinates, start, pins, bodies, [self.coordinates, self.elements])
 
     def _vector(self, x: Any) -> Any:
         return self.opensim.Vec3(*spatial(x))
