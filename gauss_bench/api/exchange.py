@@ -223,10 +223,11 @@ def export(
         remarks, answer = (remark,), replace_fields(answer, step=choice.step)
     warning = ""
     if kind.is_program:
-        if remarks and engine == "c":  # its step or integrator is another than that of the first text
+        alone = engine == "c" or not kind.writer  # such a program is run itself
+        if remarks and alone:  # its step or integrator is another than that of the first text
             model = write()
-        source = model["text"] if engine == "c" else ""
-        error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told)
+        source, interpreter = model["text"] if alone else "", None if engine == "c" else interpreter_of(kind.engine)
+        error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told, interpreter)
         answer, warning = replace_fields(answer, error=error), error.warning
         if missed := name_missed(error, wanted):
             return replace_fields(answer, refused=missed)
