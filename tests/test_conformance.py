@@ -18,7 +18,10 @@ from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
 from gauss_bench.engines import SAFE, all_names
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.shared import open_tree
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.integrate.fixed_step import dop853_tableau
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.runs.offers import offer, offers
 from gauss_bench.runs.one_run import Run, sampling_at
@@ -126,6 +129,26 @@ def test_one_row_without_its_velocity_term_is_seen_beside_soft_ones() -> None:
             K = np.block([[terms.M, terms.J.T], [terms.J, -0.1 * np.eye(len(terms.J))]])
             given.append(np.linalg.solve(K, np.concatenate([terms.Q, gamma]))[: on.mechanism.n])
         assert on.share_of_gamma(np.array(given)) == pytest.approx(left, abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("softness", [0.0, 0.1])
+def test_the_share_of_an_engine_of_joint_trees_is_that_of_the_term_in_its_own_coordinates(share: float, softness: float) -> None:
+    """Of the crank-slider's gamma it would be -9.2 and not 0: the closing pin's own term is small beside that of the whole tree."""
+    on = probe("crank_slider", "paper")
+    tree, evaluator = spanning_tree(on.mechanism), Evaluator(on.mechanism)
+    given = []
+    for t, q, v in zip(on.t, on.q, on.v, strict=True):
+        y, dy = tree.relative(q, v)
+        own, terms = open_tree(evaluator, tree, y, dy), evaluator.terms(float(t), q, v)
+        speeds = tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n)))[1]
+        velocity = terms.gamma - terms.J @ tree.absolute(y, dy, 0.0 * y)[2]
+        closing = np.flatnonzero(np.abs(terms.J @ speeds.T).max(axis=1) > 1e-9)
+        J = terms.J[closing] @ speeds.T
+        K = np.block([[own.mass, J.T], [J, -softness * np.eye(len(J))]])
+        ddy = np.linalg.solve(K, np.concatenate([own.forces, share * velocity[closing]]))[: tree.n]
+        given.append(tree.absolute(y, dy, ddy)[2])
+    assert on.share_of_gamma(np.array(given)) == pytest.approx(share, abs=1e-9)
 
 
 def test_without_any_velocity_term_none_is_missed() -> None:
