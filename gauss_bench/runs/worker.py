@@ -188,7 +188,7 @@ class Worker:
         except TimeoutError as error:
             printed = self._last_words()
             self.stop()
-            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:g} s{printed}") from error
+            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:.3g} s{printed}") from error
         except SpoiltAnswer as error:
             self.stop()
             raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {error}") from error
