@@ -49,7 +49,7 @@ def adapters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def list_undefined(text: str) -> set[str]:
     """Names that a program uses and does not have."""
-    known, used = {*dir(builtins), "__name__"}, set()
+    known, used = {*dir(builtins), "__name__"}, set[str]()
     for node in ast.walk(ast.parse(text)):
         match node:
             case ast.Import(names) | ast.ImportFrom(names=names):

@@ -105,7 +105,7 @@ class Closure:
         """Tell whether the gap falls with the step by a clearly higher order than an error, which it can then not cause."""
         if len(self.closure) < 2 or self.closure[-2] == 0.0:
             return False
-        return self.closure[-1] < self.closure[-2] / 2.0 ** (order + HALF)
+        return bool(self.closure[-1] < self.closure[-2] / 2.0 ** (order + HALF))
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:

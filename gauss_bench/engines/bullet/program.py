@@ -1,5 +1,7 @@
 """A program for Bullet: the calls by which the tree of joints is made, and a step from Python for each step of a run."""
 
+from typing import Any
+
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.translate import joint_forces
@@ -59,7 +61,8 @@ def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
     world = TreeWorld(script.stand_in("pybullet"), mechanism, tree, options)
     world.damp(forces.joint_damping)
     world.put(*tree.relative(mechanism.q0, mechanism.v0))
-    world.set_step(script.stand_in("step"))
+    step: Any = script.stand_in("step")
+    world.set_step(step)
     numbers = {
         "CONSTANT": forces.constant,
         "STIFFNESS": forces.stiffness,

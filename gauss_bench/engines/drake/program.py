@@ -1,6 +1,7 @@
 """A program for Drake: the calls by which the builder makes the plant, and a simulation."""
 
 from types import SimpleNamespace
+from typing import Any
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.stepping import LONGEST_STEP
@@ -49,9 +50,10 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
     """
     script = Script(STATEMENTS)
     library = SimpleNamespace(**{name: script.stand_in(f"drake_{name}") for name in MODULES})
-    built = Builder(library, mechanism, tree).build(0.0 if scheme else script.stand_in("step"), closure)
+    step: Any = script.stand_in("step")
+    built = Builder(library, mechanism, tree).build(0.0 if scheme else step, closure)
     script.lines.append(f"order = {python(built.order)}  # of the joints' coordinates in Drake's")
-    script.lines.append(f"bodies = [{', '.join(f'body_{k + 1}' for k in range(len(mechanism.links)))}]")
+    script.lines.append(f"bodies = {python(built.bodies)}")
     script.lines.append(f"simulator = drake_analysis.Simulator({python(built.system)})")
     script.lines.append("root = simulator.get_mutable_context()")
     built.set_forces_at_points(script.stand_in("root"))
@@ -63,8 +65,9 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
 
 def _set_integrator(scheme: str, accuracy: float | None) -> list[str]:
     """Return the statements that set the integrator of a continuous plant."""
+    longest = "step" if accuracy is None else LONGEST_STEP
     lines = [
-        f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {'step' if accuracy is None else LONGEST_STEP})",
+        f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {longest})",
         f"integrator.set_fixed_step_mode({accuracy is None})",
     ]
     return lines if accuracy is None else [*lines, f"integrator.set_target_accuracy({accuracy!r})"]

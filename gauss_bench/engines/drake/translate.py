@@ -118,6 +118,7 @@ class Built:
 
     Attributes:
         plant: Drake's MultibodyPlant; system: the plant itself, or a diagram that also holds propellers.
+        bodies: of Drake, in the order of the links.
         order: (n,) index in Drake's coordinates of each tree coordinate.
         pins: for each closing pin the frame of Drake's body and the point in it, of both sides.
         motors: (n,) constant generalised forces on the tree coordinates.
@@ -127,6 +128,7 @@ class Built:
 
     plant: Any
     system: Any
+    bodies: list[Any]
     order: Any
     pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
     motors: Array
@@ -215,11 +217,12 @@ class Builder:
         order = np.array(
             [self.joints[at].position_start() + k for at in sorted(self.joints) for k in range(len(self.dampings[at]))]
         )
+        bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
         winds = [self._spatial_force(*wind) for wind in self.winds]
         thrusts = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
         port = self.plant.get_applied_spatial_force_input_port()
         if not self.thrusts:
-            return Built(self.plant, self.plant, order, pins, self.forces, winds, thrusts, port)
+            return Built(self.plant, self.plant, bodies, order, pins, self.forces, winds, thrusts, port)
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
         propellers = builder.AddSystem(self.drake.plant.Propeller([self._propeller(*thrust) for thrust in self.thrusts]))
@@ -228,7 +231,7 @@ class Builder:
         builder.Connect(propellers.get_spatial_forces_output_port(), both.get_input_port(0))
         builder.Connect(both.get_output_port(), port)
         system, thrust_port = builder.Build(), propellers.get_command_input_port()
-        return Built(self.plant, system, order, pins, self.forces, winds, thrusts, both.get_input_port(1), thrust_port)
+        return Built(self.plant, system, bodies, order, pins, self.forces, winds, thrusts, both.get_input_port(1), thrust_port)
 
     def _add_body(self, name: str, inertia: Any) -> Any:
         return self.plant.AddRigidBody(name, inertia)
