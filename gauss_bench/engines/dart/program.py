@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.dart.given import GivenForces
-from gauss_bench.engines.dart.translate import Builder, select_pgs
+from gauss_bench.engines.dart.translate import Builder, forces_of, select_pgs
 from gauss_bench.engines.programs import Parts, write_tree_program
 from gauss_bench.engines.shared import drivers_by_coordinate, joint_tree
 from gauss_bench.engines.transcript import Script, name_laws, python
@@ -61,7 +60,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
         RunFailure: it would need the suite's own forces at every step.
     """
     tree = joint_tree(mechanism, options)
-    forces = GivenForces(mechanism, tree, options["joint_forces"])
+    forces = forces_of(mechanism, tree, options["joint_forces"])
     if forces.others is not None:
         raise RunFailure(
             Status.SKIP, "the program holds forces of DART's joints alone, and none at or between points, nor any that varies"
@@ -75,7 +74,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     script.lines.append(f"order = {python(built.order)}  # of the joints' coordinates in DART's")
     script.lines.append(f"world, bodies, closures = {python(built.world)}, {python(built.bodies)}, {python(closures)}")
     numbers = {
-        "FORCES": forces.steady + forces.preload,
+        "FORCES": forces.constant,
         "STIFFNESS": forces.stiffness,
         "DAMPING": forces.damping,
         "LAWS": [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()],
