@@ -126,8 +126,8 @@ def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pyt
 @pytest.mark.parametrize(
     ("name", "scenario", "words"),
     [
-        ("four_bar", "cycloid", "MJX calls nothing at the stages of a step, as the motion law sine would need"),
-        ("excavator", None, "MJX prescribes coordinates of joints here, not the length"),
+        ("four_bar", "cycloid", "MJX is given no motion law sine here"),
+        ("excavator", None, "MJX prescribes coordinates of joints, not the length"),
         ("sleigh", None, "MJX has no constraint on velocities alone (knife edge)"),
     ],
 )

@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.given_forces import GivenForces, on_one_joint
-from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates
+from gauss_bench.engines.shared import beyond_a_tree, undriven
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import LengthDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 
@@ -33,12 +33,7 @@ def refusal(mechanism: Mechanism, tree: Tree, coordinates: str) -> str | None:
         if mechanism.slides:
             return f"Bullet has no slide between free bodies ({mechanism.slides[0].name})"
         return "Bullet has motors in the joints of a tree, and none between free bodies" if mechanism.drivers else None
-    for driver in mechanism.drivers:
-        if isinstance(driver, LengthDriver):
-            return f"Bullet has motors in joints, and none for the length {driver.name}"
-    if None in driven_coordinates(mechanism, tree):
-        return "Bullet has motors in the joints of its tree, and the driven angle is none"
-    return None
+    return undriven(mechanism, tree, "Bullet")
 
 
 def joint_forces(mechanism: Mechanism, tree: Tree) -> GivenForces:

@@ -15,8 +15,8 @@ from typing import Any
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.dart.program import write
-from gauss_bench.engines.dart.translate import Builder, Built, forces_of, refusal, select_pgs
-from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree
+from gauss_bench.engines.dart.translate import Builder, Built, forces_of, select_pgs
+from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree, undriven
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
@@ -49,7 +49,8 @@ class Dart:
         return f"DART {dartpy.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        return beyond_a_tree(mechanism, "DART") or refusal(mechanism, joint_tree(mechanism, VARIANTS.options(choice.settings)))
+        tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
+        return beyond_a_tree(mechanism, "DART") or undriven(mechanism, tree, "DART")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         options = VARIANTS.options(choice.settings)

@@ -11,21 +11,13 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.given_forces import GivenForces, on_one_joint
-from gauss_bench.engines.shared import closing_pins, driven_coordinates, drivers_by_coordinate, spatial
+from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, spatial
 from gauss_bench.engines.tree import Branch, Tree
-from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point
+from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 OUT_OF_PLANE = [0.0, 0.0, 1.0]
-
-
-def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
-    """Return the reason why DART cannot prescribe what is driven, or None if it can."""
-    if None in driven_coordinates(mechanism, tree):
-        return "DART prescribes coordinates of the tree of joints, and the driven angle is none"
-    length = next((x.name for x in mechanism.drivers if isinstance(x, LengthDriver)), None)
-    return f"DART prescribes coordinates of joints, not the length {length}" if length else None
 
 
 IMPLICIT, EXPLICIT = "implicit", "explicit"  # values of the knob `joint_forces`

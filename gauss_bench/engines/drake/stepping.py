@@ -7,6 +7,7 @@ import numpy as np
 
 from gauss_bench.engines.drake.translate import Built
 from gauss_bench.engines.shared import size
+from gauss_bench.engines.tree_model import extrapolate
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -126,10 +127,3 @@ def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tup
     lengths = np.array([stepper.length for stepper in steppers])
     found = extrapolate(lengths, changes)
     return found, float(np.abs(found - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
-
-
-def extrapolate(lengths: Array, values: Array) -> Array:
-    """Return the value (n,) at 0 of the polynomial through values (k, n) at k lengths."""
-    powers = np.vander(lengths / lengths[0], increasing=True)  # of lengths over the first: those in seconds are tiny
-    coefficients = np.linalg.solve(powers, values)
-    return np.asarray(coefficients[0])

@@ -20,10 +20,10 @@ from gauss_bench.engines.mjcf.forces import native_forces
 from gauss_bench.engines.mjx.compiled import INTEGRATORS, compile_model
 from gauss_bench.engines.mjx.program import write
 from gauss_bench.engines.mjx.xla import Device, load_libraries
-from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, joint_tree, unsteady
+from gauss_bench.engines.shared import beyond_a_tree, joint_tree, undriven, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.mechanism.model import LengthDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -52,16 +52,10 @@ class Mjx:
         return f"mujoco-mjx {version('mujoco-mjx')} (mujoco {version('mujoco')}, jax {version('jax')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if reason := beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX"):
-            return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
-        if None in driven_coordinates(mechanism, tree):
-            return "MJX needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
-        for driver in mechanism.drivers:
-            if isinstance(driver, LengthDriver):
-                return f"MJX prescribes coordinates of joints here, not the length {driver.name}"
-            if driver.law.name != "constant":
-                return f"MJX calls nothing at the stages of a step, as the motion law {driver.law.name} would need"
+        of_joints = beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX")
+        if reason := of_joints or undriven(mechanism, tree, "MJX", any_law=False):  # it calls nothing at the stages of a step
+            return reason
         try:
             native_forces(mechanism, tree)
         except RunFailure as failure:
