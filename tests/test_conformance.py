@@ -11,7 +11,7 @@ import pytest
 
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import agreement, subject
-from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, refusal
+from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, find_loose, refusal
 from gauss_bench.bench.conformance import conformance, explains_lateness, lateness, rates_fault
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, _share, changes, probe
 from gauss_bench.bench.subject import Check
@@ -149,6 +149,28 @@ def test_the_share_of_an_engine_of_joint_trees_is_that_of_the_term_in_its_own_co
         ddy = np.linalg.solve(K, np.concatenate([own.forces, share * velocity[closing]]))[: tree.n]
         given.append(tree.absolute(y, dy, ddy)[2])
     assert on.share_of_gamma(np.array(given)) == pytest.approx(share, abs=1e-9)
+
+
+def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens() -> None:
+    """As of a spring where its loop is closed, or of a closure that is not there; the run then tells which it is."""
+    on = probe("four_bar", "torque")
+    mechanism, tree, evaluator = on.mechanism, spanning_tree(on.mechanism), Evaluator(on.mechanism)
+
+    def fall(y: Array, dy: Array) -> Array:
+        own = open_tree(evaluator, tree, y, dy)
+        return np.linalg.solve(own.mass, own.forces)
+
+    states = [tree.relative(q, v) for q, v in zip(on.q, on.v, strict=True)]
+    assert on.share_of_gamma(np.array([tree.absolute(*y, fall(*y))[2] for y in states])) == pytest.approx(1.0)
+    y, dy = tree.relative(mechanism.q0, mechanism.v0)
+    rows = [(y, dy)]
+    for _ in range(100):  # steps of a millisecond
+        dy = dy + 1e-3 * fall(y, dy)
+        y = y + 1e-3 * dy
+        rows.append((y, dy))
+    q, v, a = tree.absolute(*(np.array(x) for x in zip(*rows, strict=True)), np.zeros((101, tree.n)))
+    assert "nothing holds them" in find_loose(mechanism, Trajectory(1e-3 * np.arange(101), q, v, a, 100))
+    assert not find_loose(mechanism, Trajectory(np.zeros(1), q[:1], v[:1], a[:1], 0))
 
 
 def test_without_any_velocity_term_none_is_missed() -> None:

@@ -28,6 +28,7 @@ PROBE = str(FOLDER / "linkages" / "probe.toml")
 STATES, SEED = 8, 20261123
 REACH, SLOW, FAST = 0.4, 2.0, 6.0  # steps [m, rad] between states; least and largest velocities [m/s, rad/s] along free directions
 FLOOR = 0.05  # of the largest among the states: errors at states near equilibrium are relative to this share
+RESTING = 1e-9  # of the largest constraint force: a smaller one is rounding, and nothing holds its row
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
 FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
     "mass": ("masses", 1.3),
@@ -79,8 +80,8 @@ class Probe:
         way in proportion to its force has c = 1; c is 0 for a row without its velocity term g. That term depends on the coordinates
         of an engine: g is gamma in absolute coordinates, and gamma - J a0 in those of a joint tree, where a0 are the accelerations
         with which the tree moves if its coordinates keep their rates. Of these, the one that explains the row best is taken. Rows
-        without velocity terms are left out, and so are linkages with redundant rows, whose forces are not determined; the result is
-        then 1.
+        without velocity terms are left out, those without forces (of springs, where loops are closed), and linkages with redundant
+        rows, whose forces are not determined; the result is then 1.
         """
         if self.mechanism.redundant:
             return 1.0
@@ -95,8 +96,8 @@ class Probe:
             found.append((terms.J @ given - terms.gamma, force, velocity))
         beside, forces, velocities = (np.array(x) for x in zip(*found, strict=True))  # (k, m), (k, m), (k, 3, m)
         largest = np.abs(velocities[:, 0]).max(initial=0.0)
-        shares = []
-        for row in range(beside.shape[1]):
+        shares, strong = [], np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)
+        for row in np.flatnonzero(strong):
             terms_of_row = [g for g in velocities[:, :, row].T if np.abs(g).max() > FLOOR * largest]
             fits = [_fit(beside[:, row], np.column_stack([g, forces[:, row]])) for g in terms_of_row]
             if fits:
