@@ -208,7 +208,7 @@ def test_what_a_format_cannot_hold_is_refused_by_name(
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["--engine", "dart", "--out", "x"], "mujoco, pinocchio, exudyn, casadi, c"),
+        (["--engine", "nobody", "--out", "x"], "mujoco, pinocchio, exudyn, casadi, c"),
         (["--engine", "c", "--out", "no/such/folder/x"], "no folder"),
         (["--engine", "c", "--out", "."], "is a folder"),
         (["--engine", "c", "--out", "mine"], "is there already"),

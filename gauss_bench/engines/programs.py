@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from string import Template
+from textwrap import indent
 from typing import Any
 
 import numpy as np
@@ -179,7 +180,7 @@ def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: 
         numbers="\n".join(f"{name} = {python(x)}" for name, x in numbers.items()),
         laws=f"{laws}\n\n" if laws else "",
         plan=PLAN,
-        model="\n".join(f"    {line}" for line in parts.model),
+        model=indent("\n".join(parts.model), "    "),
         run=parts.run,
         main=MAIN,
     )

@@ -30,7 +30,11 @@ if SOLREF_IN_STEPS:
 data, twist = mujoco.MjData(model), np.empty(6)
 mujoco.mj_resetDataKeyframe(model, data, 0)
 device, state = mjx.put_model(model), mjx.put_data(model, data)
-advance = jax.jit(lambda state: jax.lax.fori_loop(0, every, lambda _, x: mjx.step(device, x), state))
+
+def take_step(_, old):  # with tendons MJX returns integers of another size, which JAX's loop refuses
+    return jax.tree.map(lambda new, kept: new.astype(kept.dtype), mjx.step(device, old), old)
+
+advance = jax.jit(lambda state: jax.lax.fori_loop(0, every, take_step, state))
 bodies = [model.body(name).id for name in BODIES]"""
 RUN = """    for k in range(every, steps + 1, every):
         state = advance(state)
