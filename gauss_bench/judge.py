@@ -343,7 +343,9 @@ def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, ada
     """Return advice on how to make an invalid run valid, or an empty text."""
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
-        return "no step mends accelerations that are another linkage's: look for another engine or setting"
+        smaller = "a tighter tolerance" if adaptive else f"a step smaller than {step:g} s"
+        mended = f"{smaller} mends accelerations that an engine takes from its steps"
+        return f"do not trust it; {mended}; else look for another engine or setting"
     if not subjects & {Subject.LOOPS, Subject.ENERGY, Subject.STIFFNESS, Subject.STEP}:
         return "do not trust it" if subjects & {Subject.START, Subject.RATES, Subject.REPETITION} else ""
     smaller = "ask for a tighter tolerance" if adaptive else f"take a step smaller than {step:g} s"

@@ -110,7 +110,7 @@ def test_two_runs_are_the_same_bit_for_bit(settings: str) -> None:
     ("name", "scenario", "coordinates", "words"),
     [
         ("four_bar", "cycloid", "tree", None),
-        ("excavator", None, "tree", "none for the length"),
+        ("excavator", None, "tree", "not the length"),
         ("sleigh", None, "tree", "knife edge"),
         ("crank_slider", "paper", "tree", None),
         ("crank_slider", "paper", "bodies", "no slide between free bodies (guide)"),
@@ -131,7 +131,7 @@ def test_a_driven_angle_that_is_no_joint_of_the_tree_is_refused() -> None:
     assert refusal(mechanism, spanning_tree(mechanism), "tree") is None
     assert (
         refusal(turned, spanning_tree(turned), "tree")
-        == "Bullet has motors in the joints of its tree, and the driven angle is none"
+        == "Bullet prescribes coordinates of the tree of joints, and the driven angle is none"
     )
 
 

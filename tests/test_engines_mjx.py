@@ -126,8 +126,8 @@ def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pyt
 @pytest.mark.parametrize(
     ("name", "scenario", "words"),
     [
-        ("four_bar", "cycloid", "MJX calls nothing at the stages of a step, as the motion law sine would need"),
-        ("excavator", None, "MJX prescribes coordinates of joints here, not the length"),
+        ("four_bar", "cycloid", "MJX is given no motion law sine here"),
+        ("excavator", None, "MJX prescribes coordinates of joints, not the length"),
         ("sleigh", None, "MJX has no constraint on velocities alone (knife edge)"),
     ],
 )
@@ -212,14 +212,45 @@ print(device._take_steps._cache_size(), float(device.tree_state(state)[0][0]))
 """
 
 
+TENDON = """
+import numpy as np
+from gauss_bench.engines.mjx.xla import Device, load_libraries
+
+libraries = load_libraries()
+model = libraries.mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><site name='a' pos='1 1 0'/><body><joint axis='0 0 1'/><site name='b' pos='1 0 0'/>"
+    "<inertial pos='1 0 0' mass='1' diaginertia='1 1 1'/></body></worldbody>"
+    "<tendon><spatial stiffness='10' springlength='0.5'><site site='a'/><site site='b'/></spatial></tendon></mujoco>"
+)
+device, data = Device(libraries, model, np.zeros(1)), libraries.mujoco.MjData(model)
+state = device.take_steps(device.with_step(1e-3), device.start(np.zeros(1), np.zeros(1), 0.0), 100)
+model.opt.timestep = 1e-3
+for _ in range(100):
+    libraries.mujoco.mj_step(model, data)
+print(float(device.tree_state(state)[0][0]), data.qpos[0])
+"""
+
+
+def printed_there(script: str) -> list[str]:
+    """Words that a script prints in the environment of MJX."""
+    assert ENVIRONMENT is not None
+    root = str(Path(gauss_bench.__file__).parents[1])
+    command, where = [ENVIRONMENT.python, "-c", script], os.environ | {"PYTHONPATH": root}
+    return subprocess.run(command, env=where, capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("mjx")
+def test_a_spring_between_points_is_stepped_as_mujoco_steps_it() -> None:
+    """Without the types of the state kept, JAX refuses the loop."""
+    angle, of_mujoco = map(float, printed_there(TENDON))
+    assert angle == pytest.approx(of_mujoco, abs=1e-12)
+    assert angle > 0.01
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("mjx")
 def test_steps_are_compiled_once_for_all_sizes_numbers_and_states() -> None:
-    assert ENVIRONMENT is not None
-    root = str(Path(gauss_bench.__file__).parents[1])
-    done = subprocess.run(
-        [ENVIRONMENT.python, "-c", ONCE], env=os.environ | {"PYTHONPATH": root}, capture_output=True, text=True, check=True
-    )
-    compiled, angle = done.stdout.split()
+    compiled, angle = printed_there(ONCE)
     assert int(compiled) == 1
     assert float(angle) == pytest.approx(0.25 + 2.0 * (2 * 0.1 + 2 * 0.05), abs=1e-12)  # it turns freely

@@ -633,7 +633,8 @@ def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
             ["model", "loops"],
             False,
             False,
-            "no step mends accelerations that are another linkage's: look for another engine or setting",
+            "do not trust it; a step smaller than 0.001 s mends accelerations that an engine takes from its steps; "
+            "else look for another engine or setting",
         ),
         (["motion"], False, False, ""),
     ],

@@ -1,7 +1,6 @@
 """The engine under test of `conformance`: its runs in a worker, and the results of checks."""
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -51,6 +50,11 @@ def time_of(pid: int) -> float:
         return 0.0
 
 
+def own_time() -> float:
+    """Return the processor time [s] of this process and of its ended children."""
+    return sum(os.times()[:4])
+
+
 @dataclass(eq=False)
 class Subject:
     """An engine and the worker that it runs in; `tell` is called with a sentence before each run."""
@@ -58,12 +62,12 @@ class Subject:
     offer: Offer
     worker: Worker
     tell: Callable[[str], None]
-    before: float = field(default_factory=time.process_time)
+    before: float = field(default_factory=own_time)
 
     @property
     def processor_time(self) -> float:
-        """The processor time [s] of this process and of the worker so far, its compilers included."""
-        return time.process_time() - self.before + time_of(self.worker.process.pid if self.worker.process else 0)
+        """The processor time [s] of this process and of its workers so far, with their compilers and those that were stopped."""
+        return own_time() - self.before + time_of(self.worker.process.pid if self.worker.process else 0)
 
     @cached_property
     def usual(self) -> Choice:

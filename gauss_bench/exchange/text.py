@@ -47,11 +47,6 @@ def toml_string(text: str) -> str:
     return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in plain) + '"'
 
 
-def heading(name: str) -> str:
-    """Return a name as the heading of a CSV column, without characters that would end the column."""
-    return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
-
-
 def unique(base: str, taken: Collection[str]) -> str:
     """Return the name, with a number after it if it is taken."""
     candidates = (f"{base}_{k}" for k in count(2))

@@ -7,8 +7,9 @@
 import sys
 from pathlib import Path
 
+from gauss_bench.atomic import write_text
 from gauss_bench.checksums import FILE, with_files
-from gauss_bench.tables import TABLES, files_of, write_schema, write_text
+from gauss_bench.tables import TABLES, files_of, write_schema
 
 FOLDER = "field"
 READ = ("field", "results", "search_winners", "search_times", "search_ladder", "search_space", "search_knobs")  # tables
