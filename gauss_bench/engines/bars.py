@@ -4,7 +4,7 @@ A bar's frame has its origin at its first pin, and its x axis runs along it. Sta
 angle of every bar, as everywhere in this package. These are the numbers of `releases/linkages`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +45,28 @@ HALVES = (  # the rod as two bodies in one place: one hangs on the crank, one on
 )
 PAIR = (CRANK, Bar("rocker", -1, 2.2, 1.5, 0.75, 1.5, 0.3))
 CHAIN = (Bar("first", -1, 0.0, 1.0, 0.5, 1.0, 0.1), Bar("second", 0, 1.0, 1.0, 0.5, 2.0, 0.2))
+THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and a pendulum on the middle one
+    Bar("left", -1, 0.0, 1.0, 0.5, 1.0, 0.1),
+    Bar("beam", 0, 1.0, 2.0, 1.0, 1.0, 0.1),
+    Bar("middle", -1, 1.0, 1.0, 0.5, 1.0, 0.1),
+    Bar("pendulum", 2, 1.0, 1.0, 0.5, 1.0, 0.1),
+    Bar("right", -1, 2.0, 1.0, 0.5, 1.0, 0.1),
+)
 RATIO, CURVE = -0.5, 0.2  # the second bar of CHAIN turns by RATIO x + CURVE x^2 against the first, at x
+
+
+def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
+    """Return the absolute accelerations (k, n) of a linkage at absolute states q, v (k, n).
+
+    Args:
+        solve: angles and spins (bars,), each against the parent's, -> their accelerations.
+    """
+    answers = []
+    for state, rates in zip(q, v, strict=True):
+        theta, w = angles_of(state, bars), angles_of(rates, bars)
+        alpha = sum_up(solve(relative(theta, bars), relative(w, bars)), bars)
+        answers.append(accelerations_of(theta, w, alpha, bars)[: q.shape[1]])  # without a twin
+    return np.array(answers)
 
 
 def angles_of(q: Array, bars: Sequence[Bar]) -> Array:
