@@ -330,10 +330,10 @@ def trusted_until(
     while bad - good > 1:
         middle = (good + bad) // 2
         until = slice(middle + 1)
-        part = trajectory.part(until)
+        part = trajectory[until]
         evidence = examine(evaluator, part, reference)
         if finer is not None:
-            halving, again = metrics.state_errors(evaluator.mechanism, part, finer), metrics.rate_gaps(finer.part(until))
+            halving, again = metrics.state_errors(evaluator.mechanism, part, finer), metrics.rate_gaps(finer.samples[until])
             evidence = replace(evidence, halving=halving, rates_again=again)
         good, bad = (middle, bad) if judge(evidence).valid else (good, middle)
     return float(trajectory.t[good])
