@@ -27,7 +27,15 @@ from gauss_bench.report.faults import faults_of, make_section
 from gauss_bench.report.field_run import READ, drop_unread
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field as shown
-from gauss_bench.report.site.engine import command_of, engine_page, engines_page, list_changes, list_inexact, runs_of_engines
+from gauss_bench.report.site.engine import (
+    command_of,
+    engine_page,
+    engines_page,
+    list_changes,
+    list_commands,
+    list_inexact,
+    runs_of_engines,
+)
 from gauss_bench.report.site.settings import Setting
 from gauss_bench.runs.offers import offer
 from gauss_bench.suites.read import of_engines, read_suite
@@ -247,10 +255,10 @@ def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
     }
     assert {head: good[head][0] for head in expected} == expected
     assert tuned["same model"] == ("off by 1e-03", "")
-    assert tuned["order"] == ("-", "its errors at three steps have no order")
-    assert tuned["redundant rows [m]"] == ("-", "rows are redundant")
+    assert tuned["order"] == ("-", "no order")
+    assert tuned["redundant rows [m]"] == ("-", "cannot be modelled")
     assert tuned["joint forces [N]"] == ("-", "the forces are not determined")
-    assert tuned["its own forces [N]"] == ("-", "its adapter tells none")
+    assert tuned["its own forces [N]"] == ("-", "none told")
     assert dice["repeats"] == ("no, 3e-10 apart", "")
     for head in ("same model", "order", "error at 1 ms [m]", "repeats"):
         assert gone[head] == ("-", "the engine gone is not installed")
@@ -261,7 +269,7 @@ def test_an_engine_has_one_line_of_costs(run: Run) -> None:
     _, dice, gone = cells(table)
     assert [cell.text for cell in table.rows[0]] == [
         *("good", "2.00 ms", "1.50 ms..2.50 ms", "1.00", "5.00 ms", "4.00 ms..6.00 ms", "1.00"),
-        *("500 ms", "12", "its environment"),
+        *("500 ms", "12"),
     ]
     assert dice["time within 1e-6 m"] == ("-", "not searched in this run")
     assert dice["start"] == ("-", "not timed")
@@ -307,6 +315,15 @@ def test_the_pages_of_engines_have_the_table_and_commands_to_paste(run: Run) -> 
     ]
     assert "another step" in engine_page(replace(run, accepted=tuple(kept)), "good").body
     assert "is not installed" in engine_page(run, "gone").body
+
+
+def test_an_engine_without_a_found_setting_has_the_command_of_a_case_as_shipped(run: Run) -> None:
+    ((words, command),) = list_commands(replace(run, tables={"results": run.results[5:]}), "dice")
+    assert words == "four_bar as shipped"
+    assert command == (
+        "gauss-bench simulate four_bar --scenario torque --engine dice --settings default --integrator rk4 --stabilization none "
+        "--step 0.001 --at 1"
+    )
 
 
 def test_a_setting_whose_accelerations_are_not_the_linkages_is_named_with_its_cause(run: Run) -> None:

@@ -166,7 +166,7 @@ def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_env
     for name in apart:
         assert pages[name] is run.beside
         body = engine_page(run, name).body
-        assert f"gauss-bench simulate four_bar --scenario torque --engine {name} " in body
+        assert re.search(rf"gauss-bench simulate \w+ --scenario torque --engine {name} --settings \S", body)
         assert f"gauss-bench engines install {name}" in body
 
 

@@ -24,21 +24,23 @@ from gauss_bench.report.rows import (
     SAME_ACCELERATION,
     Row,
     Run,
+    Spread,
     chose_steps,
     error_bar,
     group_by,
     has_ended,
     is_known,
     number,
+    spread,
     with_number,
 )
-from gauss_bench.tables import ENDS
+from gauss_bench.trajectory import Status
 
 PLACE = 13
 TITLE, ANCHOR = "The field", "field"
 ACCURACIES = {"coarse": 1e-4, "fine": 1e-6}  # [m] at which the table has the cost of an engine's searched best
 WORDS = {"coarse": "a tenth of a millimetre", "fine": "a micrometre"}
-OWN_STEPS, NO_ORDER = "it chooses its own steps", "its errors at three steps have no order"
+OWN_STEPS, NO_ORDER, UNTOLD, UNTIMED = "own steps", "no order", "none told", "no time"
 
 
 def section(run: Run) -> Section | None:
@@ -93,7 +95,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     if case is None:
         return {"missing": row["message"] or "not among the cases of this run"}
     if not has_ended(case):
-        return {"missing": case["message"] or case["status"]}
+        return {"missing": describe_end(case)}
     off = number(case, "acceleration_error_median")
     is_same = off <= SAME_ACCELERATION
     known: dict[str, Any] = {"same_tone": "good" if is_same else "warn", "why_same": "it was not asked at given states"}
@@ -104,7 +106,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     known["repeats"] = {True: "yes", False: f"no, {number(row, 'difference'):.0e} apart"}.get(row["same_bits"], "")
     known |= {"repeats_tone": "good" if row["same_bits"] else "warn", "why_repeats": row["message"] or "not run twice"}
     known["why_force_error"] = row["message"] or "the forces are not determined"
-    known["why_told_force_error"] = row["message"] or "its adapter tells none"
+    known["why_told_force_error"] = row["message"] or UNTOLD
     return known
 
 
@@ -112,8 +114,15 @@ def redundant_rows(cases: Sequence[Row], row: Row) -> dict[str, Any]:
     """Return the error on the linkage with redundant rows, or why there is none; `cases` are those of the row's setting."""
     others = [r for r in cases if r["mechanism"] == row["redundant"]]
     valid = [r for r in others if has_ended(r) and r["valid"]]
-    reason = next((r["flag"] or r["message"] or r["status"] for r in others), "not among the cases of this run")
+    reason = next((describe_end(r) for r in others), "not among the cases of this run")
     return {"redundant": number(valid[0], "length_error") if valid else math.nan, "why_redundant": reason}
+
+
+def describe_end(row: Row) -> str:
+    """Return why a case gives no error, in a few words; the page of its engine has the whole reason."""
+    if has_ended(row):
+        return "not valid"
+    return "cannot be modelled" if row["status"] == Status.SKIP else str(row["status"]).replace("_", " ")
 
 
 def costs(run: Run, engine: str = "") -> list[Row]:
@@ -124,8 +133,9 @@ def costs(run: Run, engine: str = "") -> list[Row]:
         line = {**row, "name": mark_own(run, row["engine"]), "why_start": row["message"] or "not timed", "why_size": row["size_of"]}
         for key, limit in ACCURACIES.items():
             winner = winner_of(run, row, limit)
-            line |= {f"{key}{end}": number(winner, f"seconds{end}") if winner else math.nan for end in ENDS}
-            line[f"why_{key}"] = line[f"why_{key}_over"] = why_no_winner(run, row, limit, winner)
+            time = spread(winner, "seconds") if winner else Spread(math.nan, math.nan, math.nan)
+            line |= {key: time.value, f"{key}_range_low": time.low, f"{key}_range_high": time.high}
+            line |= {f"why_{key}": why_no_winner(run, row, limit, winner), f"why_{key}_range": UNTIMED, f"why_{key}_over": UNTIMED}
         lines.append(line)
     for line, key in product(lines, ACCURACIES):
         same = [x[key] for x in lines if x["mechanism"] == line["mechanism"] and is_known(x[key])]
@@ -146,7 +156,7 @@ def why_no_winner(run: Run, row: Row, limit: float, winner: Mapping[str, Any] | 
     """Return why an engine has no cost within a limit [m]."""
     if winner is None:
         return row["message"] or "not searched in this run"
-    return answer(run, row["mechanism"], row["engine"], [Requirement("position", limit)]).words or "not timed"
+    return answer(run, row["mechanism"], row["engine"], [Requirement("position", limit)]).words.partition(";")[0] or "not timed"
 
 
 def findings(run: Run) -> Iterator[Finding]:

@@ -107,13 +107,21 @@ def describe_home(name: str, installed: Mapping[str, Any]) -> str:
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
-    """Return the engine's cheapest setting within TABLED accuracies, as commands to paste, each with a sentence."""
+    """Return the engine's cheapest setting within TABLED accuracies, as commands to paste, each with a sentence.
+
+    An engine of which no setting was found has that of a case as shipped.
+    """
     commands = []
     for linkage, scenario in scenarios(run).items():
         for position in TABLED:
             one = cheapest_stored(run, linkage, position).get(name)
             if one is not None:
                 commands.append((f"{linkage} within {limit_text(position)} m", command_of(one, scenario)))
+    if not commands:
+        shipped = [r for r in run.results if r["engine"] == name and r["settings"] == "default"]
+        for row in shipped[-1:]:
+            one = make_setting(row, until=row["t_end"])
+            commands.append((f"{row['mechanism']} as shipped", command_of(one, row["scenario"])))
     return list({command: (words, command) for words, command in reversed(commands)}.values())[::-1]
 
 
