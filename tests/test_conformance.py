@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -152,6 +154,12 @@ def test_the_share_of_an_engine_of_joint_trees_is_that_of_the_term_in_its_own_co
     assert on.share_of_gamma(np.array(given)) == pytest.approx(share, abs=1e-9)
 
 
+def test_the_time_of_a_process_that_has_ended_counts() -> None:
+    before = subject.own_time()
+    subprocess.run([sys.executable, "-c", "import time\nwhile time.process_time() < 0.3: pass"], check=True)
+    assert subject.own_time() - before > 0.25
+
+
 def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens() -> None:
     """As of a spring where its loop is closed, or of a closure that is not there; the run then tells which it is."""
     on = probe("four_bar", "torque")
@@ -277,7 +285,7 @@ def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is
 def test_near_equilibria_an_error_counts_by_the_other_states() -> None:
     for error, size, share in (([1.0, 1.0], [2.0, 10.0], 0.5), ([1.0, 1.0], [0.0, 10.0], 2.0), ([0.0, 0.0], [0.0, 0.0], 0.0)):
         assert _share(np.array(error), np.array(size)) == pytest.approx(share)  # a twentieth of the largest size counts at least
-    assert (digits(1e-9), digits(0.0)) == ("9.0 digits", "16.0 digits")
+    assert (digits(1e-9), digits(0.0), digits(5.0)) == ("9.0 digits", "16.0 digits", "0.0 digits")
 
 
 def test_variants_may_give_up_with_a_sentence_and_settings_may_not() -> None:

@@ -127,8 +127,8 @@ def name_choice(choice: Choice) -> str:
 
 
 def digits(error: float) -> str:
-    """Return the number of digits that agree at a relative error, 16 at most, in words."""
-    return f"{-np.log10(max(error, 1e-16)):.1f} digits"
+    """Return the number of digits that agree at a relative error, 0 to 16, in words."""
+    return f"{max(0.0, -np.log10(max(error, 1e-16))):.1f} digits"
 
 
 def same_states(subject: Subject) -> Iterator[Check]:
