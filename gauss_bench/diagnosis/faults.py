@@ -251,7 +251,8 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
     """Return the fault of one [[engine]] table of `planted.toml`."""
-    numbers = {"alter": ("linkage", alter), "resample": ("times", resample)}  # entries with numbers -> hook and function
+    # entries with numbers -> hook and function
+    numbers: dict[str, tuple[str, Callable[..., Any]]] = {"alter": ("linkage", alter), "resample": ("times", resample)}
     hooks: Any = {key: globals()[x] for key, x in spoils.items() if key not in numbers}
     hooks |= {hook: partial(function, **spoils[key]) for key, (hook, function) in numbers.items() if key in spoils}
     return Fault(name, sentence, Cause(cause), **hooks, where=(where[0], where[1]))
