@@ -123,7 +123,7 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
 def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
     """Return the acceleration (n,) at a tree state y, dy (n,), and its largest change if the shortest steps are left out."""
     pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in steppers]
-    changes = np.array([2 * last - before for before, last in pairs])  # (lengths, n)
-    lengths = np.array([stepper.length for stepper in steppers])
+    changes = [2 * last - before for before, last in pairs]  # each (n,)
+    lengths = [stepper.length for stepper in steppers]
     found = extrapolate(lengths, changes)
     return found, float(np.abs(found - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
