@@ -54,7 +54,7 @@ class Results(io.TextIOWrapper):
 
 
 class Remarks(io.TextIOWrapper):
-    """Stderr; if it is full or closed, remarks are lost without an error, and the verb keeps its exit code."""
+    """The stream stderr; if it is full or closed, remarks are lost without an error and the command keeps its exit code."""
 
     def write(self, text: str) -> int:
         with contextlib.suppress(OSError):

@@ -316,7 +316,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     """Energy gained beyond the work done since the start (k,) [J], and the error bar of that work.
 
     Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, friction,
-    turning forces, a driver) is the integral of its power through the samples.
+    forces that turn with a link, a driver) is the integral of its power, interpolated between the samples.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)

@@ -369,7 +369,8 @@ def read_file(
 
     Args:
         version: format of the file; by default its column `format` has it.
-        columns: those of this file, by default all of the table; the others are missing in every row.
+        columns: those of this file, by default all of the table; the others are missing in every row. Only a file of the present
+            format must have them, and only those that its first release had (not `added` later).
 
     Raises:
         TableError: as `read_table`.
@@ -386,8 +387,9 @@ def read_file(
         refuse_later(version, path)
     if version < FORMAT:
         head, lines = [SCHEMA["renamed"].get(x, x) for x in head], [migrate_row(name, line, version) for line in lines]
-    wanted = [c for c in columns or table.columns if not c.added] if version == FORMAT else table.columns[:1]
-    for column in wanted:
+    # an older format may lack any column but the first, by which a table is recognised
+    wanted = columns or table.columns if version == FORMAT else table.columns[:1]
+    for column in (x for x in wanted if not x.added):
         if column.name not in head:
             raise TableError(f"{path}: table {name}: column {column.name!r} is missing")
     rows = []

@@ -1,15 +1,15 @@
 """The axes of the atlas: each is a family of linkages that becomes harder with one number.
 
-`axes.toml` has the names and values of the axes; this module makes the linkage of a value. Most are the four-bar of `mechanisms/`,
-under gravity, without motor and brake, and with a given crank speed at the start.
+`axes.toml` has the names and values of the axes; this module makes the linkage of a value. Most are variants of the four-bar in
+`mechanisms/`, under gravity, without motor or brake, with a given crank speed at the start.
 
-    singular     crank-rocker whose smallest transmission angle [deg] shrinks: it passes its dead centres ever closer
-    redundancy   parallelogram on more cranks than it needs, hanging: redundant constraint rows
+    singular     crank-rocker whose smallest transmission angle [deg] shrinks: it comes closer and closer to its dead centres
+    redundancy   hanging parallelogram with more cranks than it needs: redundant constraint rows
     mass         coupler heavier than crank and rocker by this factor
-    stiffness    spring [N/m] from the ground to the coupler, squeezed by a twentieth of its length
+    stiffness    spring [N/m] from the ground to the coupler, compressed by a twentieth of its length
     speed        of the crank at the start [rad/s]
     step         of the integration [s]
-    size         windows of the N-four-bar, hanging, which is one pendulum whatever their number
+    size         loops of a hanging N-four-bar, which moves as one pendulum for every number of them
 """
 
 import copy

@@ -18,7 +18,7 @@ PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudy
 def package_versions() -> dict[str, str]:
     """Return the versions of libraries and engines, and of the packages that engines name; what is not installed is left out.
 
-    A package that an engine has in another version, in an environment of its own, is listed as "PACKAGE of ENGINE".
+    If the environment of an engine has another version of a package, that version is listed as "PACKAGE of ENGINE".
     """
     versions = {}
     for name in PACKAGES:

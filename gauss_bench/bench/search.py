@@ -53,8 +53,8 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
     """Return steps [s] that divide a run into COARSEST to `most` equal parts, PER_OCTAVE sizes for each factor of two.
 
     The run has `beats` equally spaced reference times, a multiple of ten, and a run is judged where its steps end at some of them.
-    So that few steps are possible at all, fewer than FIFTHS steps need only meet five of these times, fewer than 5 `beats` steps
-    ten of them, and more steps all. The rungs of the ladder are every factor of two, and the finest size.
+    Coarse steps meet fewer of these times, because otherwise there would be none: five times with fewer than FIFTHS steps, ten with
+    fewer than 5 `beats` steps, all of them with more. The rungs of the ladder are every factor of two, and the finest size.
     """
     wanted = [COARSEST * 2 ** (k / PER_OCTAVE) for k in range(math.floor(PER_OCTAVE * math.log2(most / COARSEST)) + 1)]
     units = [5 if x < FIFTHS else 10 if x < 5 * beats else beats for x in wanted]

@@ -152,9 +152,10 @@ class TrueStates:
 
 
 def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> TrueStates:
-    """Draw random states on the constraints, crank speeds uniform in +-`speed` [rad/s], with their reference accelerations.
+    """Draw random states on the constraints, with their reference accelerations.
 
-    Drivers are evaluated at random times within the scenario's duration.
+    A linkage of one coordinate gets crank speeds uniform in +-`speed` [rad/s]. Drivers are evaluated at random times within the
+    scenario's duration. Every other linkage walks at random, with speeds along its free motions uniform in +-3 (norm of v).
     """
     rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
 

@@ -109,7 +109,9 @@ def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, ste
 
 def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Step, count: int) -> Step:
     """Integrate from one sample to the next in `count` equal steps, which are halved until they resolve the motion."""
-    for halvings in range(max(0, state.halvings - (state.tail < SMOOTH)), HALVINGS + 1):
+    # where the last series fell fast, steps twice as long are tried first
+    first = state.halvings - 1 if state.tail < SMOOTH else state.halvings
+    for halvings in range(max(0, first), HALVINGS + 1):
         try:
             h, moved, tail = (end - begin) / (count << halvings), state, 0.0
             for k in range(count << halvings):

@@ -1,4 +1,4 @@
-"""Whether an engine holds a requirement on a linkage, from the rows of a run; rows without stored ladders are read too."""
+"""Whether an engine meets a requirement on a linkage, from the rows of a run; runs that stored no trials are read too."""
 
 import math
 from collections.abc import Sequence

@@ -156,7 +156,10 @@ def remove_orphans() -> None:
 
 
 def start_of(process: int) -> str:
-    """Return the start time of a process in the system's own units; "" if it has ended, even if it is still a zombie."""
+    """Return the start time of a process in the system's own units; "" if it has ended, even if it is still a zombie.
+
+    Where the system has no /proc it is "alive" for every process that runs.
+    """
     with suppress(OSError, IndexError):
         fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
         return "" if fields[0] in "ZX" else fields[19]

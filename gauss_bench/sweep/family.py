@@ -258,7 +258,7 @@ def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
 
 
 def _is_still(_: Array, size: Array) -> bool:
-    """Tell whether corrections of this size (k,) are rounding for all samples that have not failed."""
+    """Tell whether the corrections of all samples that have not failed are only rounding; `size` (k,) has their magnitudes."""
     return not (size[np.isfinite(size)] > 1e-14).any()
 
 

@@ -33,16 +33,19 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return a row for each method, over several processes; one that crashes or hangs in a process has the reason in its row."""
+    """Return a row for each of METHODS: the time of a position of a whole turn of the crank, over several processes.
+
+    A method that crashes or hangs in a process has the reason in its row.
+    """
     measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
-    start = place_of(load(linkage, scenario))
-    return {"kernel_kinematics": [turn_row(start, part, method, measured) for method in METHODS]}
+    place = place_of(load(linkage, scenario))
+    return {"kernel_kinematics": [turn_row(place, part, method, measured) for method in METHODS]}
 
 
-def turn_row(start: Row, part: Turns, method: str, measured: Measured) -> Row:
+def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
     """Return the row of a method; the compiled one has a target, which it meets only if its errors are small too."""
     key = Key("turn", method)
-    start = start | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
+    start = place | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
     found = row(start, lambda: rate(spread("seconds", measured.of(key))) | measured.facts.get(key, {}))
     if method != NATIVE or found["mechanism"] not in part.targets:
         return found

@@ -333,7 +333,7 @@ class _Rewriter:
     """Writes the values that the roots need from one graph into another.
 
     A sum is a part of the sum that alone uses it. A product is a part of the sums that alone use it, or of the one product that
-    does. Parts are regrouped together with what they belong to; a change of sign in between does not separate them.
+    does. The terms of a part are regrouped together with those of the sum or product that uses it, also where its sign changes.
 
     Attributes:
         known: old value -> new value. parts: old values that are written only as parts of others.

@@ -19,8 +19,8 @@ order of the method; what is stored and what the step goes on from is corrected.
 Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner, Solving Ordinary Differential Equations II
 (1996), section VII.2 (projection).
 
-Where rows are redundant and nothing projects, every so many steps of the loop around it the end of a step is taken back onto the
-constraints in the same way (`Builder.settle`, `rollout.SETTLED`).
+If rows are redundant and no step projects, the loop around the steps corrects the state in the same way after every
+`rollout.SETTLED` steps (`Builder.settle`).
 
 Gauss's collocation is implicit (`gauss_legendre`): its positions and velocities at the stages follow from the accelerations there,
 which are found in a fixed number of passes. Whether that was enough is a guard like the others.
@@ -461,7 +461,10 @@ def rk4_looped(code: Code) -> Step:
 
 
 def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
-    """One step of v' = v + h a(q, v), q' = q + h v'."""
+    """One step of v' = v + h a(q, v), q' = q + h v', with both v and q' corrected onto the constraints where the step projects.
+
+    Sines of angles are carried from step to step, turned by h v' (`Builder.turn`), which must stay below `reach.step`.
+    """
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
     b.share(q, b.carried_sines() if reach.rotates else [])
@@ -540,8 +543,8 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
 
         (1 - h^2 A A x K - h A x D) dz = a - z        K, D = derivatives of a along N by positions and velocities, independent part
 
-    with K and D by differences at the beginning of the step. A step whose last change of velocities is not below CONVERGED is not
-    counted. Where a program knows no free motions, passes without K and D take what is not stiff. Source: Hairer and Wanner,
+    with K and D by differences at the beginning of the step. A step counts only if its last change of velocities is below
+    CONVERGED. Where a program knows no free motions, passes without K and D take what is not stiff. Source: Hairer and Wanner,
     Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()

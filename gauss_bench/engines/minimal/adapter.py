@@ -352,6 +352,7 @@ class MinimalModel:
         equation = segment.equation
 
         def lines(x: Array) -> Array:
+            """Return the angles (k, links) [rad], up to whole turns, at values (k,) of the coordinate."""
             states = np.zeros((len(x), 2 * equation.program.n))
             states[:, 0] = x
             return LinkMotion.at(equation, states).lines

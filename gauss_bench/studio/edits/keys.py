@@ -240,7 +240,7 @@ def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
 
 
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
-    """Add a cylinder between two points, which makes the file one of the second edition.
+    """Add a cylinder between two points; the file then needs the second edition of the format.
 
     Raises:
         Refused: there are no two points, or a damper of the file has another meaning in the second edition.
