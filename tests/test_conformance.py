@@ -22,7 +22,7 @@ from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.runs.offers import offer, offers
 from gauss_bench.runs.one_run import Run, sampling_at
-from gauss_bench.runs.questions import FINER, follow_accelerations
+from gauss_bench.runs.questions import SUBSTEPS, follow_accelerations
 from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -156,15 +156,15 @@ def test_the_finer_steps_follow_a_vibration_of_a_millisecond() -> None:
     start, rest, spring = np.ones(1), np.zeros(1), StiffSpring()
     true = (1 + spring.frequency * agreement.TIMES) * np.exp(-spring.frequency * agreement.TIMES)
     off = {}
-    for finer in (FINER, agreement.STIFF):
+    for finer in (SUBSTEPS, agreement.STIFF):
         with np.errstate(all="ignore"):
             places = follow_accelerations(dop853_tableau(), agreement.TIMES, start, rest, spring, finer=finer)[0, :, 0]  # type: ignore[arg-type]
         off[finer] = np.abs(places - true).max()
     assert off[agreement.STIFF] < 1e-8
-    assert not off[FINER] < 1e-3
+    assert not off[SUBSTEPS] < 1e-3
 
 
-@pytest.mark.parametrize(("settings", "tried"), [("soft", [FINER, agreement.STIFF]), ("hard", [FINER])])
+@pytest.mark.parametrize(("settings", "tried"), [("soft", [SUBSTEPS, agreement.STIFF]), ("hard", [SUBSTEPS])])
 def test_only_a_soft_loop_that_fails_is_followed_in_finer_steps(
     settings: str, tried: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

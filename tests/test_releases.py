@@ -20,7 +20,7 @@ from gauss_bench.releases import asking, compare, costs, environments, library, 
 from gauss_bench.releases.asking import Answers, as_data, distrust, from_data, read_accelerations
 from gauss_bench.releases.cases import FOLDER, SHIFTS, STATES, find_mechanism, linkage_of, states_of
 from gauss_bench.releases.compare import Figure, compare_figures, compare_releases, relative_difference
-from gauss_bench.releases.costs import Cost, CostChange, find_changes, judge_ratio, null_width, ratio_of, split
+from gauss_bench.releases.costs import Cost, find_changes, judge_ratio, null_width, ratio_of, split
 from gauss_bench.releases.environments import BY_VERSION, CHECKED, Release, as_engines, check_hash, install_release, read_available
 from gauss_bench.releases.library import Library, choose_releases, read_library
 from gauss_bench.releases.table import NAMES, make_tables, write_tables
@@ -375,7 +375,7 @@ def test_a_change_of_cost_is_named_between_the_two_neighbours() -> None:
     quiet = np.array([1.0, 1.001, 0.999, 1.002, 0.998])
     measured = {"1.0": 2 * quiet, "2.0": quiet, "3.0": quiet[::-1], "null": quiet}
     (change,) = find_changes(["1.0", "2.0", "3.0"], measured, "null")
-    assert (change.before, change.after) == ("1.0", "2.0")
+    assert (change.other, change.version) == ("1.0", "2.0")
     assert change.ratio == pytest.approx(0.5, rel=1e-3)
     assert find_changes(["1.0", "2.0"], {"1.0": 2 * quiet, "2.0": quiet}, "null") == []  # without a null nothing is named
     noisy = {"1.0": 2 * quiet, "2.0": quiet, "null": np.array([0.4, 2.5, 1.0, 0.5, 2.0])}
@@ -458,8 +458,8 @@ def answers_of(version: str, factor: float, **more: object) -> Answers:
 
 def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_path: Path) -> None:
     answers = [answers_of("1.0", 1.5), answers_of("2.0", 1.0), Answers("3.0", status="skip", message="pip finds no wheel")]
-    cost = Cost("1.0", "four_bar", "default rk4", costs.STEP_TIME, 2e-6, 1.5, 1.4, 1.6, "slower")
-    changed = CostChange("1.0", "2.0", "four_bar", "default rk4", costs.STEP_TIME, 0.67, 0.6, 0.7)
+    cost = Cost("1.0", "2.0", "four_bar", "default rk4", costs.STEP_TIME, 2e-6, 1.5, 1.4, 1.6, "slower")
+    changed = replace(cost, version="2.0", other="1.0", ratio=0.67, low=0.6, high=0.7)
     for engine in ("twin", "other", "twin"):
         write_tables(make_tables(engine, answers, [cost], [changed], "abc", "2026-01-01"), engine, tmp_path)
     tables = {name: read_table(name, tmp_path) for name in NAMES}
