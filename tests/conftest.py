@@ -15,8 +15,10 @@ import pytest
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination import program
 from gauss_bench.compiler.machine import native_code
+from gauss_bench.engines import FILE, environment_of
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.worker import keep
 
 DATA = Path(__file__).parent / "data"
 TIMED = ("slow", "long")  # marks of tests that take time; one with arguments marks the cases of these ids alone
@@ -80,6 +82,25 @@ def browser() -> Iterator[Any]:
         opened = started.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-quic", "--disable-gpu"])
         yield opened
         opened.close()
+
+
+@pytest.fixture
+def elsewhere(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The interpreter of the environment of a test's engine: its case `engine`, or ENGINE of its file; skipped where there is none.
+
+    The adapter of this package is used in it, as named in a file of engines of the test's own.
+    """
+    cases = request.node.callspec.params if hasattr(request.node, "callspec") else {}
+    name = cases.get("engine") or request.module.ENGINE
+    environment = environment_of(name)
+    if environment is None:
+        pytest.skip(f"there is no environment of {name} here")
+    path = tmp_path / "engines.toml"
+    path.write_text(f'[{name}]\npython = "{environment.python}"\n', encoding="utf-8")
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    keep(name).stop()  # its process may have another file of engines
+    return environment.python
 
 
 def needs(*tools: str) -> Any:
