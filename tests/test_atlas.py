@@ -330,19 +330,3 @@ def test_what_the_budget_does_not_reach_stays_open(tmp_path: Path, capsys: pytes
     assert {x["last"] for x in json.loads(told.out)} == {"open"}
     assert "not reached within the budget" in told.err
     assert sorted(x.name for x in tmp_path.iterdir()) == ["atlas.csv", "atlas.svg", "checksums.json", "index.html"]
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_an_atlas_finds_the_step_that_is_too_long_and_a_wrong_formulation(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(FAMILIES, "speed", replace(FAMILIES["speed"], values=(10.0, 30.0, 300.0)))  # each has a kernel of its own
-    command = ["atlas", "--engine", "gauss", "--engine", "yuan_ge_eq16", "--axis", "speed", "--json"]
-    assert main(command) == 0
-    found = {(x["engine"], x["stabilization"]): x for x in json.loads(capsys.readouterr().out)}
-    own = found["gauss", "none"]
-    assert 10.0 <= own["passes_to"] <= 30.0  # at 300 a step is a third of a radian
-    assert own["error"] < PASSES
-    assert own["last"] == "failed"
-    assert found["yuan_ge_eq16", "none"]["passes_to"] is None

@@ -26,7 +26,6 @@ from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, files_of, read_table, write_table
 from gauss_bench.trajectory import Status
 from gauss_bench.verbs.suites import format_run
-from tests.headlines import compared, with_raw_rows
 
 SUITE = read_suite("kernel")
 KERNEL = [name for name in TABLES if name.startswith("kernel_") or name == "scaling"]
@@ -86,12 +85,6 @@ def test_a_small_run_has_every_promised_column_and_fails_nowhere(folder: Path) -
         assert row["ratio_low"] <= row["ratio"] * (1 + 1e-9)
         assert row["ratio"] <= row["ratio_high"] * (1 + 1e-9)
     assert all(0 < row["share"] < 1 for row in table(folder, "kernel_bounds"))
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_headlines_of_a_run_are_those_of_its_raw_rows(folder: Path) -> None:
-    assert {"steps", "one_value", "right_hand_sides", "claim", "share", "kinematics"} <= set(compared(with_raw_rows(folder)))
 
 
 @pytest.mark.slow

@@ -405,16 +405,6 @@ def test_what_does_not_fit_is_refused() -> None:
         closure("four_bar").turn(8, parameters=np.ones(2))
 
 
-@pytest.mark.long
-def test_the_command_line_moves_a_linkage_natively() -> None:
-    for linkage in ("eight_bar", "excavator"):
-        loop, native = (kinematics(linkage, intervals=90, method=x) for x in ("loop", "native"))
-        assert native["status"] == "ok"
-        for link, levels in loop["links"].items():
-            for key, wanted in levels.items():
-                assert np.abs(native["links"][link][key] - wanted).max() < ROUNDING * max(1.0, np.abs(wanted).max())
-
-
 @pytest.mark.slow
 def test_a_motion_that_ends_says_so_in_the_words_of_the_library() -> None:
     driver = "constant:link=rocker,start_deg=100.0,speed=1.0"

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -42,18 +41,6 @@ def broken(name: str) -> dict[str, str]:
 def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """Ask these checks alone."""
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ in names])
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_sound_adapter_keeps_every_rule() -> None:
-    checks = conformance("tests.faulty_engines:Sound")
-    assert all(x.passed for x in checks), checks
-    assert {"accelerations (default, rk4, none)", "accelerations follow every number (probe)"} <= {x.name for x in checks}
-    told = next(x.message for x in checks if x.name == "accelerations (default, rk4, none)")
-    count, said = re.fullmatch(r"agree to (\d+\.\d) digits at (.*)", told).groups()  # type: ignore[union-attr]
-    assert float(count) > 9
-    assert said == "72 states of 9 linkages"
 
 
 @pytest.mark.long("by_hand", "casadi", "exudyn", "gauss-native", "gauss", "lagrange", "minimal", "mujoco", "pinocchio")

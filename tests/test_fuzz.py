@@ -11,13 +11,11 @@ from typing import Any
 import pytest
 
 from gauss_bench import cli
-from gauss_bench.api import telling
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.limits import harmless, limit_faults
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from tests.fuzz.__main__ import over_files, over_lists
 from tests.fuzz.calls import over_calls, simulated
-from tests.fuzz.driven import Heard
 from tests.fuzz.files import damaged_file
 from tests.fuzz.lists import hostile_lists
 from tests.fuzz.stored import over_stored
@@ -104,20 +102,6 @@ def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path: Path, capsys: p
     assert "1 of 1 lines are not as they were written" in told
     assert "tables in" in told
     assert "\x1b" not in told
-
-
-@pytest.mark.long
-def test_what_begins_its_work_says_so_and_what_is_refused_does_not(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(telling, "LONG", 0.0)
-    assert cli.main(["simulate", "pendulum", "--at", "2"]) == 0
-    assert "by gauss: 2000 steps up to 2 s" in capsys.readouterr().err
-    assert cli.main(["simulate", "pendulum", "--at", "1e9"]) == 2
-    assert Heard.lines_of_work(capsys.readouterr().err) == []
-    assert Heard.lines_of_work("usage: gauss-bench recommend\n          [--json]\nerror: no such verb\n") == []
-    assert Heard.lines_of_work("warning: old\n  3.7 s  in vain\n") == []
-    assert Heard.lines_of_work("  3.7 s  truth: known\n") == ["  3.7 s  truth: known"]
 
 
 def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,15 +104,6 @@ def test_redundant_rows_follow_the_motion_of_the_plain_linkage() -> None:
     assert np.abs(plain.q - twice.q).max() < 1e-9
 
 
-@pytest.mark.long
-def test_the_mean_driving_torque_of_a_conservative_turn_is_zero() -> None:
-    mechanism = load("eight_bar", "driven")
-    trajectory = run(mechanism, stabilization="projection", h=1e-3)
-    torque = metrics.driving_forces(Evaluator(mechanism), trajectory)[:, 0]
-    assert abs(torque[:-1].mean()) < 1e-9 * np.abs(torque).max()  # the trapezoidal rule is exact on a period
-    assert np.abs(torque).max() > 1.0
-
-
 def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:
     times = np.array([0.0, 0.01, 0.0137, 0.02])
     for gap, (count, h) in zip(np.diff(times), step_counts(times, 1e-3), strict=True):

@@ -49,16 +49,6 @@ def changed(rows: Rows, key: str, name: str, **cells: Any) -> Rows:
     return tuple(row | cells if row[key] == name else row for row in rows)
 
 
-@pytest.mark.long
-def test_every_statement_is_printed_once(told: Run) -> None:
-    section = papers.section(told)
-    tables = [block for block in section.blocks if block.kind == "table"]
-    lines = [table for table in tables[:-1] if not table.title.endswith("causes")]
-    assert sum(len(table.rows) for table in lines) == len(told.table("audit"))
-    assert {row["paper"] for row in told.table("audit")} == {table.title.partition(":")[0] for table in lines}
-    assert "contradict" not in words(section)
-
-
 def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines(told: Run) -> None:
     causes = {(row["paper"], row["cause"]) for row in told.table("audit") if row["cause"]}
     tables = [block for block in papers.section(told).blocks if block.kind == "table" and block.title.endswith("causes")]

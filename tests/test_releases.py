@@ -143,26 +143,6 @@ def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel
     assert read_table("release_changes", tmp_path) == changes
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_an_interrupted_comparison_keeps_the_releases_that_were_asked(
-    twin: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[str] = []
-
-    def ask(of: Library, release: Release, budget: float, told: object) -> Answers:
-        asked.append(release.version)
-        if len(asked) == 2:
-            raise KeyboardInterrupt
-        return Answers(release.version, figures=(figure(np.ones((1, 1))),))
-
-    monkeypatch.setattr(verb, "ask_release", ask)
-    assert compare_twins(tmp_path, "--only", "1.0,2.0") == 130
-    assert not (tmp_path / "releases.csv").exists()
-    assert compare_twins(tmp_path, "--only", "1.0,2.0") == 0
-    assert asked == ["1.0", "2.0", "2.0"]
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

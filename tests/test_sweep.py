@@ -315,24 +315,6 @@ def test_the_verb_prints_its_summary(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tmp_path / "s" / "summary.svg").read_text().startswith("<?xml")
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_half_the_step_of_some_samples_tells_what_the_step_spoils(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A pendulum by semi-implicit Euler, of first order: half the step takes half of the error away, a quarter takes three."""
-    found = {}
-    for step in (1e-3, 5e-4):
-        how = Options(until=0.2, step=step, integrator="semi_implicit_euler")
-        asked = ("pendulum", ["gravity.1=-9:-10:12"], tmp_path / f"{step}", ["gauss"])
-        found[step] = sweep(*asked, how=how, where=Backend(jobs=1))["engines"]["gauss"]["half_the_step"]
-        assert (found[step]["samples"], found[step]["lost"], found[step]["ok"]) == (2, 0, True)
-    assert found[1e-3]["rad"] == pytest.approx(2 * found[5e-4]["rad"], rel=0.05)
-    for share, sound in ((1.9, False), (2.1, True)):  # the limit is half of what a motion may be off
-        monkeypatch.setattr("gauss_bench.sweep.halving.OFF_MOTION", share * found[5e-4]["rad"])
-        again = sweep(*asked, how=how, where=Backend(jobs=1))["engines"]["gauss"]["half_the_step"]
-        assert again["ok"] is sound
-        assert again["worst"] in range(12)
-
-
 CASE = SweepCase(
     json.dumps(DOCUMENT),
     "paper",
