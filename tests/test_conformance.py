@@ -68,6 +68,7 @@ def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: 
     assert any(name.startswith(rule) for name in broken(f"tests.faulty_engines:{fault}"))
 
 
+@pytest.mark.long("AllInertias", "AllMasses", "Gravity", "Entry", "Regular")
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["OneInertia", "AllInertias", "AllMasses", "Gravity", "Gamma", "Entry", "Regular", WRONG])
 def test_a_wrong_model_is_seen_in_its_accelerations(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -341,17 +341,6 @@ def test_the_template_asks_the_suite_for_no_equations() -> None:
     assert "from gauss_bench" not in library
 
 
-@pytest.mark.slow
-def test_the_template_of_joint_trees_conforms(trees: dict[str, str]) -> None:
-    told = command(trees, "conformance", "trees", "--json")
-    assert told.returncode == 0, told.stdout
-    checks = {x["name"]: x for x in json.loads(told.stdout)["checks"]}
-    assert checks["every kind of force acts as defined"]["passed"]
-    assert checks["joint forces follow from the accelerations"]["passed"]
-    assert len(checks) > 30
-    assert len([x for x in checks.values() if x["passed"] is None]) == 1  # driven motions
-
-
 def test_the_template_is_simulated_and_listed(trees: dict[str, str], tmp_path: Path) -> None:
     calls = (("simulate", "four_bar", "--engine", x, "--at", "0.2", "--json") for x in ("trees", "lagrange"))
     found = [json.loads(command(trees, *x).stdout) for x in calls]

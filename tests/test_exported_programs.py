@@ -211,7 +211,7 @@ def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypat
 
 @pytest.mark.slow
 def test_programs_of_recommend_state_their_error_in_metres() -> None:
-    found = gauss_bench.recommend("four_bar", angle=1e-4, engines=["gauss"], budget=20.0)
+    found = gauss_bench.recommend("four_bar", angle=1e-4, until=0.2, engines=["gauss"], budget=20.0)
     (answer,) = found.answers
     stated = STATED.search(answer.snippet)
     assert stated
