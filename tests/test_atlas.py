@@ -311,19 +311,6 @@ def test_ways_are_every_setting_with_and_without_projection() -> None:
     assert [x.name for x in axes(["speed", "size"])] == ["speed", "size"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["--axis", "colour"], "no axis 'colour'; there are singular"),
-        (["--engine", "adams"], "unknown engine"),
-        (["--budget", "0"], ""),
-    ],
-)
-def test_bad_usage_is_refused(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["atlas", "--engine", "gauss", *arguments]) == 2
-    assert text in capsys.readouterr().err
-
-
 def test_what_the_budget_does_not_reach_stays_open(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9", "--json", "--out", str(tmp_path)]) == 0
     told = capsys.readouterr()

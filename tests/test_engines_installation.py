@@ -247,14 +247,6 @@ def test_two_installations_at_once_are_refused(engines: Path, twin: Path, capsys
         os.close(other)
 
 
-@pytest.mark.parametrize(
-    "arguments", [["install"], ["remove"], ["list", "twin"], ["install", "nobody", "--yes"], ["remove", "../x"]]
-)
-def test_a_wrong_name_is_bad_usage(arguments: list[str], engines: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["engines", *arguments]) == 2
-    assert capsys.readouterr().err.startswith("error: ")
-
-
 def test_a_faulty_file_of_engines_stops_an_installation_before_it_begins(
     engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -205,28 +205,6 @@ def test_what_a_format_cannot_hold_is_refused_by_name(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        (["--engine", "dart", "--out", "x"], "mujoco, pinocchio, exudyn, casadi, c"),
-        (["--engine", "c", "--out", "no/such/folder/x"], "no folder"),
-        (["--engine", "c", "--out", "."], "is a folder"),
-        (["--engine", "c", "--out", "mine"], "is there already"),
-        (["--engine", "c", "--out", "x", "--step", "-1"], "positive"),
-        (["--engine", "c", "--out", "x", "--step", "1", "--tuned"], "either"),
-        (["--engine", "c", "--out", "x", "--tuned", "--budget", "nan"], "positive"),
-    ],
-)
-def test_bad_requests_are_refused(
-    arguments: list[str], word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("mine").write_text("mine")
-    assert main(["export", "four_bar", *arguments]) == 2
-    assert word in capsys.readouterr().err
-    assert [x.read_text() for x in tmp_path.iterdir()] == ["mine"]
-
-
 @pytest.mark.slow
 def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")

@@ -114,38 +114,6 @@ def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str]
         cli.main(["list"])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ("simulate four_bar --at 1e9", "1e+12 steps of 0.001 s up to 1e+09 s"),
-        ("simulate four_bar --dt 1e-300", "2e+300 steps"),
-        ("simulate four_bar --dt 1e-7", "take 2e+03 s at least, and the budget is 600 s"),
-        ("simulate four_bar --at 1,x", "'1,x' is not a list of numbers"),
-        ("show pendulums_400 --svg drawing.txt", "the ending says what to write: .svg"),
-        ("kinematics four_bar --intervals 1000000000000", "at most 100000"),
-        ("kinematics four_bar --driver constant:speed=1e6 --intervals 20", "goes 1e+06 (rad or m) in 1 s"),
-        ("kinematics four_bar --driver constant:speed=1e300", "driver.speed: 1e+300 is larger than 1e+06"),
-        ("diagnose four_bar --engine gauss --dt 1e-300", "steps of 1e-300 s"),
-        ("export four_bar --engine c --out new.c --step 1e-300", "steps of 1e-300 s"),
-        ("recommend four_bar --until 1e9 --position 1e-3", "at most 5000 s"),
-        ("certify four_bar --until 1e9", "at most 5000 s"),
-        ("atlas --jobs -1", "'-1' is no number of workers from 1 to 512"),
-        ("check --jobs 0", "'0' is no number of workers from 1 to 512"),
-    ],
-)
-def test_what_no_machine_could_do_is_refused_at_once(
-    arguments: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    try:
-        code = cli.main(arguments.split())
-    except SystemExit as end:
-        code = int(str(end.code))
-    assert code == 2
-    assert said in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 def test_the_same_numbers_make_the_same_files() -> None:
     assert [damaged_file(7, i) for i in range(20)] == [damaged_file(7, i) for i in range(20)]
     assert len({damaged_file(7, i) for i in range(20)}) == 20

@@ -31,7 +31,6 @@ from gauss_bench.advice.recommending import (
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants, with_snippet
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
-from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import snippet
@@ -84,27 +83,6 @@ def workers() -> Iterator[tuple[Worker, Worker]]:
 def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a compiler numpy alone tells the truth."""
     monkeypatch.setattr("gauss_bench.advice.truth.find_spec", lambda name: None)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ([], "say what is required: --position, --angle or --force"),
-        (["--position=-1e-4"], "the position error that is allowed must be a positive number of m, not -0.0001"),
-        (["--position", "nan"], "the position error that is allowed must be a positive number"),
-        (["--force", "0"], "the force error that is allowed must be a positive number of N, not 0"),
-        (["--position", "1e-4", "--until", "0"], "the end of a run must be a positive number"),
-        (["--position", "1e-4", "--budget", "0"], "the budget must be a positive number"),
-        (["--position", "1e-4", "--engine", "gauss,nonsense"], "unknown engine 'nonsense'"),
-        (["--position", "1e-4", "--settings", "tuned"], "settings are those of one engine"),
-        (["--position", "1e-4", "--engine", "gauss", "--settings", "x=1"], "gauss: no option 'x'"),
-    ],
-)
-def test_what_cannot_be_asked_is_bad_input(given: Sequence[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["recommend", "crank_slider", *given]) == 2
-    told = capsys.readouterr()
-    assert said in told.err
-    assert told.out == ""
 
 
 def test_between_samples_a_motion_of_degree_five_is_exact() -> None:

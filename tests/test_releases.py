@@ -143,25 +143,6 @@ def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel
     assert read_table("release_changes", tmp_path) == changes
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["pinnochio"], "no releases of 'pinnochio' can be compared"),
-        (["mujoco", "--from", "4.0.0", "--to", "3.6.0"], "--from 4.0.0 is later than --to 3.6.0"),
-        (["mujoco", "--only", "3.6.0,newest"], "'newest' is no release"),
-        (["mujoco", "--only", "3.6.0"], "two releases are needed"),
-        (["mujoco", "--only", "3.6.0,3.7.0", "--from", "3.6.0"], "--only names every release"),
-        (["mujoco", "--new", "--to", "3.6.0"], "--new takes the newest release"),
-    ],
-)
-def test_releases_that_cannot_be_asked_for_are_refused_by_name(
-    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["releases", *words, "--out", str(tmp_path / "out")]) == 2
-    assert said in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_releases_are_chosen_between_two_of_which_neither_need_be_listed() -> None:
     some = Library("x", "x:X", "x", "x", ("1.9", "1.10", "2.0"))
     assert choose_releases(some, None, None, None) == ["1.9", "1.10", "2.0"]

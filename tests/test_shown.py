@@ -227,23 +227,6 @@ def test_files_are_written_whole_or_not_at_all(tmp_path: Path, capsys: pytest.Ca
     assert sorted(x.name for x in tmp_path.iterdir()) == ["run.csv", "run.svg"]
 
 
-@pytest.mark.parametrize(
-    ("option", "file", "text"),
-    [
-        ("--plot", "run.pdf", "the ending says what to write: .svg, .png"),
-        ("--animate", "run.mp4", "the ending says what to write: .svg, .gif, .html"),
-        ("--out", "run.txt", "the ending says what to write: .csv"),
-        ("--out", "nowhere/run.csv", "there is no folder"),
-    ],
-)
-def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(
-    option: str, file: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["simulate", "four_bar", "--at", "1e9", option, str(tmp_path / file)]) == 2
-    assert text in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_run_that_reached_nothing_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "run.csv"
     main(["simulate", "parallelogram", "--engine", "minimal", "--at", "0.1", "--out", str(path)])

@@ -293,16 +293,6 @@ def test_an_interrupt_between_two_answers_breaks_off_without_a_word(
     assert [str(x.message) for x in recwarn] == []
 
 
-@pytest.mark.parametrize("case", CASES["bad_usage"])
-def test_the_verb_says_what_it_cannot_use_and_writes_nothing(
-    case: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    until = [] if "--until" in case["arguments"] else ["--until", "0.1"]
-    assert cli.main(["sweep", *case["arguments"], *until, "--out", str(tmp_path / "s")]) == 2
-    assert case["said"] in capsys.readouterr().err
-    assert not (tmp_path / "s").exists()
-
-
 @pytest.mark.slow
 def test_the_verb_prints_its_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:8", "--until", "0.1", "--out", str(tmp_path / "s")]
