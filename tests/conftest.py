@@ -4,7 +4,7 @@ import os
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_unconfigure(config: pytest.Config) -> None:
     if CACHE in config.stash:
         shutil.rmtree(config.stash[CACHE], ignore_errors=True)
+
+
+def exhaustive(cases: Iterable[Any], *quick: Any) -> list[Any]:
+    """Cases of which these alone are run in every run of the tests: the others show the same of more linkages, and are long."""
+    long = pytest.mark.long
+    return [x if x in quick else pytest.param(*(x if isinstance(x, tuple) else (x,)), marks=long) for x in cases]
 
 
 @pytest.fixture

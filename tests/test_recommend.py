@@ -44,7 +44,7 @@ from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Reference, Status, Trajectory
 from tests.alone import python_alone, rows_of
-from tests.conftest import DATA, needs
+from tests.conftest import DATA, exhaustive, needs
 from tests.plugin import installed
 
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
@@ -243,6 +243,8 @@ def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommend
     assert json.loads(found.to_json())["answers"][0]["engine"] == found.answers[0].engine
 
 
+@pytest.mark.long("mujoco-rigid_lean/2-rk4-none-0.002", "pinocchio-articulated/rk4/file order-rk4-none-0.002")
+@pytest.mark.long("pinocchio-one_drawn_shut-dop853-baumgarte-1e-08", "casadi-interpreted/dop853_fixed-dop853_fixed-none-0.002")
 @pytest.mark.parametrize(
     ("engine", "settings", "integrator", "stabilization", "size"),
     [
@@ -274,7 +276,14 @@ DRIVEN = [  # an arm on a driven slide, on a driven length, a driven link: with 
 ]
 
 
-@pytest.mark.parametrize(("linkage", "scenario", "engine"), [(x, y, e) for x, y, engines in DRIVEN for e in engines])
+@pytest.mark.parametrize(
+    ("linkage", "scenario", "engine"),
+    exhaustive(
+        [(x, y, e) for x, y, engines in DRIVEN for e in engines],
+        ("excavator", "dig", "mujoco"),
+        ("four_bar", "cycloid", "pinocchio"),
+    ),
+)
 @pytest.mark.slow
 def test_a_pasted_program_is_driven_as_the_engine_was(linkage: str, scenario: str, engine: str, tmp_path: Path) -> None:
     needs(engine)
