@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("error: there is not enough memory for this request", file=sys.stderr)
         return BAD_INPUT
     except (BadInput, OSError) as error:
-        print(harmless(f"error: {error.args[0] if isinstance(error, KeyError) else error}"), file=sys.stderr)
+        print(harmless(f"error: {describe_fault(error)}"), file=sys.stderr)
         return BAD_INPUT
     except Exception as error:
         if TRACE in os.environ:
@@ -136,6 +136,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return OWN_FAULT
     finally:
         no_longer()
+
+
+def describe_fault(error: BadInput | OSError) -> str:
+    """Return the message of an error that the user can correct; that of a file begins with its name, not with a number."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    # a KeyError would print its message as the code of a string
+    return str(error.args[0] if isinstance(error, KeyError) else error)
 
 
 def memory_limit() -> int:

@@ -40,7 +40,8 @@ def read_bytes(path: Path, most: int) -> bytes:
         OSError: the file cannot be opened, is no regular file, or has more than `most` bytes.
     """
     # O_NONBLOCK: opening a pipe without a writer would block; O_NOCTTY: a terminal would become the controlling one
-    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC), "rb") as file:
+    careful = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | careful)) as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(None, "no regular file", str(path))
         content = file.read(most + 1) or b""  # None: some files in /proc have no data yet

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import gauss_bench
@@ -34,6 +35,7 @@ FAULTS = [
     ('authors = "Those who wrote it"\n', "", "authors: must be a text"),
     ('"https://example.org/them"', '"ask around"', "contact: must be an address"),
     ("2026-11-26", '"2026-11-26"', "date: must be a date"),
+    ("2026-11-26", "9999-01-01", "date: 9999-01-01 has not come yet"),
     ("date =", "day =", "day: no such field; there are format, engine"),
     ('source = "https://example.org/integrators"\n', "", "knobs.integrator.source: must be a text"),
     ("https://example.org/tolerances", "a friend", "knobs.dop853_rtol.source: must be an address"),
@@ -75,6 +77,35 @@ def test_a_faulty_file_is_refused_by_name_and_field(
     told = capsys.readouterr()
     assert f"{path}: {said}" in told.err
     assert told.out == ""
+
+
+@pytest.mark.parametrize("room", sorted(x.parent for x in ROOMS.glob("*/variants.toml")), ids=lambda x: x.name)
+def test_a_knob_that_takes_numbers_has_a_range(room: Path) -> None:
+    for key, knob in read_variants(room).knobs.items():
+        assert all(np.isfinite(knob.range)) or not takes_numbers(room, key), key
+
+
+def takes_numbers(room: Path, key: str) -> bool:
+    """Tell whether a knob has a number, or a list of them, in any settings of its file."""
+    values = [x.get(key) for x in read_variants(room).settings.values()]
+    return any(isinstance(x, int | float | list | tuple) and not isinstance(x, bool) for x in values)
+
+
+def test_an_engine_with_one_integrator_needs_none_to_be_named(tmp_path: Path) -> None:
+    text = TEXT.replace('"minimal"', '"dart"').replace("dop853_rtol", "erp").replace('base = "default"', 'base = "shut"')
+    text = text.replace("erp = 1e-11", "erp = 0.7").replace('integrator = "dop853"\n', "")
+    text = text[: text.index("[settings.equal]")].replace("[knobs.integrator]", "[knobs.cfm]") + "cfm = 1e-8\n"
+    (found,) = candidates_of("dart", [saved(tmp_path, text)])
+    assert (found.name, found.integrator) == ("default,erp=0.7,cfm=1e-08", "semi_implicit_euler")
+    with pytest.raises(SettingsFault, match=r"erp: must be in the range 0 to 1, not 7.0"):
+        read_settings(saved(tmp_path, text.replace("erp = 0.7", "erp = 7.0")))
+
+
+@pytest.mark.parametrize(("path", "said"), [(".", "Is a directory"), ("none.toml", "No such file"), ("long.toml", "larger than")])
+def test_what_cannot_be_read_is_named(path: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "long.toml").write_bytes(b"#" * (authors.LARGEST + 1))
+    assert main(["check-settings", str(tmp_path / path)]) == 2
+    assert f"error: {tmp_path / path}: {said}" in capsys.readouterr().err
 
 
 def test_there_are_at_most_as_many_settings_as_our_search_has_variants(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@
 
     [settings.fast]                   # a candidate; the search chooses step or tolerance, as for every other candidate
     base = "rigid"                    # settings of the suite, whose values hold for knobs that are not named; else the first ones
-    integrator = "rk4"
+    integrator = "rk4"                # not needed for an engine that has one
     iterations = 2
 
 The engine's `variants.toml` says which knobs there are, and the type and range of their values. There may be as many settings as
@@ -22,7 +22,7 @@ the search has variants of that engine. A setting is known by the text of its op
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date, datetime
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -42,6 +42,7 @@ LONGEST = 200  # characters of a name, a contact or a reason
 TABLES = ("knobs", "settings")
 FACTS = ("format", "engine", "authors", "contact", "date")
 BASE = "base"
+ONE_DAY = timedelta(days=1)  # their date may be a day ahead of ours
 
 Line = Mapping[str, Any]
 
@@ -119,7 +120,9 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
     authors, contact = (_read_text(file, key, key) for key in ("authors", "contact"))
     _require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
     written = file.get("date")
-    _require(isinstance(written, date) and not isinstance(written, datetime), "date", "must be a date, as in date = 2026-11-26")
+    if not isinstance(written, date) or isinstance(written, datetime):
+        raise SettingsFault("date: must be a date, as in date = 2026-11-26")
+    _require(written <= date.today() + ONE_DAY, "date", f"{written} has not come yet")
     name = _read_text(file, "engine", "engine")
     engine, variants = _find_engine(name)
     knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _lines(file, "knobs").items()}
@@ -152,10 +155,12 @@ def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, own
     """Check one of the settings and return the candidate."""
     base = line.get(BASE, next(iter(variants.settings)))
     _require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
-    _require("integrator" in line, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(engine.integrators)}")
-    chosen = {"integrator": line["integrator"], "stabilization": line.get("stabilization", "none")}
-    for key, offered in (("integrator", engine.integrators), ("stabilization", engine.stabilizations)):
-        _require(chosen[key] in offered, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(offered)}")
+    offered = engine.integrators
+    named = "integrator" in line or len(offered) == 1
+    _require(named, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
+    chosen = {"integrator": line.get("integrator", offered[0]), "stabilization": line.get("stabilization", "none")}
+    for key, there in (("integrator", offered), ("stabilization", engine.stabilizations)):
+        _require(chosen[key] in there, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(there)}")
     changes = {}
     for key in (x for x in line if x not in (BASE, *CHOSEN)):
         _require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")

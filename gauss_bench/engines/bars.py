@@ -45,6 +45,13 @@ HALVES = (  # the rod as two bodies in one place: one hangs on the crank, one on
 )
 PAIR = (CRANK, Bar("rocker", -1, 2.2, 1.5, 0.75, 1.5, 0.3))
 CHAIN = (Bar("first", -1, 0.0, 1.0, 0.5, 1.0, 0.1), Bar("second", 0, 1.0, 1.0, 0.5, 2.0, 0.2))
+THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and a pendulum on the middle one
+    Bar("left", -1, 0.0, 1.0, 0.5, 1.0, 0.1),
+    Bar("beam", 0, 1.0, 2.0, 1.0, 1.0, 0.1),
+    Bar("middle", -1, 1.0, 1.0, 0.5, 1.0, 0.1),
+    Bar("pendulum", 2, 1.0, 1.0, 0.5, 1.0, 0.1),
+    Bar("right", -1, 2.0, 1.0, 0.5, 1.0, 0.1),
+)
 RATIO, CURVE = -0.5, 0.2  # the second bar of CHAIN turns by RATIO x + CURVE x^2 against the first, at x
 
 

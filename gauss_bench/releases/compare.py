@@ -2,7 +2,8 @@
 
 An answer is an array; the difference of two is relative to the size of each of its rows. Rounding is the largest difference that a
 start changed by 1e-14 makes in either release. A difference is real if it exceeds MARGIN times that, and FLOOR: a library that was
-compiled anew may add in another order.
+compiled anew may add in another order. It is real too where one release's answer is steady and the other's scatters: rounding then
+decides what the release answers.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,6 +16,7 @@ from gauss_bench.terms import Array
 # A solver that iterates may stop one iteration earlier: that multiplies rounding, by up to 40 in MuJoCo's PGS with welds.
 MARGIN = 50.0
 FLOOR = 1e-12  # relative: summing in another order changes some units of the last place, times the condition
+STEADY, SCATTERED = 1e-6, 1e-3  # relative: rounding below and above which an answer is steady, and is none
 FLOOR_OF_COUNTS = 0.02  # steps that an integrator chose: rounding may let it reject one more
 SMALL = 0.05  # of the largest row: rows that are smaller are compared with this share of it
 STEPS, DEFAULT, CLOSURE = "steps over 1 s", "default", "closure"
@@ -62,7 +64,7 @@ class Change:
     Attributes:
         quantity, case, setting: which.
         is_real: whether it is more than rounding.
-        difference, rounding: relative; NaN for texts and failures.
+        difference, rounding: relative; NaN for texts and failures. Rounding is the steady release's where the other's scatters.
         error_before, error_after: against the truth.
         was, now: texts, of defaults and of figures that one of the two does not have.
     """
@@ -100,7 +102,9 @@ def compare_figures(before: Figure, after: Figure) -> Change | None:
     if before.text or after.text:
         return None if before.text == after.text else Change(*before.key, True, was=before.text, now=after.text)
     difference = relative_difference(before.values, after.values)
-    rounding = max(before.rounding, after.rounding)
+    steadier, rounding = sorted((before.rounding, after.rounding))
+    if steadier < STEADY and SCATTERED < rounding < np.inf:  # the steady release tells what rounding makes of this question
+        rounding = steadier
     floor = FLOOR_OF_COUNTS if before.quantity == STEPS else FLOOR
     is_real = difference > max(MARGIN * rounding, floor)
     return Change(*before.key, is_real, difference, rounding, before.error, after.error)

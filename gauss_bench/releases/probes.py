@@ -17,7 +17,7 @@ from gauss_bench.releases.cases import FIRST, FOLDER, SPEED, STATES, States, fin
 from gauss_bench.terms import Array
 
 COUPLED = "coupled_bars"
-MODELS = {"wide_four_bar": FIRST, "rod_of_one_length": str(FOLDER / "rod_of_one_length.toml")}
+MODELS = {"wide_four_bar": FIRST} | {name: str(FOLDER / f"{name}.toml") for name in ("rod_of_one_length", "three_cranks")}
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,17 @@ from typing import Any
 from gauss_bench.report.rows import is_known
 
 Row = Mapping[str, Any]
-MOST, LONGEST = 3, 80  # settings that a sentence names, and characters of what it says of each
+MOST, LONGEST = 3, 80  # names in a sentence, and characters of a reason
+DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # a quantity, and what was and is of it
+EXCEPTION = re.compile(r"^\w+(Error|Failure|Warning): ")
+PLACE_IN_CODE = re.compile(r" (\(\w+\.py:\d+\)|\[file '[^']*', line \d+\]:?)")
 NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")  # tables
 TITLE = "# What changed between releases"
 RULE = (
     "Each release is asked for accelerations at the same states and for a run of 1 s at steps of 1 ms. A difference between "
-    "neighbours is real if it exceeds 50 times what a start changed by 1e-14 makes; else it is rounding. A cost changed if the "
-    "range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
+    "neighbours is real if it exceeds 50 times what a start changed by 1e-14 makes; else it is rounding. It is real too where "
+    "such a start changes the answers of one of both by more than a thousandth, and those of the other by less than a millionth. "
+    "A cost changed if the range of its ratio lies more than 5 % from 1, and beyond what the newest release shows against itself."
 )
 
 
@@ -38,31 +42,61 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
-    """Return a sentence for each quantity that changed."""
-    groups: dict[str, list[Row]] = {}
+    """Return a sentence for each quantity that changed, each reason for which answers came or went, and each kind of default."""
+    figures: dict[str, list[Row]] = {}
+    answers: dict[tuple[str, str], list[Row]] = {}
+    defaults: dict[str, list[Row]] = {}
     for row in changes:
-        groups.setdefault(row["quantity"], []).append(row)
-    return [describe_group(quantity, rows) for quantity, rows in groups.items()]
+        if is_known(row.get("difference")) or is_known(row.get("ratio")):
+            figures.setdefault(row["quantity"], []).append(row)
+        elif row["quantity"] == DEFAULT:
+            kind = "new" if row["was"] == ABSENT else "gone" if row["now"] == ABSENT else "changed"
+            defaults.setdefault(kind, []).append(row)
+        else:
+            answers.setdefault((shorten(row["was"]), shorten(row["now"])), []).append(row)
+    sentences = [describe_figures(quantity, rows) for quantity, rows in figures.items()]
+    sentences += [describe_answers(*reasons, rows) for reasons, rows in answers.items()]
+    return sentences + [describe_defaults(kind, rows) for kind, rows in defaults.items()]
 
 
-def describe_group(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on all changes of one quantity between two neighbours: the largest, and how many there are."""
-    sized = [row for row in rows if is_known(row.get("difference"))]
-    timed = [row for row in rows if is_known(row.get("ratio"))]
-    if timed:
-        return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio_text(row)}" for row in timed)
-    parts = []
-    if sized:
-        worst = max(sized, key=lambda row: float(row["difference"]))
-        errors = f"error against the truth {worst['error_before']:.1e} -> {worst['error_after']:.1e}"
-        size = f"by up to {worst['difference']:.2g} of their size, where rounding makes {worst['rounding']:.0e}"
-        parts.append(f"{len(sized)} differ, {size} ({place_of(worst)}: {errors})")
-    others = [row for row in rows if not is_known(row.get("difference")) and not is_known(row.get("ratio"))]
-    if others:
-        named = "; ".join(f"{place_of(row)}: {row['was'][:LONGEST]} -> {row['now'][:LONGEST]}" for row in others[:MOST])
-        more = f"; and {len(others) - MOST} more" if len(others) > MOST else ""
-        parts.append(named + more)
-    return f"{quantity}: " + "; ".join(parts)
+def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
+    """Return a sentence on the figures of one quantity that differ between neighbours: each ratio, or the largest difference."""
+    if is_known(rows[0].get("ratio")):
+        return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio_text(row)}" for row in rows)
+    worst = max(rows, key=lambda row: float(row["difference"]))
+    errors = f"error against the truth {worst['error_before']:.1e} -> {worst['error_after']:.1e}"
+    size = f"by up to {worst['difference']:.2g} of their size, where rounding makes {worst['rounding']:.0e}"
+    return f"{quantity}: {len(rows)} differ, {size} ({place_of(worst)}: {errors})"
+
+
+def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
+    """Return a sentence on questions of which one neighbour alone has an answer; `was` and `now` are reasons, or WORKS."""
+    named = name_some(sorted({place_of(row) for row in rows}), "; ")
+    asked = f"{len(rows)} question" + "s" * (len(rows) > 1)
+    told = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
+    return f"{asked} {told} ({named})"
+
+
+def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
+    """Return a sentence on defaults and names of the library that are new, gone or changed."""
+    places = [place_of(row) for row in rows]
+    if kind == "new":
+        places = [x if row["now"] == THERE else f"{x} ({row['now']})" for x, row in zip(places, rows, strict=True)]
+    if kind == "changed":
+        places = [f"{x} from {row['was']} to {row['now']}" for x, row in zip(places, rows, strict=True)]
+    return f"names and defaults that are {kind}: {name_some(places, ', ')}"
+
+
+def name_some(names: Sequence[str], between: str) -> str:
+    """Return at most MOST names, and how many more there are."""
+    more = f"{between}and {len(names) - MOST} more" if len(names) > MOST else ""
+    return between.join(names[:MOST]) + more
+
+
+def shorten(answer: str) -> str:
+    """Return a reason without the class of its exception and the line of code that raised it, cut to LONGEST characters."""
+    bare = PLACE_IN_CODE.sub("", EXCEPTION.sub("", answer))
+    return bare if len(bare) <= LONGEST else bare[: bare.rindex(" ", 0, LONGEST)] + " ..."
 
 
 def describe_rounding(after: Row) -> str:

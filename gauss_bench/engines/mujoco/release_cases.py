@@ -6,6 +6,7 @@ to each other where the rod of the four-bar is two bodies in one place.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from gauss_bench.engines.bars import (
     HALVES,
     PAIR,
     RATIO,
+    THREE_CRANKS,
     Bar,
     accelerations_of,
     angles_of,
@@ -29,42 +31,58 @@ from gauss_bench.terms import Array
 
 SOLVERS = ("Newton", "CG", "PGS")
 EXACT = 'solref="0.004 1" solimp="0.9999 0.9999 0.001"'  # as stiff as documented options allow
-FOUR, LENGTH, COUPLED = "wide_four_bar", "rod_of_one_length", "coupled_bars"
+FOUR, LENGTH, COUPLED, CRANKS = "wide_four_bar", "rod_of_one_length", "coupled_bars", "three_cranks"
 POLYNOMIAL = f'polycoef="0 {RATIO} {CURVE} 0 0"'
-CLOSURES: dict[str, tuple[str, tuple[Bar, ...], str, str]] = {  # name -> model, bars, equality, tendons
-    "connect of bodies": (FOUR, FOUR_BAR, f'<connect body1="rod" body2="rocker" anchor="2 0 0" {EXACT}/>', ""),
-    "connect of sites": (FOUR, FOUR_BAR, f'<connect site1="rod" site2="rocker" {EXACT}/>', ""),
-    "weld of bodies": (FOUR, HALVES, f'<weld body1="rod" body2="twin" {EXACT}/>', ""),
-    "weld of sites": (FOUR, HALVES, f'<weld site1="rod middle" site2="twin middle" {EXACT}/>', ""),
-    "joint": (COUPLED, CHAIN, f'<joint joint1="second" joint2="first" {POLYNOMIAL} {EXACT}/>', ""),
-    "tendon of joints": (
-        COUPLED,
-        CHAIN,
-        f'<tendon tendon1="b" tendon2="a" {POLYNOMIAL} {EXACT}/>',
-        '<fixed name="a"><joint joint="first" coef="1"/></fixed><fixed name="b"><joint joint="second" coef="1"/></fixed>',
-    ),
-    "tendon between sites": (
-        LENGTH,
-        PAIR,
-        f'<tendon tendon1="rod" {EXACT}/>',
-        '<spatial name="rod"><site site="crank"/><site site="rocker"/></spatial>',
-    ),
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A way to close a loop.
+
+    Attributes:
+        model: whose states are asked; bars: of the document; equality, tendons, options: MJCF.
+    """
+
+    model: str
+    bars: tuple[Bar, ...]
+    equality: str
+    tendons: str = ""
+    options: str = ""
+
+
+TWO_PINS = (
+    f'<connect body1="middle" body2="beam" anchor="1 0 0" {EXACT}/><connect body1="beam" body2="right" anchor="2 0 0" {EXACT}/>'
+)
+FIXED = '<fixed name="a"><joint joint="first" coef="1"/></fixed><fixed name="b"><joint joint="second" coef="1"/></fixed>'
+SPATIAL = '<spatial name="rod"><site site="crank"/><site site="rocker"/></spatial>'
+CLOSURES = {
+    "connect of bodies": Closure(FOUR, FOUR_BAR, f'<connect body1="rod" body2="rocker" anchor="2 0 0" {EXACT}/>'),
+    "connect of sites": Closure(FOUR, FOUR_BAR, f'<connect site1="rod" site2="rocker" {EXACT}/>'),
+    "weld of bodies": Closure(FOUR, HALVES, f'<weld body1="rod" body2="twin" {EXACT}/>'),
+    "weld of sites": Closure(FOUR, HALVES, f'<weld site1="rod middle" site2="twin middle" {EXACT}/>'),
+    "joint": Closure(COUPLED, CHAIN, f'<joint joint1="second" joint2="first" {POLYNOMIAL} {EXACT}/>'),
+    "tendon of joints": Closure(COUPLED, CHAIN, f'<tendon tendon1="b" tendon2="a" {POLYNOMIAL} {EXACT}/>', FIXED),
+    "tendon between sites": Closure(LENGTH, PAIR, f'<tendon tendon1="rod" {EXACT}/>', SPATIAL),
+    # branches whose loops share a body: a factor of sparse matrices has columns of different descendants
+    "connects of branches, dense": Closure(CRANKS, THREE_CRANKS, TWO_PINS, options='jacobian="dense"'),
+    "connects of branches, sparse": Closure(CRANKS, THREE_CRANKS, TWO_PINS, options='jacobian="sparse"'),
 }
 KINDS = ("mjtIntegrator", "mjtSolver", "mjtJacobian", "mjtCone", "mjtEq", "mjtDisableBit", "mjtEnableBit")
 
 
 def list_probes() -> list[dict[str, str]]:
     """List the probes: every closure with every solver of the constraints."""
-    return [{"name": f"{name}, {solver}", "model": closure[0]} for name, closure in CLOSURES.items() for solver in SOLVERS]
+    return [{"name": f"{name}, {solver}", "model": closure.model} for name, closure in CLOSURES.items() for solver in SOLVERS]
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
     """Return the absolute accelerations (k, n) of a probe at absolute states q, v (k, n)."""
     import mujoco
 
-    closure, _, solver = name.rpartition(", ")
-    _, bars, equality, tendons = CLOSURES[closure]
-    model = mujoco.MjModel.from_xml_string(document(bars, equality, tendons, solver))
+    named, _, solver = name.rpartition(", ")
+    closure = CLOSURES[named]
+    bars = closure.bars
+    model = mujoco.MjModel.from_xml_string(document(closure, solver))
     data: Any = mujoco.MjData(model)
     disable(mujoco, model, ["mjDSBL_WARMSTART"])
     answers = []
@@ -77,14 +95,15 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     return np.array(answers)
 
 
-def document(bars: Sequence[Bar], equality: str, tendons: str, solver: str) -> str:
+def document(closure: Closure, solver: str) -> str:
     """Return the model of bars with an equality as MJCF."""
+    bars = closure.bars
     pose = reference_pose(bars)
     bodies = "".join(write_bar(k, bars, pose) for k, bar in enumerate(bars) if bar.parent < 0)
-    option = f'gravity="0 {GRAVITY} 0" integrator="Euler" solver="{solver}" iterations="300" tolerance="1e-15"'
-    head = f'<compiler angle="radian"/><option {option}/>'
-    rest = f"<tendon>{tendons}</tendon>" if tendons else ""
-    return f"<mujoco>{head}<worldbody>{bodies}</worldbody>{rest}<equality>{equality}</equality></mujoco>"
+    exact = f'gravity="0 {GRAVITY} 0" integrator="Euler" solver="{solver}" iterations="300" tolerance="1e-15" {closure.options}'
+    head = f'<compiler angle="radian"/><option {exact}/>'
+    rest = f"<tendon>{closure.tendons}</tendon>" if closure.tendons else ""
+    return f"<mujoco>{head}<worldbody>{bodies}</worldbody>{rest}<equality>{closure.equality}</equality></mujoco>"
 
 
 def write_bar(number: int, bars: Sequence[Bar], pose: Sequence[float]) -> str:
@@ -99,8 +118,8 @@ def write_bar(number: int, bars: Sequence[Bar], pose: Sequence[float]) -> str:
 
 
 def reference_pose(bars: Sequence[Bar]) -> list[float]:
-    """Return the angles of a closed pose, each against the parent's; zeros for a chain."""
-    if bars == CHAIN:
+    """Return the angles of a closed pose, each against the parent's; zeros where that is one."""
+    if bars in (CHAIN, THREE_CRANKS):
         return [0.0] * len(bars)
     crank = 0.9  # [rad]
     end = np.array([np.cos(crank), np.sin(crank)])
