@@ -361,7 +361,8 @@ def test_a_change_of_cost_is_named_between_the_two_neighbours() -> None:
 
 def test_the_null_reaches_as_far_as_the_newest_differs_from_itself() -> None:
     newest = np.ones(4)
-    assert null_width(np.full(4, 1.0), newest) == pytest.approx(0.0, abs=1e-12)
+    for ratio, width in ((1.0, 0.0), (0.9, 0.1), (1.1, 0.1)):
+        assert null_width(np.full(4, ratio), newest) == pytest.approx(width, abs=1e-12)
     assert null_width(np.array([0.9, 1.0, 1.0, 1.1]), newest) >= 0.1
     assert null_width(np.array([-1.0, 1.0, 1.0, 1.0]), newest) == np.inf
     assert np.isnan(ratio_of(np.array([1.0, -1.0]), newest[:2])[0])
