@@ -313,6 +313,7 @@ def test_a_start_at_a_dead_centre_is_refused() -> None:
 # Other dimensions, one linkage in a lane
 
 
+@pytest.mark.long("3-llvm", "3-numpy")
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("linkages", [3, 9])  # less than a vector of eight, and one more

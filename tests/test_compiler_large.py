@@ -171,6 +171,7 @@ def test_growth_is_the_slope_of_logarithms() -> None:
     assert exponent(sizes, [3e-7 * n**1.25 for n in sizes]) == pytest.approx(1.25)
 
 
+@pytest.mark.long("lagrange")
 @pytest.mark.slow
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_where_no_pivot_serves_everywhere_another_program_goes_on(formulation: str) -> None:

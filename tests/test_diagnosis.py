@@ -323,6 +323,7 @@ def test_engines_of_others_are_diagnosed_in_a_worker(
         assert status in found["verdict"]
 
 
+@pytest.mark.long("mujoco-rigid-causes1", "pinocchio-default-causes2")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("engine", "settings", "causes"),

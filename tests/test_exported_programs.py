@@ -159,6 +159,7 @@ def test_a_requirement_that_is_not_reached_leaves_no_file(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long("0.0005", "1e-05")
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4, 1e-5])
 def test_a_program_in_c_passes_no_vanishing_pivot_by_chance(step: float, tmp_path: Path) -> None:

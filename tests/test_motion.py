@@ -12,6 +12,7 @@ from gauss_bench.bench.measurements.geometry import geometry
 from gauss_bench.cli import main
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Geometry
+from tests.conftest import exhaustive
 
 DATA = Path(__file__).parent / "data"
 
@@ -22,7 +23,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("linkage", read_suite("quick").geometry[0].linkages)
+@pytest.mark.parametrize("linkage", exhaustive(read_suite("quick").geometry[0].linkages, "eight_bar", "shaper"))
 def test_three_independent_ways_tell_one_motion(linkage: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gauss_bench.bench.measurements.geometry.POSITIONS", 73)  # every five degrees
     for row in geometry(linkage, "driven", Geometry(linkages={}))["agreement"]:

@@ -358,6 +358,7 @@ def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: P
         assert (run["status"], run["engine"], run["t"]) == ("ok", engine, [0.0, 0.05]), run["message"]
 
 
+@pytest.mark.long("pinocchio-one/rk4/least depth-rk4", "casadi-interpreted/rk4-rk4")
 @pytest.mark.long("gauss-native-default-dop853_fixed", "minimal-fixed/rk4-rk4")
 @pytest.mark.slow
 @pytest.mark.parametrize(

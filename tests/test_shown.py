@@ -6,7 +6,6 @@ import itertools
 import json
 import re
 import xml.etree.ElementTree as ET
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -150,17 +149,6 @@ def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_i
     held = gauss_bench.simulate("crank_slider", stabilization="projection", step=0.1)
     assert "projection" not in held.advice, "who has it is not advised to take it"
     json.loads(failing.to_json())
-
-
-@pytest.mark.parametrize("engine", ["pinocchio", "mujoco", "exudyn"])
-@pytest.mark.slow
-def test_a_failed_worker_returns_the_samples_that_it_reached(engine: str) -> None:
-    if find_spec(engine) is None:
-        pytest.skip(f"{engine} is not installed")
-    found = gauss_bench.simulate("four_bar", engine, step=0.15)
-    assert found.status in ("nan", "not_converged", "warning", "diverged")
-    assert found.trajectory is not None
-    assert found.metrics["until"] == found.trajectory.t[-1] > 0
 
 
 def test_names_in_plots_do_not_overlap_and_the_untrusted_part_is_shaded(walking: Simulation, failing: Simulation) -> None:

@@ -494,7 +494,7 @@ sys.exit(cli.command())
 """
 
 
-@pytest.mark.long("9-others")
+@pytest.mark.long("9-others", "9-its first task")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "before"), [(signal.SIGINT, "others"), (signal.SIGKILL, "others"), (signal.SIGKILL, "its first task")]
