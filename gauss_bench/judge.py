@@ -326,17 +326,14 @@ def trusted_until(
 
     `reference` and `finer`, the repetition, are used where they are known.
     """
-
-    def first(x: Trajectory | Reference, count: int) -> Trajectory:
-        return Trajectory(x.t[:count], x.q[:count], x.v[:count], x.a[:count], 0)
-
     good, bad = 0, len(trajectory.t)
     while bad - good > 1:
         middle = (good + bad) // 2
-        part = first(trajectory, middle + 1)
+        until = slice(middle + 1)
+        part = trajectory.part(until)
         evidence = examine(evaluator, part, reference)
         if finer is not None:
-            halving, again = metrics.state_errors(evaluator.mechanism, part, finer), metrics.rate_gaps(first(finer, middle + 1))
+            halving, again = metrics.state_errors(evaluator.mechanism, part, finer), metrics.rate_gaps(finer.part(until))
             evidence = replace(evidence, halving=halving, rates_again=again)
         good, bad = (middle, bad) if judge(evidence).valid else (good, middle)
     return float(trajectory.t[good])

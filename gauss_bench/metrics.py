@@ -42,11 +42,10 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     blocks = []
     h = evaluator.constraints.holonomic
     for start in range(0, len(trajectory.t), CHUNK):
-        part = slice(start, start + CHUNK)
-        t, q, v, a = trajectory.t[part], trajectory.q[part], trajectory.v[part], trajectory.a[part]
-        rows = evaluator.constraints(t, q, v)
-        velocity = (rows.J @ v[..., None])[..., 0] + rows.phi_t
-        acceleration = (rows.J @ a[..., None])[..., 0] - rows.gamma
+        part = trajectory.part(slice(start, start + CHUNK))
+        rows = evaluator.constraints(part.t, part.q, part.v)
+        velocity = (rows.J @ part.v[..., None])[..., 0] + rows.phi_t
+        acceleration = (rows.J @ part.a[..., None])[..., 0] - rows.gamma
         blocks.append([np.abs(x).max(axis=-1, initial=0.0) for x in (rows.phi[:, :h], velocity, acceleration)])
     return Drift(*(np.concatenate(x) for x in zip(*blocks, strict=True)))
 
@@ -317,8 +316,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     """Energy gained beyond the work done since the start (k,) [J], and the error bar of that work.
 
     Springs, gravity, constant torques and world-fixed forces have potentials. The work of everything else (dampers, friction,
-    turning forces, a driver) is the integral of its power through the samples by a quintic spline. The difference from the spline
-    through every second sample is the error bar: generous if the samples resolve the motion, and large if they do not.
+    turning forces, a driver) is the integral of its power through the samples.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
@@ -332,9 +330,8 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
     gain = energy - energy[0]
     if not np.any(power) or len(t) < 2:
         return gain, rounding
-    half = np.unique([*range(0, len(t), 2), len(t) - 1])
-    fine, coarse = work(t, power, t), work(t[half], power[half], t)
-    return gain - fine, float(np.abs(fine - coarse).max()) + rounding
+    done, bar = work(t, power)
+    return gain - done, float(bar) + rounding
 
 
 def energy_rounding(energy: Array) -> float:
@@ -360,13 +357,22 @@ def without_loss(t: Array, gain: Array, spacing: float) -> Array:
     return gain - lost
 
 
-def work(t: Array, power: Array, at: Array) -> Array:
-    """Integrate powers (k, ...) [W] at times t (k,) by a quintic spline: the work [J] done from t[0] to the times `at` (j,)."""
+def work(t: Array, power: Array) -> tuple[Array, Array]:
+    """Return the work (k, ...) [J] done since t[0] by powers (k, ...) [W] at times t (k,), and its error bar (...).
+
+    The power is integrated by a quintic spline through the samples. The largest difference from the spline through every second
+    sample is the error bar: generous if the samples resolve the motion, and large if they do not.
+    """
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
-    spline = make_interp_spline(t, power, k=min(5, 2 * ((len(t) - 2) // 2) + 1))
-    primitive: Callable[[Array], Array] = spline.antiderivative()
-    return np.asarray(primitive(at) - primitive(t[:1]))
+    def integrate(t_known: Array, known: Array) -> Array:
+        spline = make_interp_spline(t_known, known, k=min(5, 2 * ((len(t_known) - 2) // 2) + 1))
+        primitive: Callable[[Array], Array] = spline.antiderivative()
+        return np.asarray(primitive(t) - primitive(t[:1]))
+
+    half = np.unique([*range(0, len(t), 2), len(t) - 1])
+    fine, coarse = integrate(t, power), integrate(t[half], power[half])
+    return fine, np.asarray(np.abs(fine - coarse).max(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,6 +400,11 @@ class Errors:
     def position(self) -> Array:
         """(k, links) the larger of the two per link."""
         return np.maximum(self.length, self.angle)
+
+    @property
+    def largest(self) -> dict[str, float]:
+        """The largest error of all: "position" of any link's centre of mass [m], and "angle" of any link [rad]."""
+        return {"position": float(self.length.max()), "angle": float(self.angle.max())}
 
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -428,10 +439,7 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
         return np.full(len(mine), np.nan)
-    own, true = (
-        joint_forces(evaluator, Trajectory(x.t[at], x.q[at], x.v[at], x.a[at], 0))
-        for x, at in ((trajectory, mine), (reference, both))
-    )
+    own, true = (joint_forces(evaluator, samples) for samples in (trajectory.part(mine), reference.part(both)))
     gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
     return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
 
@@ -448,8 +456,7 @@ def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     `steps` must decrease. Errors within ten times their floor say nothing about the integrator and are left out.
     """
     order = np.full(len(steps), np.nan)
-    for k in range(1, len(steps)):
-        usable = errors[k] > 10 * floors[k] and errors[k - 1] > 10 * floors[k - 1]
-        if usable and np.isfinite(errors[k]) and np.isfinite(errors[k - 1]):
-            order[k] = np.log(errors[k - 1] / errors[k]) / np.log(steps[k - 1] / steps[k])
+    usable = (errors > 10 * floors) & np.isfinite(errors)
+    k = 1 + np.flatnonzero(usable[1:] & usable[:-1])
+    order[k] = np.log(errors[k - 1] / errors[k]) / np.log(steps[k - 1] / steps[k])
     return order

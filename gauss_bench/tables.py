@@ -16,14 +16,14 @@ import csv
 import io
 import json
 import math
-import os
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from gauss_bench import checksums
+from gauss_bench.atomic import atomically, write_text
 from gauss_bench.untrusted import BadInput
 
 FORMAT = 5
@@ -247,19 +247,15 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     table = TABLES[name]
     kinds = {"text": pa.string(), "number": pa.float64(), "flag": pa.bool_()}
     measured = [c.name for c in columns if c.kind == "number" and c.name not in KEY]
-    arrays = {}
-    for c in columns:
-        values = [row[c.name] for row in rows]
-        if table.curves and c.name in measured:
-            drawn = values if c in table.key else map(round_bits, values)
-            arrays[c.name] = pa.array(drawn, type=pa.float32())
-        else:
-            arrays[c.name] = pa.array(values, type=kinds[c.kind])
-    content = pa.table(arrays).replace_schema_metadata({b"gauss_bench": json.dumps({"table": name, "format": FORMAT}).encode()})
+    drawn = measured if table.curves else []
+    schema = pa.schema([(c.name, pa.float32() if c.name in drawn else kinds[c.kind]) for c in columns])
+    schema = schema.with_metadata({"gauss_bench": json.dumps({"table": name, "format": FORMAT})})
+    rounded = [x for x in drawn if x not in [c.name for c in table.key]]
+    content = pa.Table.from_pylist([{**row, **{x: round_bits(row[x]) for x in rounded}} for row in rows], schema)
     options = {
         "compression": "zstd",
         "compression_level": 19,
-        "use_dictionary": [n for n in arrays if n not in measured],
+        "use_dictionary": [c.name for c in columns if c.name not in measured],
         "use_byte_stream_split": measured,
         "write_statistics": False,  # statistics let readers skip parts of large files; they would be half of a small one
     }
@@ -463,19 +459,6 @@ def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
     return content.column_names, content.to_pylist()
 
 
-def atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a file beside `path`, then put it in place in one move."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        write(part)
-        with part.open("rb") as file:
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
     """Refuse to overwrite a file that gauss-bench did not write, that is, one without the given sign.
 
@@ -485,13 +468,3 @@ def refuse_foreign(signs: Mapping[Path, str]) -> None:
     for path, sign in signs.items():
         if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):
             raise FileExistsError(f"{path}: is there already, and gauss-bench did not write it; move it or take another folder")
-
-
-def write_text(path: Path, content: str) -> None:
-    """Write a text file atomically."""
-    atomically(path, lambda part: part.write_text(content, encoding="utf-8"))
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file atomically."""
-    atomically(path, lambda part: part.write_bytes(content))

@@ -1,7 +1,7 @@
 """The trajectory that every engine returns and every metric reads: states over time, how the run ended, and curves."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -53,40 +53,69 @@ class States:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
-    """States in the absolute coordinates of the mechanism, sampled at given times.
+class Samples:
+    """States with their accelerations, in the absolute coordinates of a mechanism.
 
     Attributes:
         t: (k,) times [s].
         q, v, a: (k, n) positions, velocities, accelerations; angles unwrapped.
-        steps: integration steps taken, or None where the engine does not count them.
-        evaluations: evaluations of the accelerations, or None where the engine does not count them.
-        note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
     """
 
     t: Array
     q: Array
     v: Array
     a: Array
+
+    def part(self, chosen: NDArray[Any] | slice) -> "Trajectory":
+        """Return some of the samples."""
+        return Trajectory(self.t[chosen], self.q[chosen], self.v[chosen], self.a[chosen], None)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory(Samples):
+    """The samples of a run.
+
+    Attributes:
+        steps: integration steps taken, or None where the engine does not count them.
+        evaluations: evaluations of the accelerations, or None where the engine does not count them.
+        note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
+    """
+
     steps: int | None
     evaluations: int | None = None
     note: str = ""
 
+    def __getitem__(self, chosen: NDArray[Any] | slice) -> "Trajectory":
+        """Return the same run with only the chosen samples."""
+        return replace(self, t=self.t[chosen], q=self.q[chosen], v=self.v[chosen], a=self.a[chosen])
 
-class RunFailure(RuntimeError):
-    """A run that ended without a usable trajectory, with its status, a sentence, and the samples that it had reached, if any."""
+
+class Failure(RuntimeError):
+    """Work that has no result, with its status and the reason in a sentence."""
+
+    def __init__(self, status: Status, message: str):
+        self.status = status
+        super().__init__(message)
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The failure as columns of a row."""
+        return {"status": str(self.status), "message": str(self)}
+
+
+class RunFailure(Failure):
+    """A run that ended without a usable trajectory, with the samples that it had reached, if any."""
 
     def __init__(self, status: Status, message: str, reached: Trajectory | None = None):
-        self.status, self.reached = status, reached
-        super().__init__(message)
+        self.reached = reached
+        super().__init__(status, message)
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(Samples):
     """A trajectory more exact than the runs that it judges, with its own error bar.
 
     Attributes:
-        t: (k,); q, v, a: (k, n) as in Trajectory.
         error_q, error_v, error_a: (k,) largest disagreement of two integrations at each time.
         floor_q, floor_v, floor_a: (k,) largest change so far when the linkage's numbers change by 1e-16 of themselves, which no
             engine in double precision can tell; zero where it was not worked out.
@@ -94,10 +123,6 @@ class Reference:
         certified: whether two derivations that share nothing vouch for it, not two integrations of one.
     """
 
-    t: Array
-    q: Array
-    v: Array
-    a: Array
     error_q: Array
     error_v: Array
     error_a: Array
@@ -106,6 +131,17 @@ class Reference:
     floor_a: Array
     method: str
     certified: bool = False
+
+    @classmethod
+    def with_one_bar(cls, samples: Trajectory, method: str, bar: float = 0.0) -> "Reference":
+        """Return the samples of a run as a reference that has the same error bar [m, rad] at every time, and no floors."""
+        bars, floors = np.full(len(samples.t), bar), np.zeros(len(samples.t))
+        return cls(samples.t, samples.q, samples.v, samples.a, bars, bars, bars, floors, floors, floors, method)
+
+    @property
+    def samples(self) -> Trajectory:
+        """The samples without their error bars."""
+        return Trajectory(self.t, self.q, self.v, self.a, None)
 
 
 class Group(StrEnum):
@@ -158,7 +194,7 @@ class History:
 
 
 @dataclass(frozen=True)
-class Told:
+class Caption:
     """Sentences on a run beside its curves.
 
     Attributes:
@@ -173,6 +209,11 @@ class Told:
     verdict: str
     until: float
     trusted: float | None
+
+
+def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Return the indices of at most `most` of `count` samples, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.intp))
 
 
 def finite(*samples: Array) -> int:

@@ -5,6 +5,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from gauss_bench.compiler.elimination import program
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines import FILE, environment_of
 from gauss_bench.linkage.load import built_in, load, load_document
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import AngleDriver, Mechanism, SlideDriver
+from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.runs.worker import keep
 
 DATA = Path(__file__).parent / "data"
@@ -131,6 +133,17 @@ def everything(scenario: str = "free") -> Mechanism:
     """Two chains, a guide on a moving link, a multiple joint, a knife edge and every kind of force."""
     document = tomllib.loads((DATA / "everything.toml").read_text(encoding="utf-8"))
     return load_document(document, scenario)
+
+
+def driven(mechanism: Mechanism, **laws: MotionLaw) -> Mechanism:
+    """The mechanism with links turned and slides moved by laws, given by their names, and no other driver."""
+    links = [link.name for link in mechanism.links]
+    slides = {slide.name: slide for slide in mechanism.slides}
+    drivers = [
+        SlideDriver(name, law, slides[name]) if name in slides else AngleDriver(name, law, links.index(name))
+        for name, law in laws.items()
+    ]
+    return replace(mechanism, drivers=tuple(drivers))
 
 
 def redundant() -> Mechanism:

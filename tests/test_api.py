@@ -151,7 +151,7 @@ def test_results_read_as_objects_by_key_and_as_json() -> None:
 
 
 def test_public_functions_stand_beside_each_other() -> None:
-    import gauss_bench.kinematics.inputs  # a room of the same name does not hide the function
+    import gauss_bench.kinematics.motion  # a room of the same name does not hide the function
 
     assert {"simulate", "compare", "kinematics", "certify", "compile_kernel", "Kernel"} <= set(gauss_bench.__all__)
     assert all(callable(getattr(gauss_bench, name)) for name in gauss_bench.__all__ if name != "__version__")

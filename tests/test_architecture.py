@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "gauss_bench"
-LIGHT = "terms trajectory untrusted"
+LIGHT = "atomic terms trajectory untrusted"
 ALLOWED = {  # room -> those that it may import
     "terms": "",
+    "atomic": "",
     "trajectory": "",
     "checksums": "untrusted",
-    "tables": "checksums untrusted",
+    "tables": "atomic checksums untrusted",
     "untrusted": "",
     "suites": "untrusted",
     "reach": "trajectory",

@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 
 from gauss_bench.api.telling import render
+from gauss_bench.atomic import write_text
 from gauss_bench.bench.differences import compare_times, differences
 from gauss_bench.cli import main
-from gauss_bench.tables import KEY, TableError, write_schema, write_table, write_text
+from gauss_bench.tables import KEY, TableError, write_schema, write_table
 
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
 ROW = CASE | {"status": "ok", "valid": True, "acceleration_error_median": 1e-15, "position_error": 1e-6, "position_drift": 1e-7}

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from gauss_bench.bench.clock import Block, lasting
 from gauss_bench.bench.survived import list_survivors, race_here, race_survivors
+from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 

@@ -11,7 +11,7 @@ import pytest
 from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.function import Function, Instruction
 from gauss_bench.compiler.elimination.partition import study
-from gauss_bench.compiler.elimination.program import Program, costs, drops, generate, partitions
+from gauss_bench.compiler.elimination.program import Program, generate, partitions
 from gauss_bench.compiler.elimination.rank import acceleration_error
 from gauss_bench.compiler.equations.sampling import manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
@@ -100,7 +100,7 @@ def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: 
     tried = states(mechanism, range(10, 11))
     t, q, v = (np.array(x) for x in zip(*tried, strict=True))
     true, served = truth.acceleration(t, q, v), np.zeros(len(tried), dtype=bool)
-    for drop in range(drops(mechanism)):
+    for drop in range(len(study(mechanism).drops)):
         p = program(name, scenario, formulation, drop)
         a, guards = p.acceleration(t[:, None], q, v, p.values)
         (multipliers,), (energy,) = p.multipliers(t[:, None], q, v, p.values), p.energy(q, v, p.values)
@@ -225,7 +225,7 @@ def test_partitions_cover_the_motion_and_begin_with_the_crank(name: str) -> None
     if not mechanism.drivers:
         free = mechanism.dof - len(mechanism.knife_edges)
         assert {len(x) for x in found} == {free}
-        programs = [generate(mechanism, "gauss", independent=x, drop=k) for x in found for k in range(drops(mechanism))]
+        programs = [generate(mechanism, "gauss", independent=x, drop=k) for x in found for k in range(len(study(mechanism).drops))]
         for state in states(mechanism, range(10, 11)):
             assert any(trusted(p, *state) for p in programs)
     if mechanism.dof == 1 and not mechanism.drivers:
@@ -235,7 +235,7 @@ def test_partitions_cover_the_motion_and_begin_with_the_crank(name: str) -> None
 
 @pytest.mark.long
 def test_a_large_chain_costs_as_much_a_cell_as_a_small_one() -> None:
-    small, large = (costs(program(f"n_four_bar_{n}", None, "gauss")).operations for n in (4, 24))
+    small, large = (program(f"n_four_bar_{n}", None, "gauss").acceleration.operations for n in (4, 24))
     assert large <= 1.1 * 6 * small
     assert program("n_four_bar_24", None, "gauss").thresholds.size <= 3 * 24  # two unknowns a window, one pivot each, some extra
 
@@ -247,7 +247,7 @@ PROTOTYPE = {"crank_slider": (125, 3), "six_bar": (289, 12), "shaper": (264, 7),
 @pytest.mark.usefixtures("full_search")
 def test_programs_are_shorter_than_plain_elimination_in_matrix_entries(name: str) -> None:
     mechanism = replace(linkage(name, "conservative"), forces=())
-    found, (most, divisions) = costs(generate(mechanism, "gauss")), PROTOTYPE[name]
+    found, (most, divisions) = generate(mechanism, "gauss").acceleration.costs, PROTOTYPE[name]
     assert found.operations < most
     assert found.divisions <= divisions
 
@@ -258,7 +258,7 @@ def test_auto_takes_the_cheaper_formulation(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(elimination, "ATTEMPTS", 12)  # fewer do not find what makes eight pendulums cheap
     taken = {}
     for name in ("four_bar", "pendulum_8"):
-        both = {f: costs(generate(linkage(name, None), f)).single for f in FORMULATIONS}
+        both = {f: generate(linkage(name, None), f).acceleration.costs.single for f in FORMULATIONS}
         taken[name] = generate(linkage(name, None), "auto").formulation
         assert taken[name] == min(both, key=lambda f: both[f])
     assert taken == {"four_bar": "gauss", "pendulum_8": "lagrange"}  # few unknowns where few are free

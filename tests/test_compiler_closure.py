@@ -1,4 +1,4 @@
-"""Compiled kinematics: whole turns against the library's closures, limits, assemblies, and linkages of other dimensions."""
+"""Compiled kinematics: whole turns against the library's closures, limits, assemblies."""
 
 import copy
 from dataclasses import replace
@@ -10,18 +10,15 @@ import pytest
 
 from gauss_bench.api.kinematics import kinematics
 from gauss_bench.compiler.closure import Closure, Status, Sweep, compile_closure
-from gauss_bench.compiler.equations.links import parameter_values, with_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.kinematics.errors import MotionError
-from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.singular import singular_positions
 from gauss_bench.linkage.load import document_of, load, load_document
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import AngleDriver, Driver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
@@ -30,7 +27,6 @@ from tests.conftest import exhaustive, redundant
 TURNING = ["four_bar", "crank_slider", "six_bar", "eight_bar", "shaper", "jansen", "parallelogram", "squeezer", "redundant"]
 SEVERAL = ["five_bar/driven", "excavator/dig"]
 BACKENDS = ["llvm", "numpy"]
-SHAPE = ("points.crank.B.x", "points.coupler.C.x", "points.rocker.C.x")
 ROUNDING = 1e-12  # of the largest value of its kind: rounding times the condition of J, squared for accelerations
 
 
@@ -47,6 +43,15 @@ def closure(name: str, backend: str = "llvm", **more: Any) -> Closure:
     return compile_closure(mechanism(name), backend=backend, **more)
 
 
+def driven_by(m: Mechanism, driver: Driver) -> Mechanism:
+    """The linkage with one input."""
+    return replace(m, drivers=(driver,))
+
+
+def by_rocker(m: Mechanism) -> Mechanism:
+    return driven_by(m, AngleDriver("rocker", constant(0.0, 1.0), [link.name for link in m.links].index("rocker")))
+
+
 def crank_angle(m: Mechanism) -> float:
     return float(m.q0[3 * (m.crank or 0) + 2])
 
@@ -55,7 +60,7 @@ def library(m: Mechanism, angles: Array, link: int | None = None) -> Motion:
     """The motion at angles of a link, the crank, at one radian per second: derivatives by the angle."""
     index = (m.crank or 0) if link is None else link
     law = replace(constant(0.0, 1.0), motion=lambda t: (np.interp(t, np.arange(len(angles)), angles), 1.0 + 0 * t, 0 * t))
-    return loop_motion(replace(m, drivers=()), (Input(law, link=index),), np.arange(len(angles)))
+    return loop_motion(driven_by(m, AngleDriver(m.link_name(index), law, index)), np.arange(len(angles)))
 
 
 def assert_same(sweep: Sweep, q: Array, v: Array, a: Array, tolerance: float = ROUNDING) -> None:
@@ -64,10 +69,9 @@ def assert_same(sweep: Sweep, q: Array, v: Array, a: Array, tolerance: float = R
         assert np.abs(found - wanted).max() <= tolerance * max(1.0, float(np.abs(wanted).max()))
 
 
-def part(sweep: Sweep, which: int | slice) -> Sweep:
-    """One linkage of many, or some samples of one."""
-    levels = ("q", "v", "a", "points", "point_rates", "point_seconds", "status", "rows")
-    return replace(sweep, **{name: getattr(sweep, name)[which] for name in levels})
+def part(sweep: Sweep, which: slice) -> Sweep:
+    """Some samples."""
+    return replace(sweep, **{name: getattr(sweep, name)[which] for name in ("q", "v", "a", "status")})
 
 
 def turn_angles(m: Mechanism, count: int) -> Array:
@@ -83,7 +87,7 @@ def whole_turn(name: str, count: int) -> Motion:
 @pytest.mark.parametrize("name", exhaustive(TURNING, "crank_slider", "shaper", "redundant"))
 def test_a_whole_turn_is_that_of_the_link_units(name: str, backend: str) -> None:
     sweep, truth = closure(name, backend).turn(180), whole_turn(name, 180)
-    assert not sweep.losses
+    assert sweep.loss is None
     assert (sweep.status == Status.CLOSED).all()
     assert_same(sweep, truth.q, truth.v, truth.a)
 
@@ -106,21 +110,10 @@ def test_it_is_that_of_the_constraints_in_absolute_coordinates(name: str) -> Non
 def test_several_inputs_follow_their_laws(name: str, backend: str) -> None:
     m = mechanism(name)
     times = np.linspace(0.0, m.duration, 301)
-    levels = np.array([given.law(times) for given in inputs_of(m)]).transpose(1, 2, 0)
-    sweep, truth = closure(name, backend).sweep(*levels), loop_motion(m, inputs_of(m), times)
-    assert not sweep.losses
+    levels = np.array([driver.law(times) for driver in m.drivers]).transpose(1, 2, 0)
+    sweep, truth = closure(name, backend).sweep(*levels), loop_motion(m, times)
+    assert sweep.loss is None
     assert_same(sweep, truth.q, truth.v, truth.a)
-
-
-def test_points_move_with_their_links() -> None:
-    m = mechanism("jansen")
-    fast = compile_closure(m, points=m.observed_points).turn(90)
-    assert fast.points.shape == (90, len(m.observed_points), 2)
-    for k, point in enumerate(m.observed_points):
-        levels = (fast.points, fast.point_rates, fast.point_seconds)
-        truths = (position(fast.q, point), velocity(fast.q, fast.v, point), acceleration(fast.q, fast.v, fast.a, point))
-        for found, wanted in zip(levels, truths, strict=True):
-            assert np.abs(found[:, k] - wanted).max() < ROUNDING
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 4, 16])
@@ -136,18 +129,6 @@ def test_lanes_and_parts_make_no_difference(lanes: int, count: int) -> None:
 def test_samples_may_lie_far_apart(count: int) -> None:
     fine, coarse = closure("jansen").turn(60 * count), closure("jansen").turn(count)
     assert_same(coarse, fine.q[::60], fine.v[::60], fine.a[::60])
-
-
-@pytest.mark.parametrize("linkages", [0, 11])
-def test_memory_may_be_used_again(linkages: int) -> None:
-    compiled = closure("four_bar", open_parameters=SHAPE)
-    p = compiled.values if not linkages else np.tile(compiled.values, (linkages, 1))
-    truth, memory = compiled.turn(100, parameters=p), np.full_like(compiled.turn(100, parameters=p).rows, np.nan)
-    again = compiled.turn(100, parameters=p, out=memory)
-    assert np.shares_memory(again.q, memory)
-    np.testing.assert_array_equal(again.rows, truth.rows)
-    with pytest.raises(ValueError, match="not the memory"):
-        compiled.turn(101, parameters=p, out=memory)
 
 
 def test_rates_of_the_input_count() -> None:
@@ -205,8 +186,9 @@ def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
     start = float(m.q0[3 * rocker + 2])
     angles = start + sense * np.linspace(0.0, 2.0, 401)
     limit = min((x for x in limits if (x - start) * sense > 0), key=lambda x: abs(x - start))
-    sweep = compile_closure(replace(m, drivers=()), backend=backend, inputs=(Input(constant(0.0, 1.0), link=rocker),)).sweep(angles)
-    (loss,) = sweep.losses
+    sweep = compile_closure(by_rocker(m), backend=backend).sweep(angles)
+    loss = sweep.loss
+    assert loss is not None
     assert loss.kind == "limit of motion"
     assert loss.inputs["rocker"] == pytest.approx(limit, abs=1e-9)  # the library halves its way to 1e-10 rad
     assert loss.sample == int(((angles - limit) * sense < 0).sum())
@@ -223,7 +205,7 @@ def test_next_to_a_limit_the_library_decides() -> None:
     m = mechanism("four_bar")
     rocker = [link.name for link in m.links].index("rocker")
     limit = max(s.value for s in singular_positions(m) if s.coordinate == "rocker")
-    compiled = compile_closure(replace(m, drivers=()), inputs=(Input(constant(0.0, 1.0), link=rocker),))
+    compiled = compile_closure(by_rocker(m))
     ended = set()
     for gap in 10.0 ** -np.arange(2.0, 9.5, 0.25):
         angles = np.array([float(m.q0[3 * rocker + 2]), limit - gap])
@@ -247,7 +229,8 @@ def test_a_change_point_is_a_singular_position(count: int, backend: str) -> None
     """Whether a sample meets it, or all step over it: the assembly changes sides there."""
     m = two_crank_parallelogram()
     sweep = compile_closure(m, backend=backend).turn(count)
-    (loss,) = sweep.losses
+    loss = sweep.loss
+    assert loss is not None
     assert loss.kind == "singular position"
     assert loss.inputs["crank"] == pytest.approx(np.pi, abs=1e-6)  # the library's rank counts as lost at 1e-7 of the largest
     assert loss.sample == int((turn_angles(m, count) < np.pi - 1e-9).sum())
@@ -266,22 +249,22 @@ def test_next_to_a_change_point_rates_are_not_given() -> None:
 def test_a_lane_does_not_leap(backend: str) -> None:
     """A parallelogram's rocker is predicted exactly however far the crank goes; what came between is then not known."""
     tracker = compile_closure(two_crank_parallelogram(), backend=backend)._tracker
-    start = tracker.starts(two_crank_parallelogram().q0[None], np.zeros((1, 0)))
     for way, closed in ((0.2, 2), (1.0, 1)):
         inputs = np.zeros((1, 3, 3, 1))
-        inputs[0, :, 0, 0] = start.u[0] + np.array([0.0, way, way])
+        inputs[0, :, 0, 0] = tracker.u + np.array([0.0, way, way])
         rows = np.empty((2, tracker.program.width))
-        assert tracker.follower.run(start.q, start.least, inputs, np.zeros((1, 0)), rows)[0].tolist() == [closed]
+        assert tracker.follower.run(tracker.q[None], tracker.least[None], inputs, rows)[0].tolist() == [closed]
 
 
 def test_nothing_is_closed_behind_a_loss() -> None:
     """The way goes beyond the limit and back, which an odd sample would not show."""
     m = mechanism("four_bar")
     rocker = [link.name for link in m.links].index("rocker")
-    compiled = compile_closure(replace(m, drivers=()), inputs=(Input(constant(0.0, 1.0), link=rocker),))
+    compiled = compile_closure(by_rocker(m))
     start = float(m.q0[3 * rocker + 2])
     angles = start + 1.5 * np.sin(np.linspace(0.0, np.pi, 800))
-    (loss,) = compiled.sweep(angles).losses
+    loss = compiled.sweep(angles).loss
+    assert loss is not None
     assert 0 < loss.sample < 400
     assert (compiled.sweep(angles).status[loss.sample :] == Status.LOST).all()
 
@@ -293,7 +276,7 @@ def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPat
 
     def shifted(*given: Any) -> Array:
         starts = found(*given)
-        starts[:, -1, 2::3] += 2 * np.pi
+        starts[-1, 2::3] += 2 * np.pi
         return starts
 
     monkeypatch.setattr(compiled._tracker, "_walk", shifted)
@@ -305,79 +288,8 @@ def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPat
 def test_a_start_at_a_dead_centre_is_refused() -> None:
     """A slider cannot push its crank out of line."""
     m = load("crank_slider", "driven")
-    slide = next(j.name for j in m.joints if j.name not in "OAB")
     with pytest.raises(KernelError, match="singular"):
-        compile_closure(m, inputs=(Input(constant(0.0, 1.0), joint=slide),))
-
-
-# Other dimensions, one linkage in a lane
-
-
-@pytest.mark.long("3-llvm", "3-numpy")
-@pytest.mark.slow
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("linkages", [3, 9])  # less than a vector of eight, and one more
-def test_each_lane_has_a_linkage_of_its_own(linkages: int, backend: str, rng: np.random.Generator) -> None:
-    compiled = closure("four_bar", backend, open_parameters=SHAPE)
-    p = compiled.values * rng.uniform(0.95, 1.05, (linkages, 3))
-    sweep, angles = compiled.turn(40, parameters=p), turn_angles(mechanism("four_bar"), 40)
-    assert not sweep.losses
-    assert sweep.q.shape == (linkages, 40, 9)
-    for k, row in enumerate(p.tolist()):
-        numbers = dict(zip(SHAPE, row, strict=True))
-        built = load_document(four_bar({f"links.{name[7:]}": x for name, x in numbers.items()}), "driven")
-        truth = library(built, angles)  # whose centres of mass are where the file's bars have them: the angles are the same
-        for found, wanted in ((sweep.q, truth.q), (sweep.v, truth.v), (sweep.a, truth.a)):
-            assert np.abs(found[k] - wanted)[:, 2::3].max() < ROUNDING * max(1.0, np.abs(wanted[:, 2::3]).max())
-        same_centres = with_parameters(replace(mechanism("four_bar"), q0=sweep.q[k, 0]), numbers)
-        truth = library(same_centres, angles)
-        assert_same(part(sweep, k), truth.q, truth.v, truth.a)
-
-
-def test_a_thousandth_of_the_size_turns_alike() -> None:
-    """Tolerances and guards go with the linkage's own vectors, not with those of the file."""
-    m = mechanism("six_bar")
-    names = tuple(x for x in parameter_values(m) if x.startswith(("points.", "joints.")) or ".com." in x)
-    compiled = compile_closure(m, open_parameters=names)
-    whole, small = compiled.turn(240), compiled.turn(240, parameters=compiled.values / 1000)
-    assert (small.status == Status.CLOSED).all()
-    size = np.tile([1000.0, 1000.0, 1.0], len(m.links))
-    assert_same(replace(small, q=small.q * size, v=small.v * size, a=small.a * size), whole.q, whole.v, whole.a)
-
-
-def test_linkages_that_cannot_be_are_named_and_harm_no_other() -> None:
-    compiled = closure("four_bar", open_parameters=SHAPE)
-    p = np.tile(compiled.values, (16, 1))
-    p[3, 1] = 0.2  # the coupler reaches no further: coupler and rocker in line at some angle of the crank
-    p[7, 0] = 1.0  # the crank's end is where coupler and rocker cannot meet
-    sweep, alone = compiled.turn(360, parameters=p), compiled.turn(360)
-    assert [(x.linkage, x.kind) for x in sweep.losses] == [(3, "limit of motion"), (7, "not assembled")]
-    reach = np.arccos((0.12**2 + 0.4**2 - (0.2 + 0.3) ** 2) / (2 * 0.12 * 0.4))
-    assert sweep.losses[0].inputs["crank"] == pytest.approx(reach, abs=1e-9)
-    assert sweep.losses[1].sample == 0
-    for k in set(range(16)) - {3, 7}:
-        assert_same(part(sweep, k), alone.q, alone.v, alone.a)
-
-
-def test_the_other_assembly_is_another_start() -> None:
-    document = four_bar({})
-    document["assembly"]["sketch"] = {"B": [0.12, 0.0], "C": [0.32, -0.28]}
-    other = load_document(document, "driven")
-    sweep, truth = closure("four_bar").sweep(turn_angles(other, 90), start=other.q0), library(other, turn_angles(other, 90))
-    assert not sweep.losses
-    assert_same(sweep, truth.q, truth.v, truth.a)
-    mirrored = closure("four_bar").sweep(-turn_angles(other, 90))
-    assert np.abs(sweep.q[:, 1::3] + mirrored.q[:, 1::3]).max() < ROUNDING
-    apart = closure("four_bar").sweep(turn_angles(other, 90), start=other.q0 + 0.3)
-    assert [x.kind for x in apart.losses] == ["not assembled"]
-
-
-def test_threads_share_many_linkages(rng: np.random.Generator) -> None:
-    compiled = closure("four_bar", open_parameters=SHAPE)
-    p = compiled.values * rng.uniform(0.97, 1.03, (50, 3))
-    one, two = compiled.turn(50, parameters=p), compiled.turn(50, parameters=p, threads=2)
-    np.testing.assert_array_equal(one.q, two.q)
-    np.testing.assert_array_equal(one.a, two.a)
+        compile_closure(driven_by(m, SlideDriver(m.slides[0].name, constant(0.0, 1.0), m.slides[0])))
 
 
 # What is asked for
@@ -386,8 +298,6 @@ def test_threads_share_many_linkages(rng: np.random.Generator) -> None:
 def test_what_does_not_fit_is_refused() -> None:
     four = mechanism("four_bar")
     for more, text in (
-        ({"open_parameters": ("links.crank.mass",)}, "no dimension"),
-        ({"open_parameters": ("points.crank.Z.x",)}, "no number named"),
         ({"backend": "abacus"}, "no backend"),
         ({"lanes": 3}, "power of 2"),
     ):
@@ -401,8 +311,6 @@ def test_what_does_not_fit_is_refused() -> None:
         closure("five_bar/driven").sweep(np.zeros(5))
     with pytest.raises(ValueError, match="not finite"):
         closure("four_bar").sweep(np.array([0.0, np.nan]))
-    with pytest.raises(ValueError, match="parameters of shape"):
-        closure("four_bar").turn(8, parameters=np.ones(2))
 
 
 @pytest.mark.slow

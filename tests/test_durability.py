@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -137,9 +138,9 @@ def test_a_run_that_loses_or_changes_what_was_finished_is_told(tmp_path: Path, h
 
 
 def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(path: Path, **_: object) -> None:
-        Path(path).write_bytes(b"half")
-        raise OSError(28, "No space left on device", str(path))
+    def full(file: BinaryIO, **_: object) -> None:
+        file.write(b"half")
+        raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(store.np, "savez_compressed", full)
     with pytest.raises(OSError, match="No space left"):

@@ -78,7 +78,7 @@ def test_what_the_loop_does_not_run_is_refused_by_name() -> None:
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(building, "missing", lambda: None)
+    monkeypatch.setattr(building, "NEEDED", {})  # headers
     building._describe_compiler.cache_clear()
     compiled._library.cache_clear()  # another test of this process may have loaded the user's
     return tmp_path

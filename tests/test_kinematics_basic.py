@@ -3,7 +3,6 @@
 import copy
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +13,15 @@ from gauss_bench.kinematics import basic_coordinates, root_finding
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.basins import basins, point_form
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError
-from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root, levenberg_marquardt
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism import motion_laws
-from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import AngleDriver, Driver, Mechanism, SlideDriver
-from tests.conftest import DATA, everything
+from gauss_bench.mechanism.model import Mechanism
+from tests.conftest import DATA, driven, everything
 from tests.four_bars import four_bar
 
 LINKAGES = ["crank_slider", "four_bar", "six_bar", "eight_bar", "shaper", "parallelogram"]
@@ -35,30 +33,16 @@ def document_of(name: str) -> dict[str, Any]:
     return tomllib.loads(Path(path).read_text(encoding="utf-8"))
 
 
-def turning(mechanism: Mechanism, **travels: float) -> tuple[Input, ...]:
+def turning(mechanism: Mechanism, **travels: float) -> Mechanism:
     """Links (or slides) moved over `travels` [rad, m] in a second from where they are, by the sine law."""
-    index = {link.name: i for i, link in enumerate(mechanism.links)}
-    given = []
-    for name, travel in travels.items():
-        unmoved = Input(motion_laws.constant(0.0, 0.0), **({"link": index[name]} if name in index else {"joint": name}))  # type: ignore[arg-type]
-        others = tuple(Input(motion_laws.constant(0.0, 0.0), link=i) for i in range(mechanism.dof - 1) if name not in index)
-        start = mechanism.q0[3 * index[name] + 2] if name in index else start_of_slide(mechanism, unmoved, others)
-        given.append(replace(unmoved, law=motion_laws.rise("sine", float(start), travel, 1.0)))
-    return tuple(given)
+    still = driven(mechanism, **dict.fromkeys(travels, motion_laws.constant(0.0, 0.0)))
+    starts = {driver.name: float(value(driver.coordinate, mechanism.q0)) for driver in still.drivers}
+    return driven(mechanism, **{name: motion_laws.rise("sine", starts[name], x, 1.0) for name, x in travels.items()})
 
 
-def start_of_slide(mechanism: Mechanism, slide: Input, others: tuple[Input, ...]) -> float:
-    return float(PointModel(mechanism, (slide, *others)).points.inputs_at(mechanism.q0)[0])
-
-
-def violations(mechanism: Mechanism, inputs: tuple[Input, ...], times: np.ndarray, motion: Motion) -> np.ndarray:
-    """Largest |phi|, |J v + phi_t|, |J a - gamma| of the joints and inputs in absolute coordinates: the judge of any linkage."""
-    slides = {j.name: j for j in mechanism.joints}
-    drivers: list[Driver] = [
-        SlideDriver(str(x.joint), x.law, slides[x.joint]) if x.joint else AngleDriver("", x.law, x.link)  # type: ignore[arg-type]
-        for x in inputs
-    ]
-    rows = Constraints(replace(mechanism, drivers=tuple(drivers)))(times, motion.q, motion.v)
+def violations(mechanism: Mechanism, times: np.ndarray, motion: Motion) -> np.ndarray:
+    """Largest |phi|, |J v + phi_t|, |J a - gamma| of the joints and drivers in absolute coordinates: the judge of any linkage."""
+    rows = Constraints(mechanism)(times, motion.q, motion.v)
     rates = (rows.J @ motion.v[..., None])[..., 0] + rows.phi_t
     seconds = (rows.J @ motion.a[..., None])[..., 0] - rows.gamma
     return np.array([np.abs(x).max() for x in (rows.phi, rates, seconds)])
@@ -69,7 +53,7 @@ ROUNDING = np.array([1e-12, 1e-11, 1e-10])  # promised of positions, velocities,
 
 def test_angles_stay_continuous_over_many_turns_and_from_a_late_start() -> None:
     mechanism = load("eight_bar", "driven")
-    motion = basic_motion(mechanism, inputs_of(mechanism), np.array([3.4, 3.65, 1.0]))
+    motion = basic_motion(mechanism, np.array([3.4, 3.65, 1.0]))
     assert mechanism.driver is not None
     crank = 3 * mechanism.driver.link + 2
     assert motion.q[:, crank] == pytest.approx(2 * np.pi * np.array([3.4, 3.65, 1.0]), abs=1e-12)
@@ -82,7 +66,7 @@ def test_angles_stay_continuous_over_many_turns_and_from_a_late_start() -> None:
 
 def test_the_shaper_has_the_equations_of_the_paper() -> None:
     mechanism = load("shaper", "driven")
-    model = PointModel(mechanism, inputs_of(mechanism))
+    model = PointModel(mechanism)
     assert model.names == ("B", "C")
     A, B, C = 0.07 + 0.31j, 0.2 + 0.5j, 0.4 + 0.6j  # any points, also open ones: the formulas of eq. (2), with O1 at the origin
     z = np.array([1.0, 0.0, *({"A": A, "B": B, "C": C}.get(p.name, 0.0) for p in model.points.points)])
@@ -154,20 +138,19 @@ MOVES: dict[str, tuple[Callable[[], Mechanism], dict[str, float], int]] = {  # l
 @pytest.mark.parametrize("name", MOVES)
 def test_every_kind_of_link_moves_as_in_absolute_coordinates(name: str) -> None:
     build, travel, rows = MOVES[name]
-    mechanism = build()
-    inputs = turning(mechanism, **travel)
-    assert len(PointModel(mechanism, inputs).a) == rows
+    mechanism = turning(build(), **travel)
+    assert len(PointModel(mechanism).a) == rows
     times = np.linspace(0.0, 1.0, 25)
-    motion = basic_motion(mechanism, inputs, times)
+    motion = basic_motion(mechanism, times)
     assert np.abs(motion.q[-1] - motion.q[0]).max() > 0.05
     peak = max(1.0, np.abs(motion.a).max() / 100)  # rounding grows with accelerations
-    assert (violations(mechanism, inputs, times, motion) < peak * ROUNDING).all()
+    assert (violations(mechanism, times, motion) < peak * ROUNDING).all()
 
 
 def test_points_are_shared_by_pins_at_one_place_and_added_where_a_link_has_one() -> None:
     jansen, lever = load("jansen"), slotted(30.0, 0.05, flag=False)
-    assert sorted(PointModel(jansen, turning(jansen, crank=1.0)).names) == ["C", "D", "E", "F"]
-    assert PointModel(lever, turning(lever, crank=1.0)).names == ("lever.+",)
+    assert sorted(PointModel(turning(jansen, crank=1.0)).names) == ["C", "D", "E", "F"]
+    assert PointModel(turning(lever, crank=1.0)).names == ("lever.+",)
 
 
 @pytest.mark.parametrize(("scale", "away"), [(1e-3, 0.0), (1.0, 100.0)])
@@ -179,8 +162,8 @@ def test_small_linkages_and_far_ones_move_as_well(scale: float, away: float) -> 
             table[key] = [x * scale + away * (table in world), y * scale]
     mechanism = load_document(document, "driven")
     times = np.linspace(0.0, 1.0, 13)
-    motion = basic_motion(mechanism, inputs_of(mechanism), times)
-    near = basic_motion(load("four_bar", "driven"), inputs_of(mechanism), times)
+    motion = basic_motion(mechanism, times)
+    near = basic_motion(load("four_bar", "driven"), times)
     for found, true, tolerance in zip((motion.q, motion.v, motion.a), (near.q, near.v, near.a), ROUNDING, strict=True):
         assert np.abs(found - true)[:, 2::3].max() < tolerance * max(1.0, np.abs(true).max(), away)
 
@@ -197,11 +180,11 @@ def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
     other = line * (across / line).conjugate()
     mirrored["assembly"]["sketch"]["C"] = [other.real + document["ground"]["points"]["D"][0], other.imag]
     one, two = load_document(document, "driven"), load_document(mirrored, "driven")
-    branches = [branch_of(one, inputs_of(one), x.q0) for x in (one, two)]
+    branches = [branch_of(one, x.q0) for x in (one, two)]
     assert sorted(b["C"] for b in branches) == [-1, 1]
     for x, branch in zip((one, two), branches, strict=True):
-        motion = basic_motion(x, inputs_of(x), np.linspace(0.0, 1.0, 37))
-        assert all(branch_of(x, inputs_of(x), q) == branch for q in motion.q)
+        motion = basic_motion(x, np.linspace(0.0, 1.0, 37))
+        assert all(branch_of(x, q) == branch for q in motion.q)
         B, C, D = (position(motion.q, p) for p in (one.joints[1].a, one.joints[2].a, one.joints[3].a))
         b, d = C - B, C - D
         side = np.sign(b[:, 0] * d[:, 1] - b[:, 1] * d[:, 0])
@@ -215,9 +198,8 @@ def test_the_collinear_shaper_has_two_by_two_assemblies_where_its_rod_reaches(ro
     document["links"]["rod"]["points"]["C"] = [rod, 0.0]
     document["assembly"]["sketch"]["C"] = [0.19 + rod, 0.58]
     mechanism = load_document(document, "driven")
-    inputs = inputs_of(mechanism)
-    residual, solution = point_form(mechanism, inputs)
-    model = PointModel(mechanism, inputs)
+    residual, solution = point_form(mechanism)
+    model = PointModel(mechanism)
     assert [group.name for group in model.groups] == ["B", "C"]
     rng = np.random.default_rng(3)
     found: dict[tuple[int, ...], np.ndarray] = {}
@@ -234,22 +216,21 @@ def test_the_collinear_shaper_has_two_by_two_assemblies_where_its_rod_reaches(ro
 @pytest.mark.parametrize("name", ["shaper", "eight_bar", "six_bar"])
 def test_the_warm_start_keeps_the_branch_over_a_turn(name: str, degrees: int) -> None:
     mechanism = load(name, "driven")
-    inputs = inputs_of(mechanism)
-    motion = basic_motion(mechanism, inputs, np.arange(0, 361, degrees) / 360)
-    assert [branch_of(mechanism, inputs, q) for q in motion.q[:: 90 // degrees]] == [branch_of(mechanism, inputs, mechanism.q0)] * 5
+    motion = basic_motion(mechanism, np.arange(0, 361, degrees) / 360)
+    assert [branch_of(mechanism, q) for q in motion.q[:: 90 // degrees]] == [branch_of(mechanism, mechanism.q0)] * 5
     assert np.abs(np.sin((motion.q[-1] - motion.q[0])[2::3] / 2)).max() < 1e-12  # the turn ends where it began
     assert motion.iterations.max() <= 4  # one step a time, not a path of halves
 
 
 def test_a_result_far_from_its_prediction_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism = load("parallelogram", "driven")
-    inputs, times = inputs_of(mechanism), np.array([0.0, 5 / 360])
-    assert branch_of(mechanism, inputs, mechanism.q0) == {}  # it is redundant: no group distinguishes its assemblies
-    lies = iter([None, Root(PointModel(mechanism, inputs).points.unknown_at(mechanism.q0) + 0.03, ExitFlag.CONVERGED, 1, 0.0)])
-    true = basic_motion(mechanism, inputs, times)
+    times = np.array([0.0, 5 / 360])
+    assert branch_of(mechanism, mechanism.q0) == {}  # it is redundant: no group distinguishes its assemblies
+    lies = iter([None, Root(PointModel(mechanism).points.unknown_at(mechanism.q0) + 0.03, ExitFlag.CONVERGED, 1, 0.0)])
+    true = basic_motion(mechanism, times)
     search = basic_coordinates.gauss_newton
     monkeypatch.setattr(basic_coordinates, "gauss_newton", lambda *given: next(lies, None) or search(*given))
-    found = basic_motion(mechanism, inputs, times)
+    found = basic_motion(mechanism, times)
     assert next(lies, "told") == "told"
     assert np.abs(found.q - true.q).max() < 1e-13  # found in two halves instead
 
@@ -258,38 +239,33 @@ def test_a_result_far_from_its_prediction_is_not_believed(monkeypatch: pytest.Mo
 
 
 def test_a_limit_of_motion_is_named_with_the_input_it_lies_at() -> None:
-    mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
+    mechanism = driven(load_document(four_bar(0.3, 0.2, 0.25, 0.4)), a=motion_laws.constant(np.radians(60.0), 1.0))
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4))
-    inputs = (Input(motion_laws.constant(np.radians(60.0), 1.0), link=0),)
     with pytest.raises(LimitOfMotion, match=r"no solution beyond a = 1\.37") as caught:
-        basic_motion(mechanism, inputs, np.linspace(0.0, 1.0, 11))
+        basic_motion(mechanism, np.linspace(0.0, 1.0, 11))
     assert 0 < limit - caught.value.inputs[0] < 1e-6  # a step of 10 degrees halved twenty times is 2e-7 rad
     reached = caught.value.reached
     assert len(reached.q) == int((limit - np.radians(60.0)) / 0.1) + 1
-    assert (
-        violations(mechanism, inputs, np.linspace(0.0, 1.0, 11)[: len(reached.q)], reached) < ROUNDING * 10
-    ).all()  # near the fold
+    assert (violations(mechanism, np.linspace(0.0, 1.0, 11)[: len(reached.q)], reached) < ROUNDING * 10).all()  # near the fold
 
 
 @pytest.mark.parametrize("short", [-1e-9, 0.0, 1e-9, 1e-8])
 def test_rates_at_the_very_limit_are_refused(short: float) -> None:
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4))
-    inputs = (Input(motion_laws.constant(limit - short, 1.0), link=0),)
+    mechanism = driven(load_document(four_bar(0.3, 0.2, 0.25, 0.4)), a=motion_laws.constant(limit - short, 1.0))
     with pytest.raises(MotionError, match=r"a = 1\.37"):  # no solution or singular: here the step and rounding decide
-        basic_motion(load_document(four_bar(0.3, 0.2, 0.25, 0.4)), inputs, np.array([0.0]))
+        basic_motion(mechanism, np.array([0.0]))
 
 
 def test_what_points_cannot_express_is_refused() -> None:
     four_bar, crank_slider, law = load("four_bar", "driven"), load("crank_slider", "driven"), motion_laws.constant(0.0, 1.0)
-    for mechanism, inputs, text in (
-        (everything(), (), "knife edges"),
-        (four_bar, (), "0 inputs for 1 degrees of freedom"),
-        (four_bar, (Input(law),), "either a link, or a slide"),
-        (four_bar, (Input(law, joint="A"),), "neither slide nor active bar"),
-        (crank_slider, (Input(law, link=2),), "angle of slider is known already"),
+    for mechanism, text in (
+        (everything(), "knife edges"),
+        (driven(four_bar), "0 inputs for 1 degrees of freedom"),
+        (driven(crank_slider, slider=law), "slider is known without driver 1"),
     ):
         with pytest.raises(ValueError, match=text):
-            PointModel(mechanism, inputs)
+            PointModel(mechanism)
 
 
 # Searches -------------------------------------------------------------------------------------------------------------
@@ -350,10 +326,10 @@ def test_backtracking_saves_what_full_steps_lose() -> None:
 @pytest.mark.long
 def test_near_starts_find_the_assembly_and_far_ones_any() -> None:
     mechanism = load("shaper", "driven")
-    near, far = (basins(mechanism, inputs_of(mechanism), [spread], starts=60) for spread in (0.04, 0.8))
+    near, far = (basins(mechanism, [spread], starts=60) for spread in (0.04, 0.8))
     assert [row.method for row in near] == METHODS
     assert all(row.right == 1.0 and row.iterations < 8 for row in near)
     assert all(row.right < 0.8 for row in far)
     assert far[2].other > 0.2  # the patient search ends at other assemblies
-    assert basins(mechanism, inputs_of(mechanism), [0.8], starts=60) == far
-    assert basins(mechanism, inputs_of(mechanism), [0.8], starts=60, seed=1) != far
+    assert basins(mechanism, [0.8], starts=60) == far
+    assert basins(mechanism, [0.8], starts=60, seed=1) != far

@@ -10,7 +10,6 @@ import gauss_bench
 from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.centres import centres
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.coordinates import position
@@ -39,7 +38,7 @@ def by_names(mechanism: Mechanism, q: Array) -> dict[frozenset[str], Array | Non
 def driven(name: str | Path, samples: int, scenario: str = "driven") -> tuple[Mechanism, Trajectory]:
     mechanism = load(name, scenario)
     t = np.linspace(0.0, mechanism.duration, samples)
-    motion = loop_motion(mechanism, inputs_of(mechanism), t)
+    motion = loop_motion(mechanism, t)
     return mechanism, Trajectory(t, motion.q, motion.v, motion.a, 0)
 
 

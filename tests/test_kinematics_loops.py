@@ -12,7 +12,6 @@ import pytest
 
 from gauss_bench.kinematics.basic_coordinates import basic_motion
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
-from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.loop_equations import LoopEquations
@@ -21,9 +20,9 @@ from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.coordinates import acceleration, position, value, velocity
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import LengthDriver, Mechanism
+from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
-from tests.conftest import DATA, everything, redundant
+from tests.conftest import DATA, driven, everything, redundant
 from tests.four_bars import four_bar
 
 Solver = Callable[..., Motion]
@@ -130,11 +129,12 @@ def test_links_may_share_two_joints_and_multiple_joints_are_merged() -> None:
 def test_loops_that_repeat_each_other_are_taller_than_wide_and_still_solved() -> None:
     for mechanism, shape in ((replace(load("parallelogram", "driven"), drivers=()), (4, 3)), (redundant(), (4, 2))):
         assert mechanism.crank is not None
-        inputs = (Input(constant(float(mechanism.q0[3 * mechanism.crank + 2]), 3.0), link=mechanism.crank),)
-        equations = LoopEquations(mechanism, inputs)
+        crank = mechanism.links[mechanism.crank].name
+        turning = driven(mechanism, **{crank: constant(float(mechanism.q0[3 * mechanism.crank + 2]), 3.0)})
+        equations = LoopEquations(turning)
         x = equations.start()
         assert equations.at(x, x).J.shape == shape
-        motion = loop_motion(mechanism, inputs, np.linspace(0.0, 1.0, 41))
+        motion = loop_motion(turning, np.linspace(0.0, 1.0, 41))
         assert_satisfies(mechanism, motion, np.linspace(0.0, 1.0, 41))
 
 
@@ -161,7 +161,7 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve:
     with (Path(DATA) / f"kinematics_{name}.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     times = np.array(sorted({float(row["crank_deg_from_start"]) for row in rows})) / 360.0  # the crank turns once a second
-    motion = solve(mechanism, inputs_of(mechanism), times)
+    motion = solve(mechanism, times)
     for point in mechanism.observed_points:
         own = sorted((row for row in rows if row["point"] == point.name), key=lambda row: float(row["crank_deg_from_start"]))
         true = np.array([[float(row[key]) for key in ("x", "y", "vx", "vy", "ax", "ay")] for row in own])
@@ -176,10 +176,9 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve:
 def test_a_slide_can_be_the_input(solve: Solver) -> None:
     mechanism = load_document(tomllib.loads((DATA / "pushed.toml").read_text(encoding="utf-8")))
     times = np.linspace(0.0, 1.0, 21)
-    law = mechanism.drivers[0].law
-    motion = solve(mechanism, (Input(law, joint="guide"),), times)
+    motion = solve(mechanism, times)
     assert_satisfies(mechanism, motion, times)
-    np.testing.assert_allclose(value(mechanism.slides[0].motion, motion.q), law(times)[0], atol=1e-12)
+    np.testing.assert_allclose(value(mechanism.slides[0].motion, motion.q), mechanism.drivers[0].law(times)[0], atol=1e-12)
 
 
 def test_the_guide_may_move_along_a_block_of_the_frame() -> None:
@@ -192,7 +191,7 @@ def test_the_guide_may_move_along_a_block_of_the_frame() -> None:
     document["scenarios"] = {"push": {"duration": 1.0, "driver": law}}
     mechanism = load_document(document)
     times = np.linspace(0.0, 1.0, 11)
-    motion = loop_motion(mechanism, inputs_of(mechanism), times)
+    motion = loop_motion(mechanism, times)
     assert_satisfies(mechanism, motion, times)
     np.testing.assert_allclose(motion.q[:, 8], np.radians(-25.0), atol=ROUNDING)
 
@@ -201,7 +200,7 @@ def test_the_guide_may_move_along_a_block_of_the_frame() -> None:
 def test_active_bars_are_links_of_their_own(solve: Solver) -> None:
     mechanism = load("excavator")
     times = np.linspace(0.0, 2.0, 21)
-    motion = solve(mechanism, inputs_of(mechanism), times)
+    motion = solve(mechanism, times)
     assert_satisfies(mechanism, motion, times)
     np.testing.assert_allclose(motion.q[0], mechanism.q0, atol=1e-13)  # the bars' own angles are found from the points
 
@@ -213,7 +212,7 @@ def test_two_inputs_drive_a_five_bar() -> None:
     q0 = mechanism.q0
     laws = rise("sine", float(q0[3 * left + 2]), 2 * np.pi, 1.0), rise("poly345", float(q0[3 * right + 2]), 2 * np.pi + 0.3, 1.0)
     times = np.linspace(0.0, 1.0, 41)
-    motion = loop_motion(mechanism, (Input(laws[0], link=left), Input(laws[1], link=right)), times)
+    motion = loop_motion(driven(mechanism, left=laws[0], right=laws[1]), times)
     assert_satisfies(mechanism, motion, times)
     np.testing.assert_allclose(motion.v[:, [3 * left + 2, 3 * right + 2]], np.transpose([law(times)[1] for law in laws]))
     B, D = 0.2 * np.exp(1j * laws[0](times)[0]), 0.5 + 0.2 * np.exp(1j * laws[1](times)[0])
@@ -228,7 +227,8 @@ def test_in_an_open_chain_everything_is_input(solve: Solver) -> None:
     mechanism = load(DATA / "kinematics" / "chain.toml")
     laws = rise("sine", 0.4, 1.0, 1.0), rise("sine", -0.3, 2.0, 1.0), rise("poly345", 0.1, 0.2, 1.0)
     times = np.linspace(0.0, 1.0, 11)
-    motion = solve(mechanism, (Input(laws[0], link=0), Input(laws[1], link=1), Input(laws[2], joint="P")), times)
+    first, second = (link.name for link in mechanism.links[:2])
+    motion = solve(driven(mechanism, **{first: laws[0], second: laws[1], "P": laws[2]}), times)
     assert_satisfies(mechanism, motion, times)
     a, b, s = (law(times)[0] for law in laws)
     # the block's point lies s along y and 0.04 to the left, -x, of G; its own line is at 0.2 rad
@@ -240,9 +240,9 @@ def test_in_an_open_chain_everything_is_input(solve: Solver) -> None:
 
 def test_sampling_and_the_way_to_the_first_sample_do_not_change_the_assembly() -> None:
     mechanism = load("shaper", "driven")
-    fine = loop_motion(mechanism, inputs_of(mechanism), np.linspace(0.0, 2.0, 73))
-    coarse = loop_motion(mechanism, inputs_of(mechanism), np.linspace(0.0, 2.0, 4))
-    late = loop_motion(mechanism, inputs_of(mechanism), np.array([2.0, 4.0 / 3.0]))
+    fine = loop_motion(mechanism, np.linspace(0.0, 2.0, 73))
+    coarse = loop_motion(mechanism, np.linspace(0.0, 2.0, 4))
+    late = loop_motion(mechanism, np.array([2.0, 4.0 / 3.0]))
     np.testing.assert_allclose(coarse.q, fine.q[::24], atol=1e-13)
     np.testing.assert_allclose(late.q, fine.q[[72, 48]], atol=1e-13)
     assert coarse.iterations[1] > fine.iterations[1] >= 1
@@ -251,8 +251,8 @@ def test_sampling_and_the_way_to_the_first_sample_do_not_change_the_assembly() -
 # Where it ends
 
 
-def turned(mechanism: Mechanism, speed: float) -> tuple[Input, ...]:
-    return (Input(constant(float(mechanism.q0[2]), speed), link=0),)
+def turned(mechanism: Mechanism, speed: float) -> Mechanism:
+    return driven(mechanism, **{mechanism.links[0].name: constant(float(mechanism.q0[2]), speed)})
 
 
 @pytest.mark.parametrize("step", [0.01, 0.5])
@@ -261,14 +261,14 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     times = np.arange(0.0, 2.0, step)
     with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ .*limit of motion") as caught:
-        loop_motion(mechanism, turned(mechanism, 1.0), times)
+        loop_motion(turned(mechanism, 1.0), times)
     error = caught.value
     assert error.inputs["a"] == pytest.approx(limit, abs=2e-10)  # halving ends at 1e-10 rad
     assert isinstance(error.reached, Motion)
     reached = len(error.reached.q)
     assert mechanism.q0[2] + times[reached - 1] < limit < mechanism.q0[2] + error.time
     assert error.time == times[reached]
-    whole = loop_motion(mechanism, turned(mechanism, 1.0), times[:reached])
+    whole = loop_motion(turned(mechanism, 1.0), times[:reached])
     np.testing.assert_array_equal(error.reached.a, whole.a)
 
 
@@ -277,9 +277,9 @@ def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
     mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))
     once, far = np.array([1.0]), limit - float(mechanism.q0[2])
-    assert_satisfies(mechanism, loop_motion(mechanism, turned(mechanism, far - 1e-6), once), once)
+    assert_satisfies(mechanism, loop_motion(turned(mechanism, far - 1e-6), once), once)
     with pytest.raises(SingularPosition, match="rank 1 of 2"):
-        loop_motion(mechanism, turned(mechanism, far - 1e-9), once)
+        loop_motion(turned(mechanism, far - 1e-9), once)
 
 
 @pytest.mark.parametrize(("solve", "near"), [(loop_motion, 1e-6), (basic_motion, 1e-3)])  # [rad] where the rank counts as lost
@@ -288,7 +288,7 @@ def test_a_change_point_is_a_singular_position_not_a_limit(solve: Solver, near: 
     """A parallelogram with two cranks only: at 180 degrees it may go on as an antiparallelogram. 181 samples meet it exactly."""
     mechanism = load_document(four_bar(0.2, 0.4, 0.2, 0.4))
     with pytest.raises(SingularPosition, match=r"rank 1 of 2|more than one way") as caught:
-        solve(mechanism, turned(mechanism, np.pi), np.linspace(0.0, 1.2, samples))
+        solve(turned(mechanism, np.pi), np.linspace(0.0, 1.2, samples))
     (reached,) = caught.value.inputs.values() if solve is loop_motion else caught.value.inputs
     assert reached == pytest.approx(np.pi, abs=near)
 
@@ -297,23 +297,23 @@ def test_a_change_point_is_a_singular_position_not_a_limit(solve: Solver, near: 
 def test_a_slider_cannot_start_its_crank_from_the_dead_centre(solve: Solver) -> None:
     slider = load("crank_slider", "driven")  # stretched out at the start
     with pytest.raises(SingularPosition, match=r"guide = 0\.71 .*rank [13] of [24]"):
-        solve(slider, (Input(constant(0.71, -0.1), joint="guide"),), np.array([0.0, 0.1]))
+        solve(driven(slider, guide=constant(0.71, -0.1)), np.array([0.0, 0.1]))
 
 
 def test_inputs_that_do_not_fit_are_refused() -> None:
     mechanism, five = load("crank_slider", "driven"), load("five_bar", "spring")
     law = constant(0.0, 1.0)
     nowhere = MotionLaw("nan", lambda t: (np.nan * t, t, t))
+    every = replace(everything(), drivers=(AngleDriver("", law, 0),) * 8)
     cases = [
-        (mechanism, (), "1 degrees of freedom, but the inputs are 0"),
-        (mechanism, (Input(law, link=2),), "cannot be driven at 'slider'"),
-        (mechanism, (Input(law, joint="rope"),), "cannot be driven at 'rope'"),
-        (mechanism, (Input(nowhere, link=0),), "not finite"),
-        (five, (Input(law, link=0), Input(law, link=0)), "two inputs for one variable"),
-        (everything(), [Input(law, link=0)] * 8, "knife edges"),
-        (replace(everything(), knife_edges=()), [Input(law, link=0)] * 8, "no joints hold sled to the frame"),
+        (driven(mechanism), "1 degrees of freedom, but the inputs are 0"),
+        (driven(mechanism, slider=law), "cannot be driven at 'slider'"),
+        (driven(mechanism, crank=nowhere), "not finite"),
+        (replace(five, drivers=(AngleDriver("left", law, 0),) * 2), "two inputs for one variable"),
+        (every, "knife edges"),
+        (replace(every, knife_edges=()), "no joints hold sled to the frame"),
     ]
-    for given, inputs, text in cases:
+    for given, text in cases:
         with pytest.raises(ValueError, match=text):
-            loop_motion(given, inputs, np.zeros(1))
+            loop_motion(given, np.zeros(1))
     assert not issubclass(MotionError, ValueError)

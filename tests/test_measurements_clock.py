@@ -9,19 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import (
-    BLOCK,
-    CERTAIN,
-    Block,
-    Key,
-    Measured,
-    foreseen,
-    interleave,
-    lasting,
-    measure_seconds,
-    ratio,
-    stepping,
-)
+from gauss_bench.bench.clock import CERTAIN, Key, Measured, foreseen, interleave, ratio
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.bench.survived import race_here
@@ -29,6 +17,9 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.blocks import BLOCK, Block, lasting, stepping
+from gauss_bench.runs.one_run import measure_seconds
+from gauss_bench.runs.starting import cold_there
 from gauss_bench.suites.schema import Cost
 from tests.synthetic import Clock, Costs, SyntheticModel, clocked, replace_engine
 
@@ -117,7 +108,7 @@ def test_a_cold_build_is_that_of_the_first_step_with_nothing_stored_and_counts_c
     monkeypatch.setenv("XDG_CACHE_HOME", "what the user has")
     made = Compiles(clock)
     monkeypatch.setattr(type(get("mujoco")), "build", made.build)
-    found = cost.cold("four_bar", "torque", "mujoco", Choice("default", "rk4", "none", 1e-4))
+    found = cold_there("mujoco", load("four_bar", "torque"), Choice("default", "rk4", "none", 1e-4))
     assert 0.6 - 0.02 <= found["seconds"] < 1.0
     assert made.stores != ["what the user has"]
 

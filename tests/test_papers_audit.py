@@ -115,6 +115,7 @@ def test_everything_that_the_data_files_define_serves_a_line(table: str) -> None
             {x for chapter in paper["chapter"] for x in chapter["measure"]} if table == "measure" else set(paper.get(table, ()))
         )
         assert used == defined
+        assert all(chapter.get("over", {}).keys() <= chapter["measure"].keys() for chapter in paper["chapter"])
 
 
 def uses(line: dict[str, Any], table: str) -> bool:
@@ -140,6 +141,7 @@ def test_every_function_and_constant_of_the_forms_serves_a_line() -> None:
                         for name in names_in(target):
                             defined.setdefault(name, set()).update(names_in(node.value))
     waiting = [x["truth"] for paper in PAPER_FILES for x in paper.get("number", {}).values()]
+    waiting += [cases for paper in PAPER_FILES for chapter in paper["chapter"] for cases in chapter.get("over", {}).values()]
     for _, _, line in ENTRIES:
         named = [line.get(key) for key in ("form", "printed_form", "intended_form", "measure")]
         waiting += [x for x in (*named, line.get("example", {}).get("of")) if isinstance(x, str)]

@@ -35,7 +35,6 @@ from gauss_bench.exchange.imports import import_file
 from gauss_bench.exchange.toml import toml
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
 from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.linkage.digest import content_digest
 from gauss_bench.linkage.load import load_document
@@ -207,7 +206,7 @@ def test_driven_kinematics_are_the_dynamics_of_the_same_linkage(document: dict[s
     h, middle = 1e-3, 0.04  # before the first knot of any law
     times = middle + h * np.arange(-2, 3)
     try:
-        found = loop_motion(mechanism, inputs_of(mechanism), times)
+        found = loop_motion(mechanism, times)
     except (LimitOfMotion, SingularPosition):
         assume(False)
     x = Problem(mechanism, middle, found.q[2], found.v[2])

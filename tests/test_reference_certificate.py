@@ -17,9 +17,8 @@ from gauss_bench.reference.certificate import (
     check_holds,
     find_certified,
     read_certificate,
-    write_certificate,
 )
-from gauss_bench.reference.certify import distance, sample_times, split
+from gauss_bench.reference.certify import distance, sample_times, split, write_certificate
 from gauss_bench.reference.verification import verify
 from gauss_bench.terms import Array
 

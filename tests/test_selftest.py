@@ -5,10 +5,12 @@ import json
 import pytest
 
 import gauss_bench
-from gauss_bench.bench import clock, gate
+from gauss_bench.bench import gate
 from gauss_bench.cli import main
 from gauss_bench.diagnosis import checks, planted, selftest
 from gauss_bench.diagnosis.planted import PLANTED, SIZES, Planted, plant, smallest
+from gauss_bench.runs.blocks import Block
+from gauss_bench.runs.one_run import measure_seconds
 
 
 def test_clocks_and_gate_are_guarded(capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,11 +57,11 @@ def test_a_suite_that_is_not_sound_fails_though_all_is_seen(
 
 
 def test_what_is_planted_is_put_back() -> None:
-    before = clock.measure_seconds.__code__, clock.Block.seconds.__code__, gate.RULES["position_error"]
+    before = measure_seconds.__code__, Block.seconds.__code__, gate.RULES["position_error"]
     for one in PLANTED:
         if one.kind in ("clocks", "gate"):
             one.check()
-    assert before == (clock.measure_seconds.__code__, clock.Block.seconds.__code__, gate.RULES["position_error"])
+    assert before == (measure_seconds.__code__, Block.seconds.__code__, gate.RULES["position_error"])
     with plant("gauss_bench/bench/gate.py", "FLATTERING = 10.0", "FLATTERING = 20.0"):
         assert gate.FLATTERING == 20.0
     assert gate.FLATTERING == 10.0

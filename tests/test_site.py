@@ -31,6 +31,7 @@ from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site import tables_page
 from gauss_bench.report.site.cards import CARDS, HOLDS
+from gauss_bench.report.site.chapters import method_page
 from gauss_bench.report.site.charts import over_time, points
 from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.first import pack
@@ -247,6 +248,17 @@ def test_text_with_words_is_no_formula_and_the_published_papers_have_many(run: R
     assert not is_formula("J as printed, all entries but (6, 6)")
     assert is_formula("a = J^- g + (I - J^- J) h")
     assert sum(is_formula(str(r["printed"])) for r in run.table("audit")) > 30
+
+
+def test_the_method_begins_with_what_is_compared_what_is_true_and_what_a_time_is(run: Run) -> None:
+    """Each is one short paragraph with its formula, before any list or table."""
+    sections = re.findall(r"<section><h2 id=.(\w+).*?</h2>(.*?)</section>", str(method_page(run).body), re.DOTALL)[:3]
+    assert [name for name, _ in sections] == ["compared", "truth", "measured"]
+    for _, text in sections:
+        assert text.count("<p>") == 1
+        assert "<math>" in text
+        assert 20 < len(Markup(text).striptags().split()) < 100
+    assert "<mi>γ</mi>" in sections[0][1]
 
 
 def test_an_axis_is_no_longer_than_its_data() -> None:

@@ -404,6 +404,27 @@ def test_names_of_a_file_are_text(page: Page, folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["constructor", pytest.param("__proto__", marks=pytest.mark.long)])
+def test_a_link_may_be_called_as_what_every_object_of_a_script_has(page: Page, name: str) -> None:
+    page.template("four bar")
+    page.fitted()
+    before, revision = page.stands_at(), page.revision()
+    page.button("link crank").click()
+    page.page.get_by_label("Name", exact=True).fill(name)
+    page.page.keyboard.press("Enter")
+    page.changed(revision)
+    assert page.page.get_by_label("Name", exact=True).input_value() == name
+    page.fitted()
+    still = page.stands_at()
+    assert still == {k: pytest.approx(at, abs=1e-4) for k, at in before.items()}, "to a tenth of a pixel"
+    page.page.get_by_label("Time", exact=True).focus()
+    page.page.keyboard.press("PageUp")
+    page.until(lambda: page.stands_at()["B"] != pytest.approx(still["B"], abs=0.01))
+    length = np.hypot(*np.subtract(page.stands_at()["B"], page.stands_at()["A"]))
+    assert length == pytest.approx(np.hypot(*np.subtract(still["B"], still["A"])), rel=1e-3), "it turns"
+
+
+@pytest.mark.slow
 @pytest.mark.long("dark")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, address: str, scheme: str) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import Curve
 from gauss_bench.linkage.load import built_in, load
@@ -22,7 +21,7 @@ FILES = sorted(FOLDER.glob("*.toml"))
 
 def moved(name: str, samples: int = 73) -> tuple[Mechanism, Array]:
     mechanism = load(FOLDER / f"{name}.toml", "driven")
-    return mechanism, loop_motion(mechanism, inputs_of(mechanism), np.linspace(0.0, mechanism.duration, samples)).q
+    return mechanism, loop_motion(mechanism, np.linspace(0.0, mechanism.duration, samples)).q
 
 
 def path(mechanism: Mechanism, q: Array, point: str) -> Array:

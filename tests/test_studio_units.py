@@ -86,6 +86,49 @@ def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused_on_t
     page.page.get_by_label("Unit of lengths").select_option("m")
 
 
+@pytest.mark.slow
+def test_sentences_of_the_server_have_their_lengths_in_the_unit_that_is_shown(page: Page) -> None:
+    page.template("four bar")
+    page.button("link coupler").click()
+    page.page.get_by_label("Unit of lengths").select_option("mm")
+    before = page.revision()
+    enter(page, "Length, mm", "5000")
+    page.changed(before)
+    for unit, instead in (("mm", "5000 mm"), ("in", "196.9 in"), ("m", "5 m")):
+        page.page.get_by_label("Unit of lengths").select_option(unit)
+        (sentence,) = page.problems()
+        assert f"instead of {instead}" in sentence
+        assert page.page.locator(".inplace").inner_text() in sentence
+        apart, needed = re.search(rf"stay (\S+) {unit} apart; .* of (\S+) {unit} instead", sentence).groups()  # type: ignore[union-attr]
+        metres = {"m": 1, "mm": 1e-3, "in": 0.0254}[unit]
+        assert float(apart) * metres == pytest.approx(5 - float(needed) * metres, rel=1e-3), "the ends stay that much apart"
+    page.page.get_by_label("Unit of lengths").select_option("mm")
+    enter(page, "Length, mm", "1e-9")
+    page.until(lambda: "at least 0.001 mm" in page.page.get_by_test_id("said").inner_text())
+    page.page.get_by_label("Unit of lengths").select_option("m")
+    page.button("Undo").click()
+
+
+@pytest.mark.slow
+def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(page: Page) -> None:
+    """Its speed changes by rounding alone, which is no curve."""
+    page.template("four bar")
+    page.button("link coupler").click()
+    page.button("P").click()
+    page.button("Select nothing").click()
+    page.button("link crank").click()
+    page.button("B").click()
+    names = page.page.locator('[data-chart="v"] li')
+    page.until(lambda: [x.split()[0] for x in names.all_inner_texts()] == ["crank.B"])
+    marks = [float(x) for x in page.page.locator('[data-chart="v"] .scale').first.locator("span").all_inner_texts()]
+    (speed,) = readings(page, "v")
+    assert speed == pytest.approx(2 * np.pi * 0.12, rel=1e-3)
+    assert min(marks) == 0.0
+    assert len(marks) == len({*marks}) >= 3
+    line = page.page.locator('[data-chart="v"] svg path[class^=curve]').get_attribute("d")
+    assert len({*re.findall(r"[ML][\d.]+ ([\d.]+)", line)}) == 1, "it is level"
+
+
 def readings(page: Page, chart: str) -> list[float]:
     return [float(x) for x in page.page.locator(f'[data-chart="{chart}"] li b').all_inner_texts()]
 

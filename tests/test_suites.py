@@ -70,7 +70,7 @@ def test_exudyn_may_take_the_steps_that_its_stored_order_asks_for() -> None:
 def test_an_engine_of_lower_order_may_take_more_steps() -> None:
     part = read_suite("full").search[1].model_copy(update={"most_steps": 20, "steps_of": {"exudyn": 40}})
     wanted, measured = Requirement("position", 1.0), Measured({}, {})
-    rows = [winner_row({}, wanted, engine, {}, {}, measured, part) for engine in ("exudyn", "mujoco")]
+    rows = [winner_row({}, wanted, engine, {}, measured, part) for engine in ("exudyn", "mujoco")]
     assert [r["most_steps"] for r in rows] == [40, 20]
 
 

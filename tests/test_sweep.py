@@ -24,7 +24,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.sweep import halving
 from gauss_bench.sweep.batch import SweepCase
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.sweep.family import Family, Varied
+from gauss_bench.sweep.family import Family
 from gauss_bench.sweep.figures import figures, units
 from gauss_bench.sweep.folder import PARTS, Folder
 from gauss_bench.sweep.paths import change, number_at
@@ -196,8 +196,7 @@ def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: 
     model.prepare(5e-3 * np.arange(41))
     model.run()
     x = model.read()
-    varied = Varied(mechanism, {}, x.q[:, None], x.v[:, None])
-    found, (evidence,) = figures(varied, x.t, metrics.reactions(evaluator, x)[:, None])
+    found, (evidence,) = figures(mechanism, {}, x.t, x.q[:, None], x.v[:, None], metrics.reactions(evaluator, x)[:, None])
     for name, force in metrics.joint_forces(evaluator, x).items():
         assert found[f"force.{name}"][0] == pytest.approx(np.hypot(force["fx"], force["fy"]).max(), rel=1e-9)
     gain, bar = metrics.energy_error(evaluator, x)
@@ -213,7 +212,8 @@ def test_a_loop_is_open_whichever_way_a_link_is_off(by: tuple[float, float]) -> 
     mechanism = load("four_bar", "conservative")
     q = np.tile(mechanism.q0, (3, 1))
     q[1, :2] += by
-    found, _ = figures(Varied(mechanism, {}, q[:, None]), np.arange(3.0), np.zeros((3, 1, 2 * len(mechanism.joints))))
+    rest, no_forces = np.zeros_like(q)[:, None], np.zeros((3, 1, 2 * len(mechanism.joints)))
+    found, _ = figures(mechanism, {}, np.arange(3.0), q[:, None], rest, no_forces)
     assert found["loops"][0] == pytest.approx(0.01, rel=1e-6)
 
 

@@ -1,13 +1,15 @@
-"""Recommendations for an engine, and settings in words."""
+"""Recommendations for an engine; settings, requirements and errors in words."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from gauss_bench import reach
+from gauss_bench.engines.base import Choice
 
 LOOPS = "loops"  # kind of error that needs no reference: the largest gap of a joint
 UNITS = reach.UNITS | {LOOPS: "m"}
+BEATS = 200  # number of samples of a run whose integrator chooses its own steps
 
 
 @dataclass(frozen=True)
@@ -59,9 +61,29 @@ class Answer:
     owner: str = ""
     snippet: str = ""
 
+    def choose(self, until: float) -> Choice:
+        """Return the setting as the choice of a run until a time [s]."""
+        return Choice(self.settings, self.integrator, self.stabilization, self.step or until / BEATS, self.tolerance)
 
-def format_setting(settings: str, integrator: str, stabilization: str) -> str:
+
+def format_setting(
+    settings: str, integrator: str, stabilization: str, step: float | None = None, tolerance: float | None = None
+) -> str:
     """Return a setting in words; an integrator or stabilization that the name of the settings contains is not repeated."""
     words = [] if settings == "default" else [settings]
-    words += [x for x in (integrator, stabilization) if x != "none" and x not in settings.split("/")]
+    words += [x for x in (integrator, stabilization) if x not in ("", "none", *settings.split("/"))]
+    if tolerance is not None:
+        words.append(f"tolerance {tolerance:.2g}")
+    elif step is not None:
+        words.append(f"step {step:.4g} s")
     return ", ".join(words)
+
+
+def format_limits(wanted: Mapping[str, float]) -> str:
+    """Return requirements (kind -> largest allowed error) in words, such as "0.0001 m and 0.001 rad"."""
+    return " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items())
+
+
+def format_errors(errors: Mapping[str, float], kinds: Iterable[str], joint: str = " and ") -> str:
+    """Return the errors of these kinds in words, as far as they are known."""
+    return joint.join(f"{errors[kind]:.1e} {UNITS[kind]}" for kind in kinds if kind in errors)

@@ -7,8 +7,9 @@ from typing import Any
 from gauss_bench.bench.clock import Race
 from gauss_bench.bench.survived import watching
 from gauss_bench.bench.tasks import Tables
-from gauss_bench.bench.ways import Models, Run, Way, pace_run
+from gauss_bench.bench.ways import Run, Way, pace_run
 from gauss_bench.linkage.load import load
+from gauss_bench.runs.blocks import Models
 
 ROUNDS = (3, 10)  # fewest and most rounds of the race
 LEAD = 0.03  # [s] length of the part of a run with equal steps that is timed

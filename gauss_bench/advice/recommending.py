@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.advice.answer import LOOPS, UNITS, Answer, format_setting
+from gauss_bench.advice.answer import BEATS, LOOPS, UNITS, Answer, format_errors, format_setting
 from gauss_bench.advice.budget import LANES, Budget
 from gauss_bench.advice.racing import race_there
 from gauss_bench.advice.truth import MORE, NoTruth, Truth, truth
@@ -35,7 +35,7 @@ from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import drift
-from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach, share
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import in_python, interpreter_of, offer
 from gauss_bench.runs.worker import Worker, WorkerFailure
@@ -46,14 +46,12 @@ SHARE = "share of the requirement"  # largest of the errors, each divided by its
 HALF = Requirement(SHARE, 0.5)
 KNOWN = 0.1  # largest error bar of the reference, as a share of the requirement
 TRUE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
-BEATS = 200  # number of samples of a run whose integrator chooses its own steps
 DENSE = 400  # most samples of a run with equal steps
 EVALUATED = 24  # most runs of one variant
 MOST = 200_000  # most steps of a run
 TURNED = 0.7  # [rad] largest turn of the fastest link in a step that is tried: larger steps are never accurate
-ORDER = (
-    8.0  # of the reference's integrator: others first try the steps that it would need, and coarser ones only if these are accurate
-)
+# order of the reference's integrator: others first try the steps that it would need, and coarser ones only if these are accurate
+ORDER = 8.0
 SPARE = 8.0  # most evaluations of a variant, in units of those of the engine's best setting so far
 CHOICES = 4  # most settings of one engine that are timed
 NEAR = 4.0  # settings with more than NEAR times the least work of their engine are not timed
@@ -213,9 +211,9 @@ class Recommender:
         self.truth = truth
         # Steps in which the fastest link would turn by more than TURNED are not tried.
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
-        share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
+        halved = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
         # The error of the reference's method falls with steps^-ORDER: these steps should give half of the requirement.
-        self.first = self.run.until / (truth.steps * (share / HALF.limit) ** (1 / ORDER))
+        self.first = self.run.until / (truth.steps * (halved / HALF.limit) ** (1 / ORDER))
         lanes = [threading.Thread(target=self._lane, daemon=True) for _ in range(LANES)]
         failures: queue.Queue[BaseException] = queue.Queue()
         self._failures = failures
@@ -341,18 +339,17 @@ class Recommender:
         errors = dict(trial.errors)
         if LOOPS in self.wanted and ran.trajectory is not None:
             errors[LOOPS] = float(drift(self.judge, ran.trajectory).position.max())
-        # The requirement that is met worst counts; an undetermined error (NaN) must not pass as small.
-        shares = [errors[kind] / limit for kind, limit in self.wanted.items()]
-        share = math.nan if any(map(math.isnan, shares)) else max(shares)
-        return Trial(trial.size, {**errors, SHARE: share}, trial.steps, trial.status, trial.message, trial.evaluations)
+        # The requirement that is met worst counts; an undetermined error (NaN) does not pass as small.
+        worst = share(replace(trial, errors=errors), [Requirement(*x) for x in self.wanted.items()])
+        return replace(trial, errors=errors | {SHARE: worst})
 
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]. The first run of an engine, which loads or compiles its library, has a minimum."""
         if engine.has_run:
             return max(min(LONGEST * self.budget.seconds, self.budget.remaining(SEARCHED + AFTER)), 1.0)
         waiting = 1 + sum(not x.trials and x.refused is None for x in self.engines.values())
-        share = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
-        return max(min(2 * LONGEST * self.budget.seconds, share), ONE_TRY * self.budget.seconds, 1.0)
+        own = max(self.budget.remaining(SEARCHED + AFTER), LANES * self.budget.remaining(TRIED) / waiting)
+        return max(min(2 * LONGEST * self.budget.seconds, own), ONE_TRY * self.budget.seconds, 1.0)
 
     def _tell(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
         after, trials = engine.best(), [x for many in engine.trials.values() for x in many]
@@ -369,7 +366,7 @@ class Recommender:
                 self._better(replace(self._hold(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
-        return ", ".join(f"{trial.errors[kind]:.1e} {UNITS[kind]}" for kind in self.wanted)
+        return format_errors(trial.errors, self.wanted, ", ")
 
     # The race for the cheapest setting
 
@@ -506,5 +503,6 @@ def answer_of(engine: _Engine) -> Reach:
 
 def describe_setting(way: Way, engine: _Engine) -> str:
     """Return a setting in words."""
-    size = f"tolerance {way.size:.2g}" if way.integrator in engine.adaptive else f"step {way.size:.4g} s"
-    return f"{format_setting(way.settings, way.integrator, way.stabilization)}, {size}"
+    adaptive = way.integrator in engine.adaptive
+    size = {"tolerance": way.size} if adaptive else {"step": way.size}
+    return format_setting(way.settings, way.integrator, way.stabilization, **size)

@@ -15,12 +15,12 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from gauss_bench.advice.answer import format_errors
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.metrics import drift, joint_force_errors, relative_acceleration_error, state_errors
-from gauss_bench.reach import UNITS
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
@@ -37,9 +37,11 @@ COMPILED = 0.6  # share of the budget for compiled code, which may be compiled a
 MOST = 400_000  # most steps of a run
 SAMPLES = 3200  # most samples of the reference
 AGREEMENT = 1e-6  # relative, of accelerations against those in numpy: rounding leaves 1e-9, a wrong term about 1
-SIXTH = (
-    16.0  # error of the interpolation through every second sample over that through all: 2^6 = 64, of which a quarter is relied on
-)
+# error of the interpolation through every second sample over that through all: 2^6 = 64, of which a quarter is relied on
+SIXTH = 16.0
+
+
+SHORTER, ATTEMPTS = 4.0, 3  # factor by which a time is shortened where no reference is known over it, and how many times there are
 
 
 class NoTruth(ArithmeticError):
@@ -67,15 +69,23 @@ class Truth:
 
     def at(self, run: Run, times: Array) -> Reference:
         """Return the reference at any times (k,) of the run, accelerations included."""
-        known = self.reference
-        q, v = between(known, times)
+        q, v = between(self.reference, times)
         a = AbsoluteCoordinates(run.mechanism).acceleration(times, q, v)
-        bar = np.full(len(times), max(self.bars["position"], self.bars["angle"]))
-        none = np.zeros(len(times))
-        return Reference(times, q, v, a, bar, bar, bar, none, none, none, known.method)
+        return Reference.with_one_bar(Trajectory(times, q, v, a, None), self.reference.method, self.bar)
+
+    @property
+    def bar(self) -> float:
+        """The error bar of positions [m] and angles [rad]: the larger of the two."""
+        return max(self.bars["position"], self.bars["angle"])
 
 
-def between(known: Reference, times: Array) -> tuple[Array, Array]:
+def shorten(until: float) -> Iterator[float]:
+    """Yield a duration [s] and ever shorter ones: a chaotic motion has a reference over a short time only."""
+    for k in range(ATTEMPTS):
+        yield until / SHORTER**k
+
+
+def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     """Return q and v (k, n) at times between equally spaced samples, by quintic Hermite polynomials of q."""
     h = float(known.t[1] - known.t[0])
     k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)
@@ -108,8 +118,7 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
         """Try `first` steps and more; return whether one is accurate enough. `share` of the budget is left for other engines."""
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
-                bars = ", ".join(f"{found.bars[k]:.1e} {UNITS[k]}" for k in wanted if k in found.bars)
-                told(f"truth: {2 * found.steps} steps by {engine}, known to {bars}")
+                told(f"truth: {2 * found.steps} steps by {engine}, known to {format_errors(found.bars, wanted, ', ')}")
                 known.append(found)
                 if all(found.bars.get(k, 0.0) <= x for k, x in wanted.items()):
                     return True
@@ -179,17 +188,14 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
 def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
     """Return the finer run as a reference; its difference from the coarser run is the error bar."""
     every = (len(fine.t) - 1) // (len(coarse.t) - 1)
-    kept = [x[::every] for x in (fine.t, fine.q, fine.v, fine.a)]
-    true = AbsoluteCoordinates(run.mechanism).acceleration(*kept[:3])
-    off = float(np.median(relative_acceleration_error(kept[3], true)))
+    kept = fine[::every]
+    true = AbsoluteCoordinates(run.mechanism).acceleration(kept.t, kept.q, kept.v)
+    off = float(np.median(relative_acceleration_error(kept.a, true)))
     if not off <= AGREEMENT:
         raise NoTruth(f"accelerations of {engine} differ from those of the linkage by {off:.1e} of themselves")
-    none = np.zeros(len(kept[0]))
     how = f"step-halved ({2 * steps} steps of order eight by {engine}, and {steps})"
-    t, q, v, _ = kept
-    reference = Reference(t, q, v, true, none, none, none, none, none, none, how)
-    errors = state_errors(run.mechanism, coarse, reference)
-    bars = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
+    reference = Reference.with_one_bar(replace(kept, a=true), how)
+    bars = state_errors(run.mechanism, coarse, reference).largest
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
     between_samples = _between_bars(reference)
@@ -200,7 +206,7 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
 
 def _between_bars(known: Reference) -> dict[str, float]:
     """Return kind -> error bar of the interpolation between samples, estimated from every second sample."""
-    half = replace(known, **{x: getattr(known, x)[::2] for x in ("t", "q", "v", "a")})
+    half = known.samples[::2]
     if len(half.t) < 2:
         return {"position": math.inf, "angle": math.inf}
     missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / SIXTH
@@ -217,10 +223,9 @@ def _certify(run: Run, truth: Truth) -> Truth:
     if certificate is None:
         return truth
     q, v = between(truth.reference, certificate.t)
-    errors = state_errors(run.mechanism, Trajectory(certificate.t, q, v, certificate.a, 0), certificate)
+    off = state_errors(run.mechanism, replace(certificate.samples, q=q, v=v), certificate).largest
     own = float(np.fmax(certificate.error_q, certificate.floor_q).max())
-    off = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
-    if max(off.values()) > 1e3 * max(truth.bars["position"], truth.bars["angle"], own):
+    if max(off.values()) > 1e3 * max(truth.bar, own):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
     bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + own for kind, x in off.items()}}
     return replace(truth, bars=bars, certified=True, told=f"certified to {own:.0e}, and so says what was run here: {truth.told}")

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
 
 import numpy as np
 
@@ -21,16 +20,14 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS
 from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import SIZE
-from gauss_bench.metrics import compare_joint_forces, state_errors
+from gauss_bench.metrics import state_errors
 from gauss_bench.reach import UNITS
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, check_size, duration, offer
-from gauss_bench.runs.one_run import Asked, Run, Sampling
-from gauss_bench.runs.questions import joint_forces
+from gauss_bench.runs.one_run import Run, Sampling
+from gauss_bench.runs.questions import ForceQuestion, ask_along
 from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -38,7 +35,6 @@ STEP = 1e-3  # [s] where none is given
 BUDGET = 120.0  # [s] for everything
 USUAL = 1.0  # [s] of motion by default: in longer runs errors grow until they no longer add up linearly
 LEAST = 1.0  # [s] that every run may take, even after the deadline
-FORCED = 20  # states at which an engine is asked for its own joint forces
 KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] error bars that the reference must have: errors below 1e-6 are not diagnosed
 
 
@@ -161,10 +157,10 @@ def diagnose(
             refuse_what_acts(subject.file, end, worker)
         told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: the reference")
         reference = find_reference(linkage, mechanism, end, deadline, told)
-        question = AskedForces(mechanism, reference)
+        question = ask_along(mechanism, reference)
         verdict, first = run_ladder(linkage, mechanism, subject, end, reference, deadline, worker, told, question)
     remarks = [] if subject.file is None else describe_closures(subject.file.settings)
-    remarks += question.remark(None if first is None else first.answer)
+    remarks += describe_forces(*question.compare(None if first is None else first.answer))
     if required and first is not None and first.trajectory is not None:
         remarks += compare_errors(mechanism, first.trajectory, reference, required)
     return make_diagnosis(mechanism, subject, end, verdict, reference.method, remarks)
@@ -195,7 +191,7 @@ def run_ladder(
     deadline: float,
     worker: Worker,
     told: Told,
-    question: "AskedForces",
+    question: ForceQuestion,
 ) -> tuple[Verdict, Run | None]:
     """Run a subject with finer and finer steps or tolerances; return the verdict and the first run, which answers the question."""
     choice, offered, runs = subject.choice, subject.offered, list[Run]()
@@ -204,7 +200,7 @@ def run_ladder(
         left = max(LEAST, deadline - time.monotonic())
         request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
         if not runs:
-            request = replace(request, ask=question.ask, answers=question.count)
+            request = replace(request, ask=question.ask, answers=question.answers)
         runs.append(run_apart(request, mechanism, left, worker))
         return runs[-1]
 
@@ -236,44 +232,11 @@ def make_diagnosis(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class AskedForces:
-    """The question for an engine's own joint forces at states of a reference.
-
-    Attributes:
-        mechanism: the linkage; reference: its motion.
-    """
-
-    mechanism: Mechanism
-    reference: Reference
-
-    @cached_property
-    def states(self) -> Trajectory:
-        """At most FORCED states of the reference, evenly spread over its samples."""
-        known = np.flatnonzero(np.isfinite(self.reference.a).all(axis=1))
-        k = known[np.unique(np.linspace(0, len(known) - 1, FORCED).round().astype(int))] if len(known) else known
-        return Trajectory(self.reference.t[k], self.reference.q[k], self.reference.v[k], self.reference.a[k], None)
-
-    @property
-    def ask(self) -> Asked:
-        """The question, for `Request`."""
-        names = tuple(joint.name for joint in self.mechanism.joints)
-        return partial(joint_forces, names, self.states.t, self.states.q, self.states.v)
-
-    @property
-    def count(self) -> int:
-        """The count of numbers in its answer."""
-        return SIZE * len(self.mechanism.joints) * len(self.states.t)
-
-    def remark(self, answer: object) -> list[str]:
-        """Return the sentence on the error of the forces in an answer; none where the engine tells no forces."""
-        shape = (len(self.states.t), len(self.mechanism.joints), 3)
-        if not isinstance(answer, np.ndarray) or answer.shape != shape:
-            return []
-        error, largest = compare_joint_forces(Evaluator(self.mechanism), self.states, answer)
-        if np.isnan(error):
-            return []
-        return [f"its own joint forces are off by {error:.1e} (N, N m) at the same states, where the largest is {largest:.1e}"]
+def describe_forces(error: float, largest: float) -> list[str]:
+    """Return the sentence on the error of an engine's own joint forces; none where it tells no forces."""
+    if np.isnan(error):
+        return []
+    return [f"its own joint forces are off by {error:.1e} (N, N m) at the same states, where the largest is {largest:.1e}"]
 
 
 def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
@@ -312,10 +275,8 @@ def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refe
     """Return a sentence for each requirement [m], [rad]: whether a run is as good as it asks for."""
     if not reference.certified:  # its samples are equally spaced, and need not lie at those of the run
         q, v = truths.between(reference, trajectory.t)
-        none = np.zeros(len(q))
-        reference = Reference(trajectory.t, q, v, np.full_like(q, np.nan), none, none, none, none, none, none, reference.method)
-    errors = state_errors(mechanism, trajectory, reference)
-    largest = {"position": float(errors.length.max()), "angle": float(errors.angle.max())}
+        reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
+    largest = state_errors(mechanism, trajectory, reference).largest
     return [
         f"{'as good as' if largest[kind] <= limit else 'not as good as'} the required {kind} error of {limit:g} {UNITS[kind]}: "
         f"{largest[kind]:.1e} {UNITS[kind]}"
@@ -337,5 +298,4 @@ def find_reference(linkage: str, mechanism: Mechanism, until: float, deadline: f
     except truths.NoTruth as failure:
         motion = f"{mechanism.name}, scenario {mechanism.scenario}"
         raise ChoiceError(f"{motion}, has no reference to compare with: {failure}") from failure
-    bar = np.full(len(found.reference.t), max(found.bars[kind] for kind in KNOWN))
-    return replace(found.reference, error_q=bar, error_v=bar, error_a=bar)
+    return Reference.with_one_bar(found.reference.samples, found.reference.method, found.bar)

@@ -32,10 +32,7 @@ TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # [s] the slowest engine generates a
 DURATION, STEP = 0.01, 1e-3  # [s] of the trial
 EXTENDED = 63  # bits of a mantissa from which long double counts as extended precision
 OLDEST = (3, 11)
-NEEDED = (
-    "gauss",
-    "lagrange",
-)  # own formulations that must work here; `yuan_ge_eq16`, for one, is wrong as published
+NEEDED = ("gauss", "lagrange")  # own formulations that must work here; `yuan_ge_eq16`, for one, is wrong as published
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,16 @@
 """Build the mechanism for kinematics from a linkage file, a driver and the held links, slides and pins."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.linkage.bodies import write_out
-from gauss_bench.linkage.closure import free_coordinates
+from gauss_bench.linkage.closure import assemble, free_coordinates
 from gauss_bench.linkage.errors import Fault, LinkageError
-from gauss_bench.linkage.load import MAX_BYTES, document_of, load_document, merge, place_by_sketch
+from gauss_bench.linkage.load import MAX_BYTES, Place, document_of, load_document, merge, place_by_sketch
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.mechanism.coordinates import value as value_of
@@ -60,6 +60,33 @@ def _read_rows(path: Path) -> list[list[float]]:
         raise ChoiceError(f"{path}: not a table of numbers t, value ({error})") from error
 
 
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A linkage file that was read, and the scenario that is to be moved.
+
+    Attributes:
+        document, digest, path: of the file.
+        scenario: the named one or the first driven one; None if nothing is named or driven.
+    """
+
+    document: dict[str, Any]
+    digest: str
+    path: Path
+    scenario: str | None
+
+    def load(self, place: Place = assemble) -> Mechanism:
+        """Return the mechanism of the scenario as it stands in the file."""
+        return load_document(self.document, self.scenario, str(self.path), self.digest, self.path.stem, place)
+
+    def load_changed(self, document: dict[str, Any], scenario: dict[str, Any]) -> Mechanism:
+        """Return the mechanism of a changed document in a scenario of its own, which is called "kinematics"."""
+        return load_document(document | {"scenarios": {"kinematics": scenario}}, "kinematics", str(self.path), self.digest)
+
+    def refuse(self, scenario: str, sentence: str) -> LinkageError:
+        """Return the error for a scenario that cannot be moved."""
+        return LinkageError(str(self.path), [Fault(f"scenarios.{scenario}", sentence)])
+
+
 def load_with_drivers(
     linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None, with_forces: bool = False
 ) -> Mechanism:
@@ -73,22 +100,18 @@ def load_with_drivers(
         ChoiceError: a name in `hold` cannot be held, or its value is not a number.
     """
     document, digest, path = document_of(linkage)
-    held = _read_holds(document, scenario, hold)
-    if held:
-        return _load_held(document, scenario, driver, held, str(path), digest, path.stem, with_forces)
+    source = Source(document, digest, path, scenario or next(_find_driven_scenarios(document), None))
+    if held := _read_holds(source, hold):
+        return _load_held(source, driver, held, with_forces)
+    own = source.load()  # the file's own faults come first, under its own names
     if driver is None:
-        mechanism = load_document(document, scenario or next(_find_driven_scenarios(document), None), str(path), digest, path.stem)
-        if not mechanism.drivers:
-            raise LinkageError(str(path), [Fault(f"scenarios.{mechanism.scenario}", _explain_undriven(mechanism))])
-        return mechanism
-    named = scenario or next(_find_driven_scenarios(document), None)
-    own = load_document(document, named, str(path), digest, path.stem)  # the file's own faults come first, under its own names
-    table = _place_driver(document, own, driver)
-    chosen = document["scenarios"][own.scenario]
-    moved = merge(document, chosen.get("override", {}))
+        if not own.drivers:
+            raise source.refuse(own.scenario, _explain_undriven(own))
+        return own
+    table, chosen = _place_driver(document, own, driver), document["scenarios"][own.scenario]
     acting = {"forces": chosen.get("forces", [])} if with_forces else {}
-    moved["scenarios"] = {"kinematics": {"duration": float(table.get("time", 1.0)), "driver": table} | acting}
-    return load_document(moved, "kinematics", str(path), digest)
+    moved = merge(document, chosen.get("override", {}))
+    return source.load_changed(moved, {"duration": float(table.get("time", 1.0)), "driver": table} | acting)
 
 
 def _explain_undriven(mechanism: Mechanism) -> str:
@@ -116,15 +139,14 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
     return table
 
 
-def _read_holds(document: dict[str, Any], scenario: str | None, hold: Sequence[str] | None) -> dict[str, float | None]:
+def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float | None]:
     """Return name of a link or joint -> value at which it is held [degrees or m], None for its value at the start.
 
     Raises:
         ChoiceError: the value after the name is not a number.
     """
     if hold is None:
-        named = scenario or next(_find_driven_scenarios(document), "")
-        return dict.fromkeys(sequence(table(table(document, "scenarios"), named), "hold"))
+        return dict.fromkeys(sequence(table(table(source.document, "scenarios"), source.scenario or ""), "hold"))
     held: dict[str, float | None] = {}
     for text in hold:
         name, equals, value = text.partition("=")
@@ -135,50 +157,43 @@ def _read_holds(document: dict[str, Any], scenario: str | None, hold: Sequence[s
     return held
 
 
-def _load_held(
-    document: dict[str, Any],
-    scenario: str | None,
-    driver: str | None,
-    held: dict[str, float | None],
-    source: str,
-    digest: str,
-    stem: str,
-    with_forces: bool,
-) -> Mechanism:
+def _load_held(source: Source, driver: str | None, held: dict[str, float | None], with_forces: bool) -> Mechanism:
     """Return the driven mechanism with some coordinates held, by default at their values in the scenario's start."""
-    scenario = scenario or next(_find_driven_scenarios(document), None)
-    try:
-        own = load_document(document, scenario, source, digest, stem)
-    except LinkageError as error:  # a start may leave freedoms open that are held here: the sketch is enough
-        try:
-            own = load_document(document, scenario, source, digest, stem, place_by_sketch)
-        except LinkageError:
-            raise error from None
-    chosen = document["scenarios"][own.scenario]
-    moved = write_out(merge(document, chosen.get("override", {})))
-    tables = [*drivers_of(chosen)]
-    tables = tables if driver is None else [_place_driver(document, own, driver)]
+    own = _load_own(source)
+    chosen = source.document["scenarios"][own.scenario]
+    moved = write_out(merge(source.document, chosen.get("override", {})))
+    tables = [*drivers_of(chosen)] if driver is None else [_place_driver(source.document, own, driver)]
     if not tables:
-        raise LinkageError(source, [Fault(f"scenarios.{own.scenario}", "drives nothing; name a driven scenario, or give a driver")])
+        raise source.refuse(own.scenario, "drives nothing; name a driven scenario, or give a driver")
     # a new scenario: its start holds the coordinates, and drivers at rest keep them there
     start: dict[str, Any] = {"angles": {}, "slides": {}}
     for name, value in held.items():
         _hold_body(moved, own, name, value, start)
     duration = chosen["duration"] if driver is None else float(tables[0].get("time", 1.0))
-    moved["scenarios"] = {"kinematics": {"duration": duration, "drivers": tables, "start": start}}
-    if with_forces:  # a pin that became a weld does not turn: its damping and friction exert nothing
-        defined, joints = moved.get("forces", {}), moved.get("joints", {})
-        acting = [x for x in chosen.get("forces", []) if defined[x].get("joint") in (None, *joints)]
-        moved["forces"] = {x: defined[x] for x in acting}
-        moved["scenarios"]["kinematics"]["forces"] = acting
-    for key in ("expect", "measure") if with_forces else ("expect", "forces", "measure"):
+    scenario: dict[str, Any] = {"duration": duration, "drivers": tables, "start": start}
+    for key in ("expect", "measure"):
         moved.pop(key, None)
-    mechanism = load_document(moved | {"format": SECOND}, "kinematics", source, digest)
+    defined, joints = moved.pop("forces", {}), moved.get("joints", {})
+    if with_forces:  # a pin that became a weld does not turn: its damping and friction exert nothing
+        scenario["forces"] = [x for x in chosen.get("forces", []) if defined[x].get("joint") in (None, *joints)]
+        moved["forces"] = {x: defined[x] for x in scenario["forces"]}
+    mechanism = source.load_changed(moved | {"format": SECOND}, scenario)
     drivers = (*mechanism.drivers, *_list_still(mechanism, mechanism, start))
     apart = mechanism.apart  # has the same drivers, on the links of the file: the forces of welds are found there
     if apart:
         apart = replace(apart, drivers=(*apart.drivers, *_list_still(mechanism, apart, start)))
     return replace(mechanism, drivers=drivers, apart=apart, scenario=own.scenario, scenarios=own.scenarios)
+
+
+def _load_own(source: Source) -> Mechanism:
+    """Return the mechanism of the scenario; its start may leave freedoms open that are held, and the sketch is then enough."""
+    try:
+        return source.load()
+    except LinkageError as error:
+        try:
+            return source.load(place_by_sketch)
+        except LinkageError:
+            raise error from None
 
 
 def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:

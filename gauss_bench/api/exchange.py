@@ -1,36 +1,36 @@
 """Linkages out to other programs and in from them: what `gauss-bench export --json` and `import --json` print."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass
 from dataclasses import replace as replace_fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.advice.answer import LOOPS
+from gauss_bench.advice.answer import LOOPS, format_errors, format_limits
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import BEATS, SEARCHED, Recommender
-from gauss_bench.advice.truth import NoTruth
+from gauss_bench.advice.recommending import SEARCHED, Recommender
+from gauss_bench.advice.truth import NoTruth, shorten
 from gauss_bench.api.files import writable
 from gauss_bench.api.in_worker import answer_in_worker, tell_plainly
 from gauss_bench.api.program_error import LIMIT, ProgramError, measure_program
 from gauss_bench.api.recommend import list_requirements, setting_of, variants
 from gauss_bench.api.telling import Result, Told, nobody
+from gauss_bench.atomic import write_text
 from gauss_bench.bench.ways import Run
 from gauss_bench.compiler.stepping.driver import INTEGRATORS
 from gauss_bench.engines import all_names, is_class
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import KINDS, Kind, describe_refusal, export_linkage, export_program
+from gauss_bench.exchange.export import KINDS, Exported, Kind, describe_refusal, export_linkage, export_program
 from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS
-from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, interpreter_of, offer, offers_from_outside
-from gauss_bench.runs.programs import program_there, read_program, writes_programs
+from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, offer, offers_from_outside
+from gauss_bench.runs.programs import ask_program, writes_programs
 from gauss_bench.runs.worker import Worker, WorkerFailure
-from gauss_bench.tables import write_text
 from gauss_bench.trajectory import RunFailure
 
 WRITING, READING = 120.0, 30.0  # [s] to build a model and write it, and to read one: compilers can be kept busy for hours
@@ -190,53 +190,114 @@ def export(
         OSError: the file cannot be written.
     """
     kind = find_kind(engine)
+    _check_step(engine, kind, step, tuned)
+    wanted = required(engine, kind, step is not None or tuned, position=position, angle=angle, force=force)
+    path = writable(out, replace, suffix=kind.suffix, source=linkage)
+    seconds = check_budget(budget, BUDGET)
+    mechanism = load(linkage, scenario)
+    usual = kind.choose(step or STEP)
+    check_size(usual.step, mechanism.duration)
+    order = Order(linkage, mechanism, engine, kind)
+    answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, usual.step, (), None)
+    told(f"{order.motion}: the model")
+    file = order.write(usual)  # what the kind cannot express is refused before anything is searched
+    try:
+        setting = choose_setting(order, usual, tuned, wanted, seconds, told)
+    except NotReached as reason:
+        return replace_fields(answer, refused=str(reason))
+    answer = replace_fields(answer, tuning=setting.tuning, step=setting.choice.step)
+    remarks, warning = setting.remarks, ""
+    if kind.is_program:
+        if engine == "c" and setting.choice != usual:  # the program that is measured is the one that is written
+            file = order.write(setting.choice)
+        source = file.text if engine == "c" else ""
+        error = measure_program(linkage, mechanism, kind.engine, setting.choice, source, max(seconds, LIMIT), told)
+        refused = name_missed(error, wanted) or ("" if error.is_valid or anyway else error.refusal)
+        answer = replace_fields(answer, error=error, refused=refused)
+        if refused:
+            return answer
+        remarks, warning = (*error.sentences, *remarks), error.warning
+    if remarks:
+        file = order.write(setting.choice, remarks, warning)
+    write_text(path, file.text)
+    return replace_fields(answer, bytes=len(file.text.encode()), left_out=file.left_out)
+
+
+def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> None:
+    """Check that a step [s] can be used, and that at most one of `step` and `tuned` gives it.
+
+    Raises:
+        ChoiceError: it cannot, both do, or the kind's integrator chooses its steps.
+    """
     if step is not None and not (np.isfinite(step) and step > 0):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
         raise ChoiceError("either a step, or tuned, which finds one")
     if kind.tolerance is not None and (step is not None or tuned):
         raise ChoiceError(f"{engine} chooses its steps: --position, --angle or --force find its tolerance")
-    wanted = required(engine, kind, step is not None or tuned, position=position, angle=angle, force=force)
-    path = writable(out, replace, suffix=kind.suffix, source=linkage)
-    seconds = check_budget(budget, BUDGET)
-    mechanism = load(linkage, scenario)
-    check_size(step or STEP, mechanism.duration)
-    told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
-    choice, remarks = kind.choose(step or STEP), tuple[str, ...]()
-    answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, choice.step, (), None)
 
-    def write(remarks: tuple[str, ...] = (), warning: str = "") -> dict[str, Any]:
-        if not kind.writer:
-            return write_engine_program(mechanism, kind, choice, remarks, warning)
-        return write_file(linkage, mechanism.scenario, engine, choice.step, remarks, choice, warning)
 
-    model = write()
-    if tuned:
-        tuning = tune(linkage, mechanism, kind, seconds, told)
-        choice, remarks = kind.choose(tuning.step), tuning.sentences
-        answer = replace_fields(answer, tuning=tuning, step=choice.step)
-    if wanted:
+@dataclass(frozen=True, eq=False)
+class Order:
+    """A linkage to be written as a file.
+
+    Attributes:
+        linkage: name of a built-in linkage, or a path; mechanism: its scenario.
+        name, kind: of the file.
+    """
+
+    linkage: str
+    mechanism: Mechanism
+    name: str
+    kind: Kind
+
+    @property
+    def motion(self) -> str:
+        """The linkage and its scenario in words."""
+        return f"{self.mechanism.name}, scenario {self.mechanism.scenario}"
+
+    def write(self, choice: Choice, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
+        """Return the file with a setting of the engine, and with a warning and remarks in its head.
+
+        Raises:
+            ExchangeError, MissingExtra: as `export`.
+        """
+        if self.kind.writer:
+            return write_file(self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
         try:
-            choice, remark = find_setting(linkage, mechanism, engine, kind, wanted, seconds, told)
-        except NotReached as reason:
-            return replace_fields(answer, refused=str(reason))
-        remarks, answer = (remark,), replace_fields(answer, step=choice.step)
-    warning = ""
-    if kind.is_program:
-        if remarks and engine == "c":  # its step or integrator is another than that of the first text
-            model = write()
-        source = model["text"] if engine == "c" else ""
-        error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told)
-        answer, warning = replace_fields(answer, error=error), error.warning
-        if missed := name_missed(error, wanted):
-            return replace_fields(answer, refused=missed)
-        if not error.is_valid and not anyway:
-            return replace_fields(answer, refused=error.refusal)
-        remarks = (*error.sentences, *remarks)
-    if remarks:
-        model = write(remarks, warning)
-    write_text(path, model["text"])
-    return replace_fields(answer, bytes=len(model["text"].encode()), left_out=tuple(model["left_out"]))
+            with Worker() as worker:
+                text = ask_program(worker, self.kind.engine, self.mechanism, choice, WRITING)
+        except (RunFailure, WorkerFailure) as failure:
+            raise ExchangeError(f"{describe_refusal(self.mechanism, self.kind)}: {failure}") from failure
+        return export_program(self.mechanism, text, remarks, warning)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The setting of an exported file.
+
+    Attributes:
+        choice: of the engine.
+        remarks: sentences on how it was found, for the head of the file.
+        tuning: how its step was found, or None.
+    """
+
+    choice: Choice
+    remarks: tuple[str, ...] = ()
+    tuning: Tuning | None = None
+
+
+def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
+    """Return the setting of a file: with a step that is found, the cheapest that holds a requirement, or the usual one.
+
+    Raises:
+        NotReached: no setting is known to hold the requirement.
+        ExchangeError: no step can be judged.
+    """
+    if tuned:
+        tuning = tune(order, budget, told)
+        return Setting(order.kind.choose(tuning.step), tuning.sentences, tuning)
+    return find_setting(order, wanted, budget, told) if wanted else Setting(usual)
 
 
 def find_kind(name: str) -> Kind:
@@ -279,28 +340,25 @@ class NotReached(ArithmeticError):
     """No setting of an engine is known to hold the requirement."""
 
 
-def find_setting(
-    linkage: str, mechanism: Mechanism, engine: str, kind: Kind, wanted: Mapping[str, float], budget: float, told: Told
-) -> tuple[Choice, str]:
-    """Return the engine's cheapest setting that holds the requirement over the scenario's duration, and a sentence on it.
+def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
+    """Return the engine's cheapest setting that holds the requirement over the scenario's duration.
 
     Raises:
         NotReached: no setting holds it within the budget, or no reference is known well enough.
     """
-    end = mechanism.duration
-    tried = [x for x in variants(offer(kind.engine)) if engine != "c" or x.integrator in INTEGRATORS]
-    limit = " and ".join(f"{x:g} {UNITS[name]}" for name, x in wanted.items())
+    engine, end = order.kind.engine, order.mechanism.duration
+    tried = [x for x in variants(offer(engine)) if order.name != "c" or x.integrator in INTEGRATORS]
+    limit = format_limits(wanted)
     try:
-        with Recommender(Run(linkage, mechanism, end), wanted, {kind.engine: tried}, Budget(budget), told) as recommender:
+        with Recommender(Run(order.linkage, order.mechanism, end), wanted, {engine: tried}, Budget(budget), told) as recommender:
             recommender.search()
             (answer,) = recommender.answers(recommender.race())
     except NoTruth as reason:
         raise NotReached(f"no setting can be judged: {reason}") from reason
     if answer.status != "ok":
-        raise NotReached(f"no setting of {kind.engine} is known to hold {limit} over {end:g} s: {answer.message}")
-    errors = " and ".join(f"{answer.errors[name]:.1e} {UNITS[name]}" for name in wanted)
-    choice = Choice(answer.settings, answer.integrator, answer.stabilization, answer.step or end / BEATS, answer.tolerance)
-    return choice, f"Found for at most {limit}: {setting_of(answer)} came to {errors} in the search."
+        raise NotReached(f"no setting of {engine} is known to hold {limit} over {end:g} s: {answer.message}")
+    came = format_errors(answer.errors, wanted)
+    return Setting(answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)} came to {came} in the search.",))
 
 
 def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
@@ -313,46 +371,21 @@ def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
 
 
 def write_file(
-    linkage: str,
-    scenario: str,
-    engine: str,
-    step: float,
-    remarks: tuple[str, ...] = (),
-    choice: Choice | None = None,
-    warning: str = "",
-) -> dict[str, Any]:
-    """Return the text of the file and what it leaves out; both are made in a worker, since libraries may crash or hang.
+    linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
+) -> Exported:
+    """Return a file that this package writes; it is made in a worker, since libraries may crash or hang.
 
     Raises:
         ExchangeError, MissingExtra: as `export`.
     """
-    chosen = None if choice is None else astuple(choice)
     with Worker() as worker:
-        return answer_in_worker(worker, write_there, (linkage, scenario, engine, step, remarks, chosen, warning), WRITING, linkage)
+        file = answer_in_worker(worker, write_there, (linkage, scenario, kind, choice, remarks, warning), WRITING, linkage)
+    return Exported(file["text"], tuple(file["left_out"]))
 
 
-def write_engine_program(
-    mechanism: Mechanism, kind: Kind, choice: Choice, remarks: tuple[str, ...], warning: str
-) -> dict[str, Any]:
-    """Return the text of a program that the engine itself writes, in a process of its own, and what the text leaves out.
-
-    Raises:
-        ExchangeError: the engine refuses the linkage, or what it wrote is no program.
-    """
-    try:
-        with Worker() as worker:
-            answer = worker.under(interpreter_of(kind.engine)).call(program_there, (kind.engine, mechanism, choice), WRITING)
-        return asdict(export_program(mechanism, read_program(kind.engine, answer), remarks, warning))
-    except (RunFailure, WorkerFailure) as failure:
-        raise ExchangeError(f"{describe_refusal(mechanism, kind)}: {failure}") from failure
-
-
-def write_there(
-    linkage: str, scenario: str, engine: str, step: float, remarks: Sequence[str], choice: Sequence[Any] | None, warning: str
-) -> dict[str, Any]:
+def write_there(linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...], warning: str) -> dict[str, Any]:
     """Run `export_linkage` in the worker and return plain data."""
-    chosen = None if choice is None else Choice(*choice)
-    return tell_plainly(lambda: asdict(export_linkage(load(linkage, scenario), engine, step, tuple(remarks), chosen, warning)))
+    return tell_plainly(lambda: asdict(export_linkage(load(linkage, scenario), kind, choice.step, remarks, choice, warning)))
 
 
 def import_model(
@@ -386,7 +419,7 @@ def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
     return tell_plainly(lambda: asdict(import_file(Path(model), name, close)))
 
 
-def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: Told) -> Tuning:
+def tune(order: Order, budget: float, told: Told) -> Tuning:
     """Find the largest step whose errors are at most half of OPEN and MOTION, else the nearest step, as `recommend` does.
 
     If no reference is exact enough over the whole time, as for a chaotic motion, a quarter of it is tried, then a sixteenth.
@@ -394,24 +427,25 @@ def tune(linkage: str, mechanism: Mechanism, kind: Kind, budget: float, told: To
     Raises:
         ExchangeError: no run ends, or no reference is known well enough.
     """
-    until = min(max(mechanism.duration, SHORTEST), LONGEST)
-    own = Budget(budget / SEARCHED)  # no race follows, so the search may use all of the budget
-    shortest, named = until / 16, f"{mechanism.source}: {mechanism.name}"
+    kind, mechanism = order.kind, order.mechanism
+    named = f"{mechanism.source}: {mechanism.name}"
     space = {kind.engine: [Variant(kind.settings, kind.integrator, kind.stabilization, {})]}
     wanted = {"position": MOTION, "angle": MOTION, LOOPS: OPEN}
-    while True:
+    own = Budget(budget / SEARCHED)  # no race follows, so the search may use all of the budget
+    for until in shorten(min(max(mechanism.duration, SHORTEST), LONGEST)):
         try:
-            with Recommender(Run(linkage, mechanism, until), wanted, space, own, told) as recommender:
+            with Recommender(Run(order.linkage, mechanism, until), wanted, space, own, told) as recommender:
                 truth = recommender.search().truth
                 (answer,) = recommender.answers({})
-            break
         except NoTruth as reason:
-            if until <= shortest or own.remaining() <= 0:
-                raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {reason}") from reason
             told(f"not known over {until:g} s: {reason}")
-            until, own = until / 4, Budget(own.remaining())
-    if not (answer.steps and answer.errors):
-        raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
-    errors, bar = answer.errors, max(truth.bars["position"], truth.bars["angle"])
-    motion, step = max(errors["position"], errors["angle"]), until / answer.steps
-    return Tuning(kind.settings, kind.integrator, step, until, errors[LOOPS], motion, truth.told, bar, OPEN, MOTION)
+            unknown, own = reason, Budget(own.remaining())
+            if own.seconds <= 0:
+                break
+        else:
+            if not (answer.steps and answer.errors):
+                raise ExchangeError(f"{named}: no step of {kind.engine} came to an end within {budget:g} s: {answer.message}")
+            motion = max(answer.errors["position"], answer.errors["angle"])
+            step, gap = until / answer.steps, answer.errors[LOOPS]
+            return Tuning(kind.settings, kind.integrator, step, until, gap, motion, truth.told, truth.bar, OPEN, MOTION)
+    raise ExchangeError(f"{named}: no step can be judged over {until:g} s, give one: {unknown}") from unknown

@@ -69,8 +69,7 @@ def energies(evaluator: Evaluator, x: Trajectory, sound: int) -> Iterator[Curve]
     """Yield kinetic energy, potential energy, and the energy gained beyond the work done, NaN after `sound` samples [J]."""
     potential, gained = evaluator.applied.potential(x.q), np.full(len(x.t), np.nan)
     if sound:
-        part = Trajectory(x.t[:sound], x.q[:sound], x.v[:sound], x.a[:sound], 0)
-        gained[:sound] = metrics.energy_error(evaluator, part)[0]
+        gained[:sound] = metrics.energy_error(evaluator, x[:sound])[0]
     samples = {"kinetic": evaluator.energy(x.q, x.v) - potential, "potential": potential, "gained": gained}
     for key, values in samples.items():
         yield Curve(Group.ENERGY, "energy", key, "J", np.asarray(values))

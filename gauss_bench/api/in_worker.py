@@ -17,9 +17,17 @@ def answer_in_worker(
         ExchangeError: it refused, or the process failed; MissingExtra: a library is missing.
     """
     try:
-        answer = worker.call(function, arguments, limit)
+        return read_answer(worker.call(function, arguments, limit), file)
     except WorkerFailure as failure:
         raise ExchangeError(f"{file}: {failure}") from failure
+
+
+def read_answer(answer: object, file: str) -> dict[str, Any]:
+    """Return the data of an answer that `tell_plainly` made.
+
+    Raises:
+        ExchangeError: the function refused, or gave no such answer for `file`; MissingExtra: a library is missing.
+    """
     match answer:
         case {"refused": str(sentence)}:
             raise ExchangeError(sentence)

@@ -14,7 +14,6 @@ from gauss_bench.api.simulate import LinkState, Observed, PointState, link_state
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
-from gauss_bench.kinematics.inputs import Input, inputs_of
 from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
@@ -196,34 +195,24 @@ def kinematics(
         LinkageError, ChoiceError: the file, the driver, a point or the method cannot be used, the driver goes too far, or the loads
             are not determined.
     """
-    if method not in METHODS:
-        raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
     if steps is not None:
         warnings.warn("kinematics(steps=) is now kinematics(intervals=)", DeprecationWarning, stacklevel=2)
         intervals = steps
-    if not 1 <= intervals <= MOST_INTERVALS:
-        raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
+    _check_known(method, intervals)
     mechanism = load_with_drivers(linkage, scenario, driver, hold, with_forces=forces)
     _check_all_driven(mechanism)
-    chosen, inputs = observe(mechanism, points), inputs_of(mechanism)
+    shown = observe(mechanism, points)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
     _check_travel(mechanism, times)
-    status, message = "ok", ""
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
-    try:
-        motion = METHODS[method](mechanism, inputs, times)
-    except MotionError as error:
-        status, message, motion = "stopped", str(error), error.reached
-    except ValueError as error:  # a linkage that the method does not cover, or inputs that do not match its freedom
-        raise ChoiceError(str(error)) from error
-    n = len(motion.q)
-    states = Trajectory(times[:n], motion.q, motion.v, motion.a, n - 1)
+    moved = move(mechanism, times, method)
+    states = moved.states
     curves = _find_loads(mechanism, states) if forces else ()
-    driven_by = {x.name: driver_state(x, times[:n]) for x in mechanism.drivers}
+    driven_by = {x.name: driver_state(x, states.t) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), spread(mechanism, states)
     return Kinematics(
-        status=status,
-        message=message,
+        status="stopped" if moved.stopped else "ok",
+        message=moved.stopped,
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
         method=method,
@@ -231,20 +220,65 @@ def kinematics(
         driver=next(iter(driven_by.values())),
         drivers=driven_by,
         links=link_states(mechanism.whole, links),
-        points=point_states(chosen, links),
+        points=point_states(shown, links),
         loops=[loop.joints for loop in graph.loops],
-        branch=branch_of(mechanism, inputs, mechanism.q0),
-        iterations=getattr(motion, "iterations", None),
+        branch=branch_of(mechanism, mechanism.q0),
+        iterations=moved.iterations,
         singular=describe_singular(mechanism),
         link_types=_link_types(mechanism, graph),
-        branch_changes=_changes(mechanism, inputs, states),
-        observed=observe_names(mechanism, chosen),
+        branch_changes=_changes(mechanism, states),
+        observed=observe_names(mechanism, shown),
         model=mechanism,
         trajectory=links,
-        shown=chosen,
+        shown=shown,
         loads=metrics.summarise_loads(mechanism, states, curves) if forces else None,
         load_curves=curves,
     )
+
+
+def _check_known(method: str, intervals: int) -> None:
+    """Check the name of a method, and the number of intervals.
+
+    Raises:
+        ChoiceError: there is no such method, or there are too few or too many intervals.
+    """
+    if method not in METHODS:
+        raise ChoiceError(f"no method {method!r}; there are {', '.join(METHODS)}")
+    if not 1 <= intervals <= MOST_INTERVALS:
+        raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A motion through a law.
+
+    Attributes:
+        states: at the times that were reached.
+        iterations: (k,) of the solver at each of them, or None if the method counts none.
+        stopped: why the motion ends before its law, or an empty text.
+    """
+
+    states: Trajectory
+    iterations: Array | None
+    stopped: str
+
+
+def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
+    """Move a linkage by its drivers over the times (k,) [s], as far as it goes.
+
+    Raises:
+        ChoiceError: the method does not cover the linkage, or the drivers do not match its freedom.
+    """
+    stopped = ""
+    try:
+        motion = METHODS[method](mechanism, times)
+    except MotionError as error:
+        stopped, motion = str(error), error.reached
+    except ValueError as error:
+        raise ChoiceError(str(error)) from error
+    count = len(motion.q)
+    states = Trajectory(times[:count], motion.q, motion.v, motion.a, count - 1)
+    return Moved(states, getattr(motion, "iterations", None), stopped)
 
 
 def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
@@ -314,9 +348,9 @@ def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
     return types | {"ground": link_type(graph.elements(GROUND), frame=True)}
 
 
-def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory) -> list[BranchChange]:
+def _changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
     """Return the changes of assembly branch: the first time [s] after each, the group of links, and its side before and after."""
-    branches = [branch_of(mechanism, inputs, q) for q in states.q]
+    branches = [branch_of(mechanism, q) for q in states.q]
     changes: list[BranchChange] = []
     for t, before, after in zip(states.t[1:].tolist(), branches, branches[1:], strict=False):
         changes += [
@@ -325,28 +359,26 @@ def _changes(mechanism: Mechanism, inputs: tuple[Input, ...], states: Trajectory
     return changes
 
 
-def native_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> Trajectory:
+def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     """Compute the motion at times (k,) [s] by compiled loop closure, with the result of `loop_motion`.
 
     Raises:
-        ValueError: the inputs do not fit the linkage, or there is no compiler.
+        ValueError: the drivers do not fit the linkage, or there is no compiler.
         LimitOfMotion, SingularPosition: the motion ends early; the error holds the part before.
     """
     from gauss_bench.compiler.closure import compile_closure
 
-    closure = compile_closure(mechanism, backend="llvm", inputs=inputs)
-    # value, rate and second rate of every input; a constant law returns scalars
-    laws = [[np.broadcast_to(x, np.shape(times)) for x in given.law(times)] for given in inputs]
-    levels = np.array(laws).reshape(len(inputs), 3, len(times)).transpose(1, 2, 0)  # (3, k, inputs)
+    closure = compile_closure(mechanism, backend="llvm")
+    # value, rate and second rate of every driver; a constant law returns scalars
+    laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
+    levels = np.array(laws).reshape(len(laws), 3, len(times)).transpose(1, 2, 0)  # (3, k, drivers)
     sweep = closure.sweep(*levels)
-    if not sweep.losses:
+    if (loss := sweep.loss) is None:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
-    loss = sweep.losses[0]
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
     where = ", ".join(f"{name} = {value:.10g}" for name, value in loss.inputs.items())
     text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
-    k = loss.sample
-    reached = Trajectory(times[:k], sweep.q[:k], sweep.v[:k], sweep.a[:k], 0)
+    reached = Trajectory(times, sweep.q, sweep.v, sweep.a, 0)[: loss.sample]
     raise kind(text, loss.inputs, float(times[loss.sample]), reached)
 
 

@@ -6,7 +6,7 @@ The program in C is compiled and run itself, if there is a compiler, because its
 import csv
 import io
 import subprocess
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,7 +16,7 @@ from gauss_bench.advice.answer import format_setting
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import KNOWN
 from gauss_bench.advice.truth import NoTruth, truth
-from gauss_bench.api.simulate import simulate
+from gauss_bench.api.simulate import Simulation, simulate
 from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
@@ -28,7 +28,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import state_errors
 from gauss_bench.runs.offers import check_affordable, offer
 from gauss_bench.runs.worker import Worker
-from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
+from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_evenly
 
 LIMIT = 60.0  # [s] for everything but the C compiler and its program, unless the user gives more
 COMPILING = 20.0  # [s] for the C compiler
@@ -85,8 +85,7 @@ class ProgramError(Result):
 
     @property
     def setting(self) -> str:
-        size = f"step {self.step:.4g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
-        return ", ".join(filter(None, (format_setting(self.settings, self.integrator, self.stabilization), size)))
+        return format_setting(self.settings, self.integrator, self.stabilization, self.step, self.tolerance)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -109,12 +108,22 @@ def describe_reference(reference: str, known: float | None) -> str:
 
 @dataclass(frozen=True)
 class Compared:
-    """Largest errors against a reference [m], [rad], the reference's error bar [m, rad], and how it was made."""
+    """How a reference was made, or why there is none; the largest errors against it [m], [rad], and its error bar [m, rad]."""
 
-    position: float
-    angle: float
-    known: float
     reference: str
+    position: float | None = None
+    angle: float | None = None
+    known: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A run by which a program is judged; `what` names what was run."""
+
+    status: Status
+    message: str
+    trajectory: Trajectory | None
+    what: str
 
 
 class ProgramFailed(Exception):
@@ -144,28 +153,18 @@ def measure_program(
     told(f"measuring: {engine}, {end:g} s")
     setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
     run = simulate(linkage, engine, mechanism.scenario, *setting, rows, limit=seconds / 4, tolerance=choice.tolerance)
-    status, message, trajectory = str(run.status), run.message, run.trajectory
-    measured_on = f"the suite's run of {engine} with the same setting"
-    if source:
-        try:
-            trajectory, missing = run_c(source, mechanism.n)
-            measured_on = f"{measured_on}, because {missing}" if trajectory is None else "this program itself"
-            trajectory = run.trajectory if trajectory is None else trajectory
-        except ProgramFailed as failure:
-            status, message, trajectory = str(Status.ERROR), str(failure), None
-    position = angle = known = None
-    reference = "the run did not end"
-    if trajectory is not None and status == str(Status.OK):
+    measured = run_program(run, source)
+    found, status, message = Compared("the run did not end"), measured.status, measured.message
+    if measured.trajectory is not None and status is Status.OK:
         told("measuring: the reference")
-        match find_error(Run(linkage, mechanism, end), trajectory, seconds / 2):
-            case Compared() as found:
-                position, angle, known, reference = astuple(found)
-                message = refuse_far(mechanism, found.position, found.angle)
-            case str() as reference:
-                message = refuse_other(mechanism, trajectory, run.trajectory)
-        status = str(Status.INVALID if message else Status.OK)
+        found = find_error(Run(linkage, mechanism, end), measured.trajectory, seconds / 2)
+        if found.position is None or found.angle is None:
+            message = refuse_other(mechanism, measured.trajectory, run.trajectory)
+        else:
+            message = refuse_far(mechanism, found.position, found.angle)
+        status = Status.INVALID if message else Status.OK
     return ProgramError(
-        status=status,
+        status=str(status),
         message=message,
         settings=choice.settings,
         integrator=choice.integrator,
@@ -173,21 +172,34 @@ def measure_program(
         step=choice.step,
         tolerance=choice.tolerance,
         until=end,
-        position=position,
-        angle=angle,
-        known=known,
-        reference=reference,
-        measured_on=measured_on,
+        position=found.position,
+        angle=found.angle,
+        known=found.known,
+        reference=found.reference,
+        measured_on=measured.what,
     )
 
 
-def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared | str:
-    """Return the largest errors of a trajectory, its last sample's included, or a sentence why there is no reference.
+def run_program(run: Simulation, source: str) -> Measured:
+    """Return the suite's run of a program's setting, or the run of the program itself if it is in C and can be compiled here."""
+    what = f"the suite's run of {run.engine} with the same setting"
+    if not source:
+        return Measured(run.status, run.message, run.trajectory, what)
+    try:
+        trajectory, missing = run_c(source, run.model.n)
+    except ProgramFailed as failure:
+        return Measured(Status.ERROR, str(failure), None, what)
+    if trajectory is None:
+        return Measured(run.status, run.message, run.trajectory, f"{what}, because {missing}")
+    return Measured(run.status, run.message, trajectory, "this program itself")
+
+
+def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
+    """Return the largest errors of a trajectory, its last sample's included.
 
     A reference that is quick to compute comes first. A better one follows if the first is not known to a tenth of the error.
     """
-    kept = np.unique(np.linspace(0, len(trajectory.t) - 1, COMPARED).round().astype(int))
-    part = replace(trajectory, **{x: getattr(trajectory, x)[kept] for x in ("t", "q", "v", "a")})
+    part = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
     best: Compared | None = None
     with Worker() as worker:
@@ -195,13 +207,14 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared | s
             try:
                 found = truth(run, {"position": precise * size, "angle": precise}, budget.remaining, worker, nobody)
             except NoTruth as reason:
-                return best or f"no reference could be had: {reason}"
-            bars = found.bars["position"], found.bars["angle"]
-            if max(bars[0] / size, bars[1]) > ROUGH:
-                return f"no reference could be had: the motion is known to {bars[0]:.1e} m and {bars[1]:.1e} rad only: {found.told}"
-            errors = state_errors(run.mechanism, part, found.at(run, part.t))
-            best = Compared(float(errors.length.max()), float(errors.angle.max()), max(bars), found.told)
-            if bars[0] <= KNOWN * best.position and bars[1] <= KNOWN * best.angle:
+                return best or Compared(f"no reference could be had: {reason}")
+            bar, turned = found.bars["position"], found.bars["angle"]
+            if max(bar / size, turned) > ROUGH:
+                known = f"the motion is known to {bar:.1e} m and {turned:.1e} rad only: {found.told}"
+                return best or Compared(f"no reference could be had: {known}")
+            errors = state_errors(run.mechanism, part, found.at(run, part.t)).largest
+            best = Compared(found.told, errors["position"], errors["angle"], found.bar)
+            if bar <= KNOWN * errors["position"] and turned <= KNOWN * errors["angle"]:
                 break
     assert best is not None
     return best

@@ -1,87 +1,89 @@
-"""Programs for a report's settings: each choice becomes a program for its engine, written in a worker that has the engine."""
+"""Programs for settings: an engine with a setting becomes a program, written in a process that has the engine's library."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
+from gauss_bench.api.in_worker import read_answer, tell_plainly
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import interpreter_of
 from gauss_bench.runs.programs import program_there, read_program, writes_programs
-from gauss_bench.runs.worker import Interpreter, Worker, WorkerFailure
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
-LIMIT = 300.0  # [s] for all programs of an engine
+LIMIT = 60.0  # [s] for a program of a report
 LARGEST = 30_000  # characters: a longer program is left to `gauss-bench export`
-BEATS = 50  # samples of a run whose integrator chooses its own steps
+BEATS = 50  # samples of a run whose integrator chooses its own steps, in a report
+UNWRITTEN = (ExchangeError, LinkageError, RunFailure, WorkerFailure, ImportError, ValueError, KeyError)
+
+Call = Callable[[Callable[..., Any], tuple[Any, ...]], Any]  # calls a function with arguments in the process of an engine
+
+
+def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, choice: Choice, remarks: tuple[str, ...]) -> str:
+    """Return the program that runs a mechanism over its duration in an engine; `linkage` is its name or path in the program.
+
+    Raises:
+        ExchangeError, RunFailure: the program cannot express this, or the engine refuses it.
+        MissingExtra: the engine's library is missing; WorkerFailure: its process failed.
+    """
+    if engine in WRITERS:
+        arguments = (linkage, mechanism.scenario, mechanism.duration, engine, choice, remarks)
+        return str(read_answer(call(snippet_there, arguments), linkage)["text"])
+    if writes_programs(engine):
+        return with_head(mechanism, read_program(engine, call(program_there, (engine, mechanism, choice))), remarks)
+    return snippet(mechanism, linkage, engine, choice, mechanism.duration, remarks)
+
+
+def snippet_there(
+    linkage: str, scenario: str, until: float, engine: str, choice: Choice, remarks: tuple[str, ...]
+) -> dict[str, Any]:
+    """Run `snippet` in the worker and return plain data."""
+    mechanism = replace(load(linkage, scenario), duration=until)
+    return tell_plainly(lambda: {"text": snippet(mechanism, linkage, engine, choice, until, remarks)})
+
+
+class Wanted(NamedTuple):
+    """A setting of a report; a step [s] or tolerance that is not finite is not given, and `until` [s] ends the run."""
+
+    linkage: str
+    scenario: str
+    engine: str
+    settings: str
+    integrator: str
+    stabilization: str
+    step: float
+    tolerance: float
+    until: float
+
+    @property
+    def choice(self) -> Choice:
+        """The setting as an engine takes it."""
+        step = self.step if math.isfinite(self.step) else self.until / BEATS
+        tolerance = self.tolerance if math.isfinite(self.tolerance) else None
+        return Choice(self.settings, self.integrator, self.stabilization, step, tolerance)
 
 
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
-    """Return choice -> program; choices whose engine is not installed, or that cannot be written, are left out.
-
-    A choice is (linkage, scenario, engine, settings, integrator, stabilisation, step [s], tolerance, end of the run [s]).
-    """
+    """Return setting (as the fields of Wanted) -> program; a setting whose program cannot be written here is left out."""
     written: dict[tuple[Any, ...], str] = {}
     with Worker() as worker:
-        for engine in dict.fromkeys(x[2] for x in wanted):
-            some = [x for x in wanted if x[2] == engine]
-            try:
-                if engine not in WRITERS and writes_programs(engine):
-                    texts = [_ask_engine(worker, *x) for x in some]
-                else:
-                    texts = worker.under(Interpreter()).call(write_there, ([list(x) for x in some],), LIMIT)
-            except WorkerFailure:
+        for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # which starts each engine once
+            if not holds(x.engine, x.integrator, x.stabilization):
                 continue
-            written |= {x: text for x, text in zip(some, texts, strict=True) if text}
+            call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)
+            remarks = (f"The error of this setting over {x.until:g} s is in the report that shows this program.",)
+            try:
+                mechanism = replace(load(x.linkage, x.scenario), duration=x.until)
+                text = write_program(call, x.linkage, mechanism, x.engine, x.choice, remarks)
+            except UNWRITTEN:
+                continue
+            if len(text) <= LARGEST:
+                written[x] = text
     return written
-
-
-def write_there(wanted: list[list[Any]]) -> list[str]:
-    """Return the programs of one engine; an empty text for each that cannot be written."""
-    return [_write(*x) for x in wanted]
-
-
-def _ask_engine(worker: Worker, linkage: str, scenario: str, engine: str, *setting: Any) -> str:
-    """Return the program that an engine writes itself, or an empty text.
-
-    Raises:
-        WorkerFailure: the engine's process failed.
-    """
-    choice, until = _read_setting(*setting)
-    try:
-        mechanism = replace(load(linkage, scenario), duration=until)
-        answer = worker.under(interpreter_of(engine)).call(program_there, (engine, mechanism, choice), LIMIT)
-        text = with_head(mechanism, read_program(engine, answer), (remark_on(until),))
-    except (LinkageError, RunFailure, ValueError, KeyError):
-        return ""
-    return text if len(text) <= LARGEST else ""
-
-
-def remark_on(until: float) -> str:
-    """Return the sentence on the error of a program, for its head."""
-    return f"The error of this setting over {until:g} s is in the report that shows this program."
-
-
-def _read_setting(
-    settings: str, integrator: str, stabilization: str, step: float, tolerance: float, until: float
-) -> tuple[Choice, float]:
-    """Return a choice and the end of its run [s]; a step or tolerance that is not finite is not given."""
-    exact = tolerance if math.isfinite(tolerance) else None
-    return Choice(settings, integrator, stabilization, step if math.isfinite(step) else until / BEATS, exact), until
-
-
-def _write(linkage: str, scenario: str, engine: str, *setting: Any) -> str:
-    """Return the program of a choice, or an empty text if it cannot be written."""
-    choice, until = _read_setting(*setting)
-    if not holds(engine, choice.integrator, choice.stabilization):
-        return ""
-    try:
-        mechanism = replace(load(linkage, scenario), duration=until)
-        text = snippet(mechanism, linkage, engine, choice, until, (remark_on(until),))
-    except (ExchangeError, LinkageError, RunFailure, ImportError, ValueError, KeyError):
-        return ""
-    return text if len(text) <= LARGEST else ""

@@ -4,24 +4,24 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from gauss_bench.advice.answer import Answer, format_setting
+from gauss_bench.advice.answer import Answer, format_errors, format_limits, format_setting
 from gauss_bench.advice.budget import LANES, Budget
-from gauss_bench.advice.recommending import BEATS, WRITTEN, Better, Recommender
-from gauss_bench.api.in_worker import tell_plainly
+from gauss_bench.advice.recommending import WRITTEN, Better, Recommender
 from gauss_bench.api.program_error import describe_error, describe_reference
+from gauss_bench.api.programs import write_program
 from gauss_bench.api.telling import Result, Told, nobody, render
 from gauss_bench.bench.ways import Run, space
 from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, SAFE, all_names
 from gauss_bench.engines.authors import candidates_of, read_settings
-from gauss_bench.engines.base import Choice, Variant
-from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
+from gauss_bench.engines.base import Variant
+from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.snippets import holds
 from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import BY_AUTHORS, UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
-from gauss_bench.runs.programs import program_there, read_program, writes_programs
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import RunFailure
 
@@ -147,54 +147,27 @@ def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answ
     """
     if answer.status != "ok":
         return answer
-    run, limits = recommender.run, " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in recommender.wanted.items())
-    errors = " and ".join(f"{answer.errors[kind]:.1e} {UNITS[kind]}" for kind in recommender.wanted)
-    remarks = [f"Holds {limits} over {run.until:g} s: {errors} with {answer.engine}, {setting_of(answer)}."]
+    run, errors = recommender.run, format_errors(answer.errors, recommender.wanted)
+    remarks = [
+        f"Holds {format_limits(recommender.wanted)} over {run.until:g} s: {errors} with {answer.engine}, {setting_of(answer)}."
+    ]
     if (found := recommender.truth) is not None:
         remarks.append(describe_error(answer.errors["position"], answer.errors["angle"]))
-        remarks.append(describe_reference(found.told, max(found.bars["position"], found.bars["angle"])))
-    choice = (answer.settings, answer.integrator, answer.stabilization, answer.step or run.until / BEATS, answer.tolerance)
+        remarks.append(describe_reference(found.told, found.bar))
+    call = partial(recommender.call_worker, answer.engine, least=least)
+    mechanism = replace(run.mechanism, duration=run.until)
     try:
-        program = write_program(recommender, answer.engine, choice, remarks, least)
-    except (WorkerFailure, RunFailure) as failure:
-        program = {"refused": str(failure)}
-    match program:
-        case {"text": str(text)}:
-            return replace(answer, snippet=text)
-        case {"refused": str(reason)} | {"missing": str(reason)}:
-            return replace(answer, message="; ".join(filter(None, (answer.message, reason))))
-    return answer
+        linkage = name_from_anywhere(run.linkage)
+        text = write_program(call, linkage, mechanism, answer.engine, answer.choose(run.until), tuple(remarks))
+    except (ExchangeError, ImportError, RunFailure, WorkerFailure) as reason:
+        return replace(answer, message="; ".join(filter(None, (answer.message, str(reason)))))
+    return replace(answer, snippet=text)
 
 
-def write_program(
-    recommender: Recommender, engine: str, choice: tuple[Any, ...], remarks: list[str], least: float
-) -> dict[str, Any]:
-    """Return the program of an engine with a choice as {"text": ...}, or the reason why there is none.
-
-    Raises:
-        WorkerFailure: the engine's process failed; RunFailure: the engine writes programs itself, and refused this one.
-    """
-    run = recommender.run
-    if engine not in WRITERS and writes_programs(engine):
-        mechanism = replace(run.mechanism, duration=run.until)
-        answer = recommender.call_worker(engine, program_there, (engine, mechanism, Choice(*choice)), least)
-        return {"text": with_head(mechanism, read_program(engine, answer), tuple(remarks))}
-    arguments = (run.linkage, run.mechanism.scenario, engine, choice, run.until, remarks)
-    if engine not in WRITERS:
-        return snippet_there(*arguments)
-    written: dict[str, Any] = recommender.call_worker(engine, snippet_there, arguments, least)
-    return written
-
-
-def snippet_there(
-    linkage: str, scenario: str, engine: str, choice: Sequence[Any], until: float, remarks: Sequence[str]
-) -> dict[str, Any]:
-    """Run `snippet` in a worker and return plain data."""
-    mechanism = replace(load(linkage, scenario), duration=until)
+def name_from_anywhere(linkage: str) -> str:
+    """Return a linkage as a program names it that may be started from any folder: a user's file by its whole path."""
     source = find(linkage)
-    # the program may be started from any folder, so it names a user's file by its whole path
-    name = str(source.resolve()) if source.is_file() and linkage not in built_in() else linkage
-    return tell_plainly(lambda: {"text": snippet(mechanism, name, engine, Choice(*choice), until, tuple(remarks))})
+    return str(source.resolve()) if source.is_file() and linkage not in built_in() else linkage
 
 
 def list_requirements(**limits: float | None) -> dict[str, float]:
@@ -279,7 +252,7 @@ def advised(answers: Sequence[Answer]) -> Answer | None:
 
 def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     """Return the advice: which setting to take, or what to do if none holds the requirement."""
-    limit, more = " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items()), "raise --budget or the limit"
+    limit, more = format_limits(wanted), "raise --budget or the limit"
     best = advised(answers)
     if best is None:
         near = [x for x in answers if x.errors]
@@ -288,23 +261,22 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
                 return f"No run ended within the budget that says whether {limit} can be held: see the reasons above, or {more}."
             return f"No engine runs this linkage: see the reasons above for {limit}."
         nearest = min(near, key=lambda x: max(x.errors.get(k, math.inf) / y for k, y in wanted.items()))
-        came = " and ".join(f"{nearest.errors[k]:.1e} {UNITS[k]}" for k in wanted if k in nearest.errors)
+        came = format_errors(nearest.errors, wanted)
         return f"No setting holds half of {limit} within the budget; {nearest.engine} is nearest with {came}: {more}."
-    errors = " and ".join(f"{best.errors[k]:.1e} {UNITS[k]}" for k in wanted)
     takes = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
     others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
     than = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
     unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
     hold = f"{len(unraced)} other engine{' holds' if len(unraced) == 1 else 's hold'}"
     beside = f" {hold} it too and had no race." if unraced and best.ratio is not None else ""
-    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {errors}{takes}{than}.{beside}"
+    with_errors = format_errors(best.errors, wanted)
+    return f"Take {best.engine} with {setting_of(best)}: it holds {limit} with {with_errors}{takes}{than}.{beside}"
 
 
 def setting_of(answer: Answer) -> str:
     """Return a setting in words."""
-    size = f"tolerance {answer.tolerance:.2g}" if answer.step is None else f"step {answer.step:.4g} s"
-    words = [format_setting(answer.settings, answer.integrator, answer.stabilization), size]
-    return ", ".join([*words, *([BY_AUTHORS] if answer.owner else [])])
+    words = format_setting(answer.settings, answer.integrator, answer.stabilization, answer.step, answer.tolerance)
+    return f"{words}, {BY_AUTHORS}" if answer.owner else words
 
 
 def duration_of(seconds: float) -> str:

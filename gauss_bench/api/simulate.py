@@ -7,11 +7,10 @@ from typing import Any, TypedDict
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, nobody, tell
-from gauss_bench.api.telling import Told as Hearing
+from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody, tell
 from gauss_bench.engines import OWN
 from gauss_bench.engines.base import Choice
-from gauss_bench.judge import Evidence, Objection, Subject, advice, judge, remark, trusted_until
+from gauss_bench.judge import Evidence, Judgement, Objection, Subject, advice, judge, remark, trusted_until
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, spread, velocity
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -20,7 +19,7 @@ from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.metrics import Loads
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, build_first, run_of
-from gauss_bench.runs.offers import ChoiceError, check_affordable, offer
+from gauss_bench.runs.offers import ChoiceError, Offer, check_affordable, offer
 from gauss_bench.runs.one_run import Run, sampling_through
 from gauss_bench.runs.scrutiny import (
     as_truth,
@@ -33,10 +32,10 @@ from gauss_bench.runs.scrutiny import (
 )
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Status, Told, Trajectory
+from gauss_bench.trajectory import Caption, Reference, Status, Trajectory
 
 RAN = (Status.OK, Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED)  # statuses of runs that are repeated at half the step
-QUICKEST = 2e-8, 1e-4  # [s] least time of a step, compiled and interpreted: smallest linkage, fast machine
+QUICKEST_COMPILED, QUICKEST_INTERPRETED = 2e-8, 1e-4  # [s] least time of a step: smallest linkage, fast machine
 LIMIT = 600.0  # [s] that a worker may take by default
 
 
@@ -199,12 +198,12 @@ class Simulation(OneRun):
     links: dict[str, LinkState]
     points: dict[str, PointState]
     joints: dict[str, JointForce]
-    metrics: Metrics
-    valid: bool
-    objections: tuple[Objection, ...]
+    metrics: Metrics = field(default_factory=Metrics)
+    valid: bool = False
+    objections: tuple[Objection, ...] = ()
     observed: Observed
-    trusted_until: float | None
-    advice: str
+    trusted_until: float | None = None
+    advice: str = ""
     asked_until: float = field(metadata=HIDDEN)
     model: Mechanism = field(metadata=HIDDEN)
     trajectory: Trajectory | None = field(default=None, metadata=HIDDEN)
@@ -221,13 +220,13 @@ class Simulation(OneRun):
     def notices(self) -> tuple[str, ...]:
         return tuple(f"warning: {x}" for x in self.warnings)
 
-    def told(self) -> Told:
+    def told(self) -> Caption:
         """Return the sentences on the run that plots and animations show."""
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
-        verdict = "" if self.valid else "; ".join(filter(None, (f"{self.status}: {self.message}", self.advice)))
+        verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
         trusted = None if self.trusted_until is None or self.trusted_until >= end else self.trusted_until
-        return Told(f"{self.mechanism} / {self.scenario}", how, verdict, end, trusted)
+        return Caption(f"{self.mechanism} / {self.scenario}", how, verdict, end, trusted)
 
 
 def simulate(
@@ -240,7 +239,7 @@ def simulate(
     step: float = 1e-3,
     at: list[float] | None = None,
     limit: float = LIMIT,
-    told: Hearing = nobody,
+    told: Told = nobody,
     tolerance: float | None = None,
     whole: bool = False,
     forces: bool = False,
@@ -276,99 +275,128 @@ def simulate(
     choice = offered.choose_tolerance(offered.choose(settings, integrator, stabilization, step), tolerance)
     mechanism = load(linkage, scenario)
     at = sorted(set(at)) if at else [0.0, mechanism.duration]
-    if not all(np.isfinite(x) and x >= 0 for x in at):
-        raise ChoiceError("times must be numbers that are not negative")
-    if not (np.isfinite(limit) and limit > 0):
-        raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
+    _check_times(at, limit)
     # A report at single times needs no run beyond the last of them. What shows the whole motion must not end there.
     end = max(at[-1], mechanism.duration) if whole or forces else at[-1]
     asked: dict[str, Any] = name_run(mechanism, engine, choice) | {"warnings": mechanism.warnings, "asked_until": end}
     asked |= {"model": mechanism, "observed": observe_names(mechanism)}
     if not offered.usable:
-        return Simulation(**asked, **_fields_without_run(mechanism, offered.status, offered.reason))
-    check_affordable(choice.step, end, QUICKEST[engine in OWN], limit)
+        return _without_samples(asked, offered.status, offered.reason)
+    check_affordable(choice.step, end, QUICKEST_INTERPRETED if engine in OWN else QUICKEST_COMPILED, limit)
     wanted = sampling_through(choice.step, sorted({*at, end}), sample_spacing(mechanism, end))
-    request = Request(linkage, mechanism.scenario, engine, choice, wanted)
-    adaptive = choice.integrator in offered.adaptive
-    if warning := warn_of_forcing(mechanism, choice, adaptive):
+    if warning := warn_of_forcing(mechanism, choice, choice.integrator in offered.adaptive):
         tell(f"warning: {warning}")
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {end:g} s")
     build_first(engine, [choice.settings], told)
-    worker = keep(engine)  # the worker that already answered what the engine offers
+    runs = run_twice(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, offered, limit)
+    if runs.samples is None:
+        return _without_samples(asked, runs.run.status, runs.run.message)
+    with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
+        try:
+            return Simulation(**asked, **_judge(mechanism, choice, runs, runs.samples, at, forces))
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            status = Status.ERROR if runs.run.trajectory else runs.run.status
+            return _without_samples(asked, status, _join(runs.run.message, f"what was computed cannot be judged: {error}"))
+
+
+def _check_times(at: list[float], limit: float) -> None:
+    """Check the times to report and the limit of the worker [s].
+
+    Raises:
+        ChoiceError: a time is negative, or the limit not positive.
+    """
+    if not all(np.isfinite(x) and x >= 0 for x in at):
+        raise ChoiceError("times must be numbers that are not negative")
+    if not (np.isfinite(limit) and limit > 0):
+        raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
+
+
+def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Simulation:
+    """Return the result of a run that has no samples, or none that can be judged."""
+    mechanism: Mechanism = asked["model"]
+    none = np.zeros((0, mechanism.n))
+    return Simulation(**asked, **states_at(mechanism, Trajectory(np.zeros(0), none, none, none, 0)), status=status, message=message)
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """A run with all that it is judged by.
+
+    Attributes:
+        run: carried out as it was asked for.
+        truth: the certified motion, or None.
+        finer: the repetition at half the step or a tighter tolerance, or None where it is not needed or not possible.
+        adaptive: whether the integrator chooses its own steps.
+    """
+
+    run: Run
+    truth: Reference | None
+    finer: Run | None
+    adaptive: bool
+
+    @property
+    def samples(self) -> Trajectory | None:
+        """The samples of the run, or those before its failure."""
+        return self.run.trajectory or self.run.reached
+
+
+def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: float) -> Runs:
+    """Carry out a request within `limit` seconds, and repeat it more finely where no certified motion can decide on it."""
+    truth, finer = None, None
+    worker = keep(request.engine)  # the worker that already answered what the engine offers
     try:
         run = run_of(request, mechanism, limit, worker)
-        trajectory, truth, finer = run.trajectory or run.reached, None, None
-        if trajectory is not None and run.status in RAN:
+        samples = run.trajectory or run.reached
+        if samples is not None and run.status in RAN:
             with suppress(OSError, ValueError):  # a damaged certificate is none: the run is then judged by its repetition
-                truth = find_certified(mechanism, end)
-            if len(trajectory.t) > 1 and (truth is None or not has_sound_rates(mechanism, trajectory)):
-                again = run_of(repeat_finer(request, offered, run.seconds, trajectory.t), mechanism, limit, worker)
-                finer = at_samples(again, trajectory.t)
+                truth = find_certified(mechanism, float(request.wanted.times[-1]))
+            if len(samples.t) > 1 and (truth is None or not has_sound_rates(mechanism, samples)):
+                again = run_of(repeat_finer(request, offered, run.seconds, samples.t), mechanism, limit, worker)
+                finer = at_samples(again, samples.t)
     finally:
         worker.stop()
-    with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
-        return Simulation(**asked, **_judge(mechanism, choice, run, at, truth, finer, adaptive, forces))
+    return Runs(run, truth, finer, request.choice.integrator in offered.adaptive)
 
 
-def _judge(
-    mechanism: Mechanism,
-    choice: Choice,
-    run: Run,
-    at: list[float],
-    truth: Reference | None,
-    finer: Run | None,
-    adaptive: bool,
-    forces: bool,
-) -> dict[str, Any]:
-    """Return the fields of a run: at the times asked for, or for a failed run at those that it reached and at its last time.
+def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory, at: list[float], forces: bool) -> dict[str, Any]:
+    """Return the fields of a run: at the times asked for, or for a failed run at those that it reached and at its last time."""
+    run, ended = runs.run, runs.run.trajectory is not None
+    evidence, undecided = evidence_of(mechanism, choice, samples, runs.truth, runs.finer, adaptive=runs.adaptive)
+    verdict, last = judge(evidence), float(samples.t[-1])
+    status = (Status.OK if verdict.valid else Status.INVALID) if ended else run.status
+    # the reason of the status comes first: an invalid run is one by the verdict, a failed one by its own message
+    reasons = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
+    until = last
+    if not verdict.valid:
+        second = None if runs.finer is None or runs.finer.trajectory is None else as_truth(runs.finer.trajectory)
+        until = trusted_until(Evaluator(mechanism), samples, runs.truth, second)
+    return states_at(mechanism, at_times(samples, at if ended else [*(x for x in at if x < last), last])) | {
+        "status": status,
+        "message": _join(*reasons, undecided, remark(evidence)),
+        "metrics": measure(evidence, samples, run),
+        "valid": status is Status.OK and verdict.valid,
+        "objections": verdict.objections,
+        "trusted_until": until,
+        "advice": advice(verdict.objections, choice.step, choice.stabilization != "none", runs.adaptive),
+        "trajectory": samples,
+        "loads": loads_until(mechanism, samples, until, verdict) if forces else None,
+    }
 
-    The run is judged by the certified motion if there is one, else by its repetition `finer` at half the step.
+
+def _join(*sentences: str) -> str:
+    """Return the sentences that are not empty, as one."""
+    return "; ".join(filter(None, sentences))
+
+
+def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verdict: Judgement) -> Loads:
+    """Return the largest and mean loads over the samples up to a time [s], after which the verdict on the run is bad.
+
+    Forces follow from accelerations: there are none to trust if these are another linkage's, or if only the start is valid.
     """
-    trajectory = run.trajectory or run.reached
-    if trajectory is None:
-        return _fields_without_run(mechanism, run.status, run.message)
-    try:
-        evidence, undecided = evidence_of(mechanism, choice, trajectory, truth, finer, adaptive=adaptive)
-        figures, verdict = measure(evidence, trajectory, run), judge(evidence)
-        last, status = float(trajectory.t[-1]), run.status
-        second = None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
-        until = last if verdict.valid else trusted_until(Evaluator(mechanism), trajectory, truth, second)
-        # forces follow from accelerations: there are none to trust if these are another linkage's, or if only the start is valid
-        foreign = any(x.subject is Subject.MODEL for x in verdict.objections)
-        loaded = until if verdict.valid or (until > 0.0 and not foreign) else None
-        if run.trajectory:
-            status = Status.OK if verdict.valid else Status.INVALID
-        sentences = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
-        reached = at_times(trajectory, at if run.trajectory else [*(x for x in at if x < last), last])
-        return states_at(mechanism, reached) | {
-            "status": status,
-            "message": "; ".join(filter(None, (*sentences, undecided, remark(evidence)))),
-            "metrics": figures,
-            "valid": status is Status.OK and verdict.valid,
-            "objections": verdict.objections,
-            "trusted_until": until,
-            "advice": advice(verdict.objections, choice.step, choice.stabilization != "none", adaptive),
-            "trajectory": trajectory,
-            "loads": loads_until(mechanism, trajectory, loaded) if forces else None,
-        }
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        message = "; ".join(filter(None, (run.message, f"what was computed cannot be judged: {error}")))
-        return _fields_without_run(mechanism, Status.ERROR if run.trajectory else run.status, message)
-
-
-def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float | None) -> Loads:
-    """Return the largest and mean loads over the samples up to a time [s]; None means that there are none."""
-    count = 0 if until is None else int(np.searchsorted(trajectory.t, until, "right"))
-    x = Trajectory(trajectory.t[:count], trajectory.q[:count], trajectory.v[:count], trajectory.a[:count], 0)
-    return metrics.summarise_loads(mechanism, x, metrics.load_curves(Evaluator(mechanism), x))
-
-
-def _fields_without_run(mechanism: Mechanism, status: Status, message: str) -> dict[str, Any]:
-    """Return the fields of a run without a trajectory; its lists are empty."""
-    none = np.zeros((0, mechanism.n))
-    nothing = Trajectory(np.zeros(0), none, none, none, 0)
-    verdict = {"status": status, "message": message, "metrics": {}, "valid": False, "objections": (), "trusted_until": None}
-    return states_at(mechanism, nothing) | verdict | {"advice": ""}
+    foreign = any(x.subject is Subject.MODEL for x in verdict.objections)
+    trusted = verdict.valid or (until > 0.0 and not foreign)
+    part = trajectory[: int(np.searchsorted(trajectory.t, until, "right")) if trusted else 0]
+    return metrics.summarise_loads(mechanism, part, metrics.load_curves(Evaluator(mechanism), part))
 
 
 def states_at(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
@@ -418,7 +446,7 @@ def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> Metrics:
 def at_times(trajectory: Trajectory, at: list[float]) -> Trajectory:
     """Return the samples nearest to the times `at` [s]."""
     k = [int(np.abs(trajectory.t - x).argmin()) for x in at]
-    return Trajectory(trajectory.t[k], trajectory.q[k], trajectory.v[k], trajectory.a[k], trajectory.steps)
+    return trajectory[np.array(k)]
 
 
 def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:

@@ -7,7 +7,7 @@ is judged, not the setting that it was made from.
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,15 @@ import numpy as np
 
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import HALF, KNOWN
-from gauss_bench.advice.truth import NoTruth, Truth, truth
+from gauss_bench.advice.truth import NoTruth, Truth, shorten, truth
 from gauss_bench.api.exchange import READING
 from gauss_bench.api.files import writable
 from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.api.own_model import OwnFile, read_own_file, refuse_what_acts
 from gauss_bench.api.recommend import list_requirements
 from gauss_bench.api.telling import Result, Told, nobody
-from gauss_bench.bench.clock import interleave, stepping, time_of
+from gauss_bench.atomic import atomically
+from gauss_bench.bench.clock import interleave, time_of
 from gauss_bench.bench.ways import Run, Way, judge_trial
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -34,18 +35,17 @@ from gauss_bench.exchange.own_model import ENGINE, setting_text
 from gauss_bench.exchange.safe_xml import MAX_BYTES
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reach import UNITS, Trial
+from gauss_bench.reach import UNITS, Requirement, Trial, share
 from gauss_bench.runs.apart import Request, run_apart
+from gauss_bench.runs.blocks import stepping
 from gauss_bench.runs.offers import check_budget, duration
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.worker import Worker
-from gauss_bench.tables import atomically
 from gauss_bench.untrusted import read_bytes
 
 BUDGET = 60.0  # [s]
 REFERENCE = 0.5  # of the budget, for the reference
 HOLDS = HALF.limit  # of a requirement: the largest error of a setting that holds it
-SHORTER = 4.0  # factor by which the time is shortened where no reference is known over it
 SAMPLES = 200  # of a run
 HALVINGS = 10  # of the timestep at most
 STIFF = VARIANTS.settings["tuned"]  # as stiff as documented options make closures
@@ -124,9 +124,10 @@ class Judge:
         ran = run_apart(request, self.run.mechanism, max(1.0, self.budget.remaining()), self.worker)
         way = Way(ENGINE, "", "", "none", step)
         trial = judge_trial(self.run, self.evaluator, self.known.at(self.run, times), way, ran)
-        bars = self.known.bars  # the run may be off by them beyond what is measured
-        shares = [(trial.errors.get(kind, math.inf) + bars.get(kind, 0.0)) / limit for kind, limit in self.required.items()]
-        return Tried(dict(changes), trial, math.inf if any(map(math.isnan, shares)) else max(shares))
+        # the run may be off by the error bars of the reference beyond what is measured
+        largest = {kind: x + self.known.bars.get(kind, 0.0) for kind, x in trial.errors.items()}
+        worst = share(replace(trial, errors=largest), [Requirement(*x) for x in self.required.items()])
+        return Tried(dict(changes), trial, math.inf if math.isnan(worst) else worst)
 
 
 def tune(
@@ -209,21 +210,20 @@ def find_reference(
     Raises:
         ExchangeError: no reference is known at all.
     """
-    end = duration(file.mechanism.duration, until=until)
-    shortest = end if until is not None else end / SHORTER**2
+    whole = duration(file.mechanism.duration, until=until)
     wanted, last, reason = {kind: KNOWN * x for kind, x in required.items()}, None, ""
-    while end >= shortest:
+    for end in shorten(whole) if until is None else [whole]:
         attempt = Budget(budget.remaining(REFERENCE) / 2)  # half of what is left, so that a shorter time has its turn
         try:
             found = truth(Run(str(file.path), file.mechanism, end), wanted, attempt.remaining, worker, told)
-            last = (end, found)
-            if all(found.bars.get(kind, 0.0) <= x for kind, x in wanted.items()):
-                return last
         except NoTruth as failure:
             reason = str(failure)
-        end /= SHORTER
+            continue
+        last = (end, found)
+        if all(found.bars.get(kind, 0.0) <= x for kind, x in wanted.items()):
+            break
     if last is None:
-        raise ExchangeError(f"{file.path}: cannot be judged over {end * SHORTER:g} s: {reason}")
+        raise ExchangeError(f"{file.path}: cannot be judged over {end:g} s: {reason}")
     return last
 
 

@@ -17,13 +17,10 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import LEAST_WORDS
 from gauss_bench.integrate.fixed_step import dop853_tableau
 from gauss_bench.linkage.load import document_of
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import SIZE
-from gauss_bench.metrics import compare_joint_forces
 from gauss_bench.reference.build import absolute_motion
 from gauss_bench.runs.one_run import Run, nothing
-from gauss_bench.runs.questions import SUBSTEPS, accelerations, follow_accelerations, joint_forces
+from gauss_bench.runs.questions import SUBSTEPS, ForceQuestion, accelerations, follow_accelerations
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -224,15 +221,12 @@ def reactions(subject: Subject) -> Iterator[Check]:
     worst = ""
     for linkage, scenario in (subject.moving[0], *PLAIN):
         on = probe(linkage, scenario)
-        names = tuple(joint.name for joint in on.mechanism.joints)
-        question = partial(joint_forces, names, on.t, on.q, on.v)
-        run = subject.perform(on.mechanism, subject.usual, np.array([0.0, STEP]), question, SIZE * len(on.t) * len(names))
+        question = ForceQuestion(on.mechanism, Trajectory(on.t, on.q, on.v, on.a, None))
+        run = subject.perform(on.mechanism, subject.usual, np.array([0.0, STEP]), question.ask, question.answers)
         if run.trajectory is None:
             yield Check(title, None if refusal(subject, subject.usual, run, on.mechanism) else False, run.message)
             return
-        told = np.asarray(run.answer, dtype=float)
-        states = Trajectory(on.t, on.q, on.v, on.a, None)
-        error, largest = compare_joint_forces(Evaluator(on.mechanism), states, told)
+        error, largest = question.compare(run.answer)
         if error > EXACT * largest:
             off = f"they are off by {error:.1e} (N, N m), where the largest is {largest:.1e}"
             yield Check(title, False, f"{off} ({on.mechanism.name})")

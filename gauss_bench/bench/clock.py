@@ -27,15 +27,9 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gauss_bench.engines import not_installed
-from gauss_bench.runs.blocks import BLOCK as BLOCK
-from gauss_bench.runs.blocks import MOTION as MOTION
-from gauss_bench.runs.blocks import Block as Block
-from gauss_bench.runs.blocks import BlockElsewhere
-from gauss_bench.runs.blocks import lasting as lasting
-from gauss_bench.runs.blocks import stepping as stepping
-from gauss_bench.runs.one_run import measure_seconds as measure_seconds
+from gauss_bench.runs.blocks import Block, BlockElsewhere
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status
+from gauss_bench.trajectory import Failure, RunFailure, Status
 
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] slower blocks run in the first rounds only: all rounds would take minutes
 CERTAIN = 0.99  # chance that a second race falls within a spread
@@ -79,12 +73,8 @@ def interleave(
         gc.enable()
 
 
-class Missing(LookupError):
-    """Raised for a quantity that was not measured; holds a status and the reason in a sentence."""
-
-    def __init__(self, status: Status, message: str):
-        self.status = status
-        super().__init__(message)
+class Missing(Failure):
+    """Raised for a quantity that was not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,14 +89,14 @@ class Measured:
     """
 
     samples: Mapping[Hashable, Array]
-    failed: Mapping[Hashable, Missing]
+    failed: Mapping[Hashable, Failure]
     facts: Mapping[Hashable, Row] = field(default_factory=dict)
 
     def of(self, key: Hashable) -> Array:
         """Return the samples (processes, rounds) of an entry.
 
         Raises:
-            Missing: it was not measured.
+            Failure: it was not measured.
         """
         if key in self.samples:
             return self.samples[key]
@@ -117,7 +107,7 @@ class Measured:
         """Return the time [s] of an entry.
 
         Raises:
-            Missing: it was not measured.
+            Failure: it was not measured.
         """
         return time_of(self.of(key))
 
@@ -125,7 +115,7 @@ class Measured:
         """Return the times of two entries and their ratio, as `compare` does for samples.
 
         Raises:
-            Missing: one of them was not measured.
+            Failure: one of them was not measured.
         """
         return compare(self.of(own), self.of(rival))
 
@@ -139,7 +129,7 @@ class Race:
     def __init__(self, watch: Callable[[Hashable], object] = id) -> None:
         self.watch = watch
         self.blocks: list[Block] = []
-        self.failed: dict[Hashable, Missing] = {}
+        self.failed: dict[Hashable, Failure] = {}
 
     def add(self, key: Hashable, make: Callable[..., Block], *arguments: Any) -> None:
         """Enter the block that make(*arguments) returns, under the key."""
@@ -147,7 +137,7 @@ class Race:
         try:
             block = make(*arguments)
         except RunFailure as failure:
-            self.failed[key] = Missing(failure.status, str(failure))
+            self.failed[key] = failure
         except ImportError as error:
             self.failed[key] = Missing(Status.SKIP, not_installed(error))
         else:
@@ -160,7 +150,7 @@ class Race:
             samples[block.entry].append(seconds)
         for block in self.blocks:
             if isinstance(block, BlockElsewhere) and block.failure:
-                self.failed[block.entry] = Missing(block.failure.status, str(block.failure))
+                self.failed[block.entry] = block.failure
                 samples.pop(block.entry)
         return Measured({key: pad([np.array(x)]) for key, x in samples.items()}, self.failed)
 
@@ -176,7 +166,7 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
     With `strict`, an entry that failed in one process counts as failed, even if others have times.
     """
     samples: dict[Hashable, dict[int, list[float]]] = {}
-    failed: dict[Hashable, Missing] = {}
+    failed: dict[Hashable, Failure] = {}
     facts: dict[Hashable, Row] = {}
     for r in sorted(rows, key=lambda r: r.get("round") or 0):
         if r.get("seconds") is not None:
@@ -290,8 +280,8 @@ def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
     """Return the row that make(*arguments) measures, with status OK, or a row with the reason why there is no measurement."""
     try:
         return start | {"status": str(Status.OK), "message": ""} | make(*arguments)
-    except Missing as missing:
-        return start | {"status": str(missing.status), "message": str(missing)}
+    except Failure as failure:
+        return start | failure.columns
 
 
 def at_least(row: Row, column: str, target: float | None) -> Row:

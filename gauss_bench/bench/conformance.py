@@ -55,7 +55,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
 def _judge(
     subject: Subject, name: str, look: Callable[[Mechanism, Trajectory], str], times: Array | None = None
 ) -> Iterator[Check]:
-    """One check on each linkage; `look` says what is wrong with a trajectory, at every step or these times, or nothing."""
+    """Yield a check on each linkage; `look` says what is wrong with a trajectory, at every step or these times, or nothing."""
     for linkage, scenario in PLAIN:
         run = subject.whole[linkage] if times is None else subject.run(linkage, scenario, times)
         title = f"{name} ({linkage})"
@@ -76,11 +76,9 @@ def _start(subject: Subject) -> Iterator[Check]:
 
     def look(m: Mechanism, x: Trajectory) -> str:
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
-        return (
-            ""
-            if gap <= START
-            else f"it is {gap:.1e} (m, rad, or of the largest speed) away: units, order of links, or a step too many"
-        )
+        if gap <= START:
+            return ""
+        return f"it is {gap:.1e} (m, rad, or of the largest speed) away: units, order of links, or a step too many"
 
     yield from _judge(subject, "the first sample is the start", look)
 
@@ -186,7 +184,7 @@ def _steps(subject: Subject) -> Iterator[Check]:
 
 
 def asking(m: Mechanism) -> Asked:
-    """A question for the acceleration at the start of a linkage, which is asked in the worker: (1, n)."""
+    """Return the question for the acceleration (1, n) at the start of a linkage, which is asked in the worker."""
     return partial(accelerations, np.zeros(1), m.q0[None], m.v0[None])
 
 

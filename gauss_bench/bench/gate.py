@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from gauss_bench.atomic import write_text
 from gauss_bench.bench.cases import Case
 from gauss_bench.judge import OFF_ACCELERATION, OFF_DRIFT
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import offer
-from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, csv_text, read_file, row_of, write_text
+from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, csv_text, read_file, row_of
 
 FIGURE = [*KEY, "metric"]  # columns that identify a figure
 Key = tuple[Any, ...]  # values of the columns FIGURE

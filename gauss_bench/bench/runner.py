@@ -18,6 +18,7 @@ from typing import Any
 
 import pandas as pd
 
+from gauss_bench.atomic import write_text
 from gauss_bench.bench import measurements
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.journal import Journal, fingerprint
@@ -33,7 +34,7 @@ from gauss_bench.runs.apart import Alteration, is_unaltered
 from gauss_bench.runs.offers import Offer, offers
 from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
-from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table, write_text
+from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table
 
 ORDER = ("accuracy", "cost")  # these come first, because others depend on their rows
 

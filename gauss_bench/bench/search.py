@@ -24,14 +24,8 @@ from gauss_bench.reach import Requirement, Trial, convergence
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-MENDABLE = (
-    Status.NAN,
-    Status.DIVERGED,
-    Status.NOT_CONVERGED,
-    Status.WARNING,
-    Status.ERROR,
-    Status.RANK_LOST,
-)  # a finer size may cure these
+# statuses that a finer size may cure
+MENDABLE = (Status.NAN, Status.DIVERGED, Status.NOT_CONVERGED, Status.WARNING, Status.ERROR, Status.RANK_LOST)
 COARSEST = 10  # steps of a run
 PER_OCTAVE = 4  # sizes: neighbours differ by a fifth where they need not meet beats, and by a half at most
 FIFTHS = 50  # steps of a run: fewer are multiples of five

@@ -11,8 +11,9 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.bench.clock import Block, Measured, Race, gather_rounds
+from gauss_bench.bench.clock import Measured, Race, gather_rounds
 from gauss_bench.bench.tasks import LIMIT, LOST, Rows
+from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes for the name of the running engine
@@ -41,8 +42,8 @@ def race_here(
         watch(block.entry)
         if facts := block.facts():
             rows.append(name | {"facts": facts})
-    for key, missing in measured.failed.items():
-        rows.append(key._asdict() | {"status": str(missing.status), "message": str(missing)})  # type: ignore[attr-defined]
+    for key, failure in measured.failed.items():
+        rows.append(key._asdict() | failure.columns)  # type: ignore[attr-defined]
     return rows
 
 

@@ -4,21 +4,22 @@ The searches are `measurements/search.py` and `../advice`.
 """
 
 import math
+from collections.abc import Mapping
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gauss_bench.bench.tasks import CASE_LIMIT
-from gauss_bench.engines import environment_of, get
-from gauss_bench.engines.base import Choice, Model, Variant, ask
+from gauss_bench.engines import environment_of
+from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.engines.own_options import is_assignment
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
 from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import Request, run_of
-from gauss_bench.runs.blocks import Block, Work, block_elsewhere, leading, running, share_of, stepping
+from gauss_bench.runs.blocks import Block, Models, Work, block_elsewhere, build_once, leading, running, share_of, stepping
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
@@ -58,13 +59,18 @@ def space(engine: Offer) -> list[Variant]:
     ]
 
 
-def loop_of(way: Way) -> str:
-    """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
+def options_of(way: Way) -> Mapping[str, Any]:
+    """Return the options that the settings of a way stand for: a variant, a label, or options one by one."""
     offered = offer(way.engine)
     if is_assignment(way.settings):
-        return str(offered.resolve_settings(way.settings).get("loop", ""))
+        return offered.resolve_settings(way.settings)
     variant = offered.variants.get(way.settings)
-    return str((variant.options if variant else offered.settings.get(way.settings, {})).get("loop", ""))
+    return variant.options if variant else offered.settings.get(way.settings, {})
+
+
+def loop_of(way: Way) -> str:
+    """Return the name of the time loop of a setting (option `loop`), or an empty text where there is no such option."""
+    return str(options_of(way).get("loop", ""))
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
@@ -118,26 +124,16 @@ def is_adaptive(way: Way) -> bool:
     return way.integrator in offer(way.engine).adaptive
 
 
-Models = dict[Way, Any]  # variant, as a way of size 0 -> model
-
-
-def build_model(run: Run, way: Way, models: Models) -> Model:
-    """Return the model of a way; all sizes of a variant share a model if the engine is `resizable`."""
-    engine, variant = get(way.engine), way._replace(size=0.0)
-    if variant not in models or not ask(engine, "resizable"):
-        models[variant] = engine.build(run.mechanism, choice_of(way, is_adaptive(way), run.until))
-    return cast(Model, models[variant])
-
-
 def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
     """Return the block, without its entry, of some work of a way: here, or in the environment in which its engine lives.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
+    choice = choice_of(way, is_adaptive(way), run.until)
     if environment_of(way.engine) is None:
-        return work(build_model(run, way, models))
-    return block_elsewhere(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until), work)
+        return work(build_once(models, way.engine, run.mechanism, choice))
+    return block_elsewhere(way.engine, run.mechanism, choice, work)
 
 
 def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:

@@ -15,7 +15,8 @@ from itertools import product
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.program import KernelError, Program, drops, known_program, partitions
+from gauss_bench.compiler.elimination.partition import study
+from gauss_bench.compiler.elimination.program import KernelError, Program, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.machine.native_code import Flags, Target, choose_target
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
@@ -90,7 +91,7 @@ def _straight_line(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     ways: list[tuple[str, tuple[int, ...] | None]] = [(o.formulation, o.independent)]
     ways += [("gauss", p) for p in partitions(mechanism) if ("gauss", p) != (first.formulation, first.independent)]
     ways += [("lagrange", None)] if first.formulation != "lagrange" else []
-    for k, ((formulation, independent), drop) in enumerate(product(ways, range(drops(mechanism)))):
+    for k, ((formulation, independent), drop) in enumerate(product(ways, range(len(study(mechanism).drops)))):
         try:
             if k:
                 yield program(formulation, independent=independent, drop=drop)
@@ -212,10 +213,9 @@ class Kernel:
         parts = self.legs(t0, dt, n) if self._kinks else ()
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
-            numbers = (
-                p if not self._kinks and p.shape == self._values.shape else self._numbers(parameters, 1, _middle(t0, parts))[0]
-            )
-            state = self._one(q, v, numbers, t0, dt, n, integrator)
+            if self._kinks or p.shape != self._values.shape:
+                p = self._numbers(parameters, 1, _middle(t0, parts))[0]
+            state = self._one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]
         states = np.atleast_2d(np.concatenate([q, v], axis=-1, dtype=float))
         given = self._numbers(parameters, len(states), _middle(t0, parts))
@@ -254,10 +254,10 @@ class Kernel:
         samples, taken, tried = self._driver.integrate_over(state, numbers, at, (rtol, atol), self._kinks)
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
-    def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
-        """Tell whether the first program does n steps of one state by itself: no other is generated."""
+    def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
+        """Tell whether the first program does n steps of one state from t = 0 by itself: no other is generated."""
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
-        for leg in self.legs(t0, dt, n):
+        for leg in self.legs(0.0, dt, n):
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
             if isinstance(done, Stop):
                 return False

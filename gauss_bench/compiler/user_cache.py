@@ -1,21 +1,21 @@
 """The compiler's cache on disk: object code in `NAME.o`, the outcome of a search in `NAME.json`.
 
 Machine code from the cache is executed, so only files that this user wrote are loaded: all are in one folder that belongs to the
-user and that nobody else may enter. A file begins with the hash of its content; one that does not match is ignored. Files are
-written under a temporary name and then moved, so that no process sees half of one; temporary files of killed processes are removed
-by a later write.
+user and that nobody else may enter. A file begins with the hash of its content; one that does not match is ignored. Files
+appear as a whole (`atomic.py`); what killed processes left unfinished is removed by a later write.
 """
 
 import hashlib
 import os
 import stat
-import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
 
+from gauss_bench.atomic import PART, write_bytes
+
 DIGEST = hashlib.sha256().digest_size
-PART, LEFT = ".part", 600.0  # ending of unfinished files, and the age [s] from which nobody is writing them any more
+LEFT = 600.0  # age [s] of an unfinished file from which nobody is writing it any more
 MAGIC = b"gauss-bench cache 2\n"
 
 
@@ -61,15 +61,9 @@ def store(name: str, content: bytes) -> bool:
     if path is None:
         return False
     _collect(path)
-    unfinished = ""
     try:
-        handle, unfinished = tempfile.mkstemp(dir=path, suffix=PART)
-        with os.fdopen(handle, "wb") as file:
-            file.write(MAGIC + _digest(name, content) + content)
-        os.replace(unfinished, path / name)
+        write_bytes(path / name, MAGIC + _digest(name, content) + content)
     except OSError:
-        if unfinished:
-            Path(unfinished).unlink(missing_ok=True)
         return False
     return True
 

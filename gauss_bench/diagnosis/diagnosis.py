@@ -206,8 +206,8 @@ class Case:
         count = len(self.sound[-1].at)
         self.start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (own.mechanism.q0, own.mechanism.v0)))
         self.noise = self._acceleration_noise()
-        self.map: samples.TimeMap | None = None
-        self.jumped: samples.Jump | None = None
+        self.map = samples.TimeMap(np.nan, np.nan, left=0.0)  # until one is found
+        self.jump_time = np.nan  # [s]
 
     def verdict(self) -> Answer:
         """Return the first answer that accounts for the error: its cause, its sentence and the explanations that were tried."""
@@ -316,11 +316,12 @@ class Case:
         h = self.first.step
         whole = np.unique([0, *range(round(told.t[k] / h), round(told.t[k + 1] / h) + 1)])
         x = self.run(self.choices[0], sampling_at(h, whole * h)).trajectory
-        self.jumped = samples.jump(self.own, States(x.t, x.q, x.v)) if x else None
-        if self.jumped is None:
+        jumped = samples.jump(self.own, States(x.t, x.q, x.v)) if x else None
+        if jumped is None:
             return None
-        where = "back to its start" if self.jumped.to_start else "elsewhere"
-        said = f"the state jumps {where} at t = {self.jumped.t:.6g} s, by {self.jumped.size:.2g} (m, rad) in one step"
+        self.jump_time = jumped.t
+        where = "back to its start" if jumped.to_start else "elsewhere"
+        said = f"the state jumps {where} at t = {jumped.t:.6g} s, by {jumped.size:.2g} (m, rad) in one step"
         return Answer(Cause.RESET, f"{said}, as an engine does that resets itself after an error")
 
     def _find_length(self) -> Answer | None:
@@ -536,9 +537,9 @@ class Case:
             told=tuple(np.nan if x is None else x.relative_told for x in self.local),
             moved=tuple(np.nan if x is None else x.relative_moved for x in self.local),
             step_exponent=self.step_exponent(),
-            shift=np.nan if self.map is None else self.map.shift,
-            rate=np.nan if self.map is None else self.map.rate,
-            jump_time=np.nan if self.jumped is None else self.jumped.t,
+            shift=self.map.shift,
+            rate=self.map.rate,
+            jump_time=self.jump_time,
         )
 
     def parts(self, cause: Cause) -> dict[Part, float]:
@@ -549,7 +550,7 @@ class Case:
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in WHOLE:
-            left = self.map.left if self.map and cause.part is Part.SAMPLING else 0.0
+            left = self.map.left if cause.part is Part.SAMPLING else 0.0
             return by_part | {cause.part or Part.MODEL: self.whole * (1 - left), Part.INTEGRATOR: self.whole * left}
         rest, soft = Part.MODEL, cause is Cause.SOFTNESS
         drift = 0.0 if self.closure.closure_stays else min(self.closure.closure_share * self.whole, self.by_step)

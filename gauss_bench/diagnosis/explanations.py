@@ -162,11 +162,10 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Yield explanations by wrong parameters of a linkage, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
-    base = parts.accelerations()
 
     def change_by(**changes: Any) -> Array:
         there = Evaluator(replace(mechanism, **changes))
-        return replace(parts, mass=there.mass, Q=there.applied.generalised(x.q, x.v, x.t)).accelerations() - base
+        return parts.effect(mass=there.mass, Q=there.applied.generalised(x.q, x.v, x.t))
 
     def scale_links(names: Sequence[str], keys: Sequence[str]) -> Callable[[float], Array]:
         def effect(c: float) -> Array:
@@ -222,7 +221,6 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Yield explanations by a wrong factor or sign of all forces of one kind."""
     mechanism, parts = own.mechanism, own.parts(x)
-    base = parts.accelerations()
 
     def force_of(*forces: Force) -> Array:
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
@@ -235,14 +233,12 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     sums |= {"all forces but gravity": force_of(*mechanism.forces), "all forces and gravity": parts.Q}
     sums |= {f"all of the force {f.name}": force_of(f) for f in mechanism.forces}
     for what, Q in sums.items():
-        effect = replace(parts, Q=parts.Q + Q).accelerations() - base
-        yield Explanation(Cause.FORCE, what, effect, f"{what} {{are}}", exact=True)
+        yield Explanation(Cause.FORCE, what, parts.effect(Q=parts.Q + Q), f"{what} {{are}}", exact=True)
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Yield explanations by a wrong factor of entries, rows or velocity terms of the constraints."""
     mechanism, parts = own.mechanism, own.parts(x)
-    base = parts.accelerations()
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
     names += [x.name for x in mechanism.couplings for _ in x.held]
     names += [driver.name for driver in mechanism.drivers] + [edge.name for edge in mechanism.knife_edges]
@@ -253,14 +249,13 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     for what, some in several:
         more = parts.gamma.copy()
         more[:, some] += bias[:, some]
-        effect = replace(parts, gamma=more).accelerations() - base
-        yield Explanation(Cause.VELOCITY_TERMS, what, effect, f"{what} {{are}}", exact=True)
+        yield Explanation(Cause.VELOCITY_TERMS, what, parts.effect(gamma=more), f"{what} {{are}}", exact=True)
 
     def scale_entries(row: int, column: Any) -> Callable[[float], Array]:
         def effect(c: float) -> Array:
             J = parts.J.copy()
             J[:, row, column] *= 1 + c
-            return replace(parts, J=J).accelerations() - base
+            return parts.effect(J=J)
 
         return effect
 
@@ -275,15 +270,12 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
     """Yield explanations by constraints that are left out, lack their velocity terms, or belong to an earlier state."""
     mechanism, parts = own.mechanism, own.parts(x)
-    base, rows = parts.accelerations(), own.evaluator.constraints
-
-    def change_constraints(J: Array = parts.J, gamma: Array = parts.gamma) -> Array:
-        return replace(parts, J=J, gamma=gamma).accelerations() - base
+    rows = own.evaluator.constraints
 
     def with_gamma(some: Any, value: Array | float) -> Array:
         gamma = parts.gamma.copy()
         gamma[:, some] = value
-        return change_constraints(gamma=gamma)
+        return parts.effect(gamma=gamma)
 
     held: dict[str, list[int]] = {}
     at = 0
@@ -292,7 +284,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
     closing = sorted(row for joint in spanning_tree(mechanism).closures for row in held[joint.joint])
     dropped = {f"the joint {name} is": some for name, some in held.items()} | {"the loops' closing joints are": closing}
     for name, some in (dropped | {"all constraints are": list(range(rows.m))}).items():
-        what, free = name.removesuffix(" is").removesuffix(" are"), parts.without(some).accelerations() - base
+        what, free = name.removesuffix(" is").removesuffix(" are"), parts.without(some).accelerations() - parts.unaltered
         yield Explanation(Cause.IGNORED, what, free, f"{name} left out: nothing holds what it should", once=True)
     second = own.second_rates(x)
     for row, driver in enumerate(mechanism.drivers, rows.joint_rows):
@@ -305,14 +297,11 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
     for what, (whose, effect) in terms.items():
         said = f"the velocity terms of {whose} are left out"
         yield Explanation(Cause.VELOCITY_TERMS, f"velocity terms of {what}", effect, said, once=True)
-    old, first = own.parts(before), own.parts(start)
-    J0, gamma0 = np.broadcast_to(first.J, parts.J.shape), np.broadcast_to(first.gamma, parts.gamma.shape)
-    for what, effect in (("Jacobian", change_constraints(J=J0)), ("Jacobian and bias", change_constraints(J0, gamma0))):
-        said = f"the constraints' {what.lower()} stays that of the start"
-        yield Explanation(Cause.STALE, f"{what} of the start", effect, said, once=True)
-    for what, effect in (("Jacobian", change_constraints(J=old.J)), ("Jacobian and bias", change_constraints(old.J, old.gamma))):
-        said = f"the constraints' {what.lower()} is {{amount}} steps old"
-        yield Explanation(Cause.STALE, f"{what} of earlier steps", effect, said)
+    for when, then, age in (("the start", start, "stays that of the start"), ("earlier steps", before, "is {amount} steps old")):
+        old = own.parts(then)
+        for what, effect in (("Jacobian", parts.effect(J=old.J)), ("Jacobian and bias", parts.effect(J=old.J, gamma=old.gamma))):
+            said = f"the constraints' {what.lower()} {age}"
+            yield Explanation(Cause.STALE, f"{what} of {when}", effect, said, once=then is start)
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:

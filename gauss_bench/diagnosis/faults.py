@@ -17,7 +17,6 @@ from gauss_bench.diagnosis.planted import TABLES
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.engines.tree import spanning_tree
-from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
@@ -99,19 +98,13 @@ class FaultyModel(InterpretedModel):
         super().run()
         self.running = False
 
-    def _run_fixed(self) -> None:
-        step = STEPS[self.choice.integrator]
-        q, v = self.mechanism.q0, self.mechanism.v0
-        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
-            for i in range(count if self.times[k + 1] > self.times[k] else 0):
-                t = float(self.times[k]) + i * h
-                self.recent = [self.recent[1], self.rows(t, q, v)]
-                q, v = step(self.stabilized, t, q, v, h)
-                if self.choice.stabilization == "projection":
-                    q, v = self.evaluator.project(t + h, q, v)
-                q, v = self.fault.stepped((q, v), self, t + h)
-                self.steps += 1
-            self.x[k + 1], self.dx[k + 1] = q, v
+    def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> State:
+        for i in range(count):
+            t = begin + i * h
+            self.recent = [self.recent[1], self.rows(t, x, dx)]
+            x, dx = super()._advance(t, x, dx, h, 1, last)
+            x, dx = self.fault.stepped((x, dx), self, t + h)
+        return x, dx
 
     def read(self) -> Trajectory:
         trajectory = replace(super().read(), t=self.asked)

@@ -9,6 +9,8 @@ rows contradict each other slightly; the tolerance is large enough that they sti
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +53,15 @@ class Parts:
         blocked = keep * (Vt @ free[..., None])[..., 0]
         b = free + (np.swapaxes(Vt, -1, -2) @ (moved - blocked)[..., None])[..., 0]
         return np.asarray(b / root)
+
+    @cached_property
+    def unaltered(self) -> Array:
+        """The accelerations (k, n) under these terms."""
+        return self.accelerations()
+
+    def effect(self, **terms: Any) -> Array:
+        """Return the change (k, n) of the accelerations where other terms stand in the place of some."""
+        return replace(self, **terms).accelerations() - self.unaltered
 
     def multipliers(self, a: Array) -> Array:
         """Return the shortest lambda (k, m) of M a + J^T lambda = Q for given accelerations a (k, n)."""

@@ -182,11 +182,9 @@ def jump(own: OwnMotion, dense: States) -> Jump | None:
     led = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)
     if not len(off):
         return None
-    usual = float(np.median(off))
-    k = int(off.argmax())
-    if off[k] <= JUMP * (led[k] + usual) and off[k] <= SUSPICIOUS:
-        return None
-    if off[k] <= JUMP * usual:
+    usual, k = float(np.median(off)), int(off.argmax())
+    # a jump leads farther than other steps are off, and farther than the velocity allows or than checkpoints explain
+    if off[k] <= max(JUMP * usual, min(JUMP * (led[k] + usual), SUSPICIOUS)):
         return None
     back = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
     return Jump(float(x.t[k + 1]), float(off[k]), back <= 0.1 * off[k])

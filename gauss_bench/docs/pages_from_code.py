@@ -50,14 +50,20 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Note the headings of a page for the search of the site; for the index of keys, each key."""
+    """Note the headings of a page for the search of the site; for the index of keys, each key; for the commands, each option."""
     page_name = page.title
     HEADINGS.append({"location": page.url, "title": page_name})
+    found = [(heading.url, heading.title) for heading in flatten(page.toc)]
     if page.file.src_uri == "keys.md":
         found = [(f"#{address}", describe_key(entry, key)) for entry, key, address in list_keys()]
-    else:
-        found = [(heading.url, heading.title) for heading in flatten(page.toc)]
+    elif page.file.src_uri == "commands.md":
+        found += list_options()
     HEADINGS.extend({"location": f"{page.url}{anchor}", "title": f"{page_name}: {words}"} for anchor, words in found)
+
+
+def list_options() -> list[tuple[str, str]]:
+    """Return each option of each verb, with the address of the verb on the page of commands."""
+    return [(f"#{verb}", f"{verb} {x}") for verb, given in VERBS.items() for x in given.get("options", {}) if x.startswith("-")]
 
 
 def flatten(headings: Iterable[Any]) -> Iterator[Any]:

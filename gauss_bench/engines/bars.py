@@ -4,7 +4,7 @@ A bar's frame has its origin at its first pin, and its x axis runs along it. Sta
 angle of every bar, as everywhere in this package. These are the numbers of `releases/linkages`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +53,20 @@ THREE_CRANKS = (  # a beam on three equal cranks, of which one is redundant, and
     Bar("right", -1, 2.0, 1.0, 0.5, 1.0, 0.1),
 )
 RATIO, CURVE = -0.5, 0.2  # the second bar of CHAIN turns by RATIO x + CURVE x^2 against the first, at x
+
+
+def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
+    """Return the absolute accelerations (k, n) of a linkage at absolute states q, v (k, n).
+
+    Args:
+        solve: angles and spins (bars,), each against the parent's, -> their accelerations.
+    """
+    answers = []
+    for state, rates in zip(q, v, strict=True):
+        theta, w = angles_of(state, bars), angles_of(rates, bars)
+        alpha = sum_up(solve(relative(theta, bars), relative(w, bars)), bars)
+        answers.append(accelerations_of(theta, w, alpha, bars)[: q.shape[1]])  # without a twin
+    return np.array(answers)
 
 
 def angles_of(q: Array, bars: Sequence[Bar]) -> Array:

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from gauss_bench.atomic import atomically
 from gauss_bench.engines import ELSEWHERE, KEYS, LARGEST, UnknownEngine, file_of_engines, read_environments
 from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 
@@ -301,14 +302,10 @@ def _write_file(text: str, tables: dict[str, object]) -> None:
     if not text.strip():
         path.unlink(missing_ok=True)
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, unfinished = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+
+    def write(part: Path) -> None:
+        part.write_text(text, encoding="utf-8")
         if path.exists():
-            shutil.copymode(path, unfinished)
-        os.replace(unfinished, path)
-    except BaseException:
-        Path(unfinished).unlink(missing_ok=True)
-        raise
+            shutil.copymode(path, part)
+
+    atomically(path, write)

@@ -8,6 +8,7 @@ from xml.sax.saxutils import quoteattr
 
 from gauss_bench.exchange.errors import ExchangeError
 
+TAG = re.compile(rb"""<(?:"[^"]*"|'[^']*'|[^"'>])*+>""")  # within quotes a ">" ends nothing
 SETS = re.compile(rb"""\s([\w.:-]+)\s*=\s*("[^"]*"|'[^']*')""")  # an attribute and its value within a start tag
 
 
@@ -18,13 +19,11 @@ class Tag:
     Attributes:
         path: names of the elements from the root to this one, joined by "/".
         begin, end: the bytes content[begin:end] are the tag, from "<" to ">".
-        attributes: as the file writes them.
     """
 
     path: str
     begin: int
     end: int
-    attributes: Mapping[str, str]
 
 
 def list_tags(content: bytes, file: str) -> list[Tag]:
@@ -37,10 +36,11 @@ def list_tags(content: bytes, file: str) -> list[Tag]:
     open_elements: list[str] = []
     parser = expat.ParserCreate("UTF-8")
 
-    def begin(name: str, attributes: dict[str, str]) -> None:
+    def begin(name: str, _: dict[str, str]) -> None:
         open_elements.append(name)
-        at = parser.CurrentByteIndex
-        tags.append(Tag("/".join(open_elements), at, end_of_tag(content, at), attributes))
+        tag = TAG.match(content, parser.CurrentByteIndex)
+        assert tag is not None  # the parser has just read it
+        tags.append(Tag("/".join(open_elements), *tag.span()))
 
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: open_elements.pop()
@@ -50,20 +50,6 @@ def list_tags(content: bytes, file: str) -> list[Tag]:
     except (UnicodeDecodeError, expat.ExpatError) as error:
         raise ExchangeError(f"{file}: only files in UTF-8 are edited: {error}") from error
     return tags
-
-
-def end_of_tag(content: bytes, begin: int) -> int:
-    """Return the index after the ">" that ends a tag; within quotes a ">" ends nothing."""
-    quote = b""
-    for k in range(begin, len(content)):
-        byte = content[k : k + 1]
-        if quote:
-            quote = b"" if byte == quote else quote
-        elif byte in (b'"', b"'"):
-            quote = byte
-        elif byte == b">":
-            return k + 1
-    return len(content)
 
 
 def set_attributes(content: bytes, tag: Tag, values: Mapping[str, str]) -> bytes:

@@ -167,7 +167,7 @@ class Robot:
     def _describe_closing(self, bodies: Sequence[Body]) -> str:
         """Return how --close closes a loop, by the two ends of this tree that are nearest to each other, if it has two."""
         parents = {parent for parent, _ in self.ends.values()}
-        tips = [(self._carrier(name), name) for name in self.index if name not in parents and name in self.joint_to]
+        tips = [(self._chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
         pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]
         if not pairs:
             return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
@@ -180,11 +180,12 @@ class Robot:
         a, b = (f"{link}.{frame}" for link, frame in min(pairs, key=rank))
         return f"--close LINK.FRAME=LINK.FRAME closes a loop, for example --close {a}={b}"
 
-    def _carrier(self, name: str) -> str:
-        """Return the link that carries a frame: the link itself if it moves, else the one to which it is fixed in the end."""
-        while name in self.joint_to and self.joints[self.joint_to[name]].get("type") == "fixed":
-            name = self.ends[self.joint_to[name]][0]
-        return name
+    def _chain(self, frame: str) -> list[str]:
+        """Return a link and those to which it is fixed, one by one; the last of them carries it."""
+        chain = [frame]
+        while (joint := self.joint_to.get(chain[-1])) and self.joints[joint].get("type") == "fixed":
+            chain.append(self.ends[joint][0])
+        return chain
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
         """Return the body of a link whose frame has this place and rotation."""
@@ -232,14 +233,8 @@ class Robot:
         parts = end.split(".")
         for k in range(1, len(parts)):
             link, frame = ".".join(parts[:k]), ".".join(parts[k:])
-            if link in self.index and (frame == link or self._is_fixed(frame, link)):
+            if link in self.index and link in self._chain(frame):
                 return Spot(frame, self.index[link], bodies[self.index[frame]].origin)
             if link in self.ends.get(frame, ()):  # a joint is at the origin of its child
                 return Spot(frame, self.index[link], bodies[self.index[self.ends[frame][1]]].origin)
         raise self.refuse(f"--close {text}", f"{end!r} is no LINK.FRAME: a link, and a link fixed to it or a joint at it")
-
-    def _is_fixed(self, frame: str, link: str) -> bool:
-        """Tell whether one link is fixed to another."""
-        while frame != link and frame in self.joint_to and self.joints[self.joint_to[frame]].get("type") == "fixed":
-            frame = self.ends[self.joint_to[frame]][0]
-        return frame == link

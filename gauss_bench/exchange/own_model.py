@@ -11,7 +11,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.adapter import Mujoco
-from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_file
+from gauss_bench.engines.mujoco.compiled import Compiled, DoesNotCompile, compile_file
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS, OwnModelRun, Seen
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.from_mjcf import Reader
@@ -22,8 +22,8 @@ from gauss_bench.mechanism.model import Mechanism
 ENGINE = "gauss_bench.exchange.own_model:OwnModel"  # as `engines.get` takes it
 
 
-def read_own_model(path: Path) -> tuple[Element, dict[str, Any]]:
-    """Return the document of a file, with what it includes in place, and the compiled model as `compile_file` describes it.
+def read_own_model(path: Path) -> tuple[Element, Compiled]:
+    """Return the document of a file, with what it includes in place, and the compiled model.
 
     Raises:
         ExchangeError: the file cannot be read, is too large, or MuJoCo does not compile it.
@@ -67,11 +67,8 @@ def see(flattened: Flattened, mechanism: Mechanism) -> Seen:
         body, com = spatial.bodies[g], flattened.to_plane(g, complex(*mechanism.links[link].com))
         away = com - plane.flat(body.origin)
         places.append(body.turn.T @ (away.real * plane.x + away.imag * plane.y))
-        while g:  # hinges on the way to the world, body 0
-            for k in flattened.joints_of.get(g, []):
-                if spatial.joints[k].kind == "hinge":
-                    turns[link, k] += flattened.sign(spatial.joints[k])
-            g = spatial.bodies[g].parent
+        for k, turn in flattened.hinges_under(g):
+            turns[link, k] += turn
     refs = np.array([joint.ref for joint in spatial.joints])
     angles = np.array([flattened.frames[g][1] for g in flattened.links]) - turns @ refs
     axes = np.array([plane.x, plane.y, plane.normal])

@@ -7,7 +7,7 @@ to the world are ground. A link's frame is that of its first body. Points and ve
 
 import re
 from cmath import phase, rect
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import pairwise, permutations
 from typing import Any
@@ -380,13 +380,18 @@ class Flattened:
         """
         total: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
-            while body != WORLD:
-                for k in self.joints_of.get(body, []):
-                    joint = self.spatial.joints[k]
-                    if joint.kind == "hinge" and k not in self.locked:
-                        total[k] = total.get(k, 0.0) + sign * self.sign(joint)
-                body = self.spatial.bodies[body].parent
+            for k, turn in self.hinges_under(body):
+                if k not in self.locked:
+                    total[k] = total.get(k, 0.0) + sign * turn
         return {k: x for k, x in total.items() if x}
+
+    def hinges_under(self, body: int) -> Iterator[tuple[int, float]]:
+        """Yield the hinges between a body and the world, each with its sign: 1 if it turns the body as the plane's axes do."""
+        while body != WORLD:
+            for k in self.joints_of.get(body, []):
+                if self.spatial.joints[k].kind == "hinge":
+                    yield k, self.sign(self.spatial.joints[k])
+            body = self.spatial.bodies[body].parent
 
     def _on_slide(self, k: int, law: Straight) -> list[Table]:
         """Return the tables of a law along a slide. If the body is free in the plane, the law acts at the point of its hinge."""

@@ -2,9 +2,8 @@
 
 from xml.etree.ElementTree import indent, tostring
 
-import numpy as np
-
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.tree import turning
 from gauss_bench.exchange.scripts import write_program
 from gauss_bench.exchange.transcript import name_laws
 from gauss_bench.mechanism.model import Mechanism
@@ -23,10 +22,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     built = MujocoModel(mechanism, choice)
     root = write_document(built, edited=True).root
     indent(root)
-    options, tree, laws = VARIANTS.options(choice.settings), built.tree, name_laws(mechanism)
-    # angles of links are affine in the tree's coordinates: their values at 0 and at each unit vector determine them
-    states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
-    angles = tree.absolute(states, states, states)[0][:, 2::3]
+    options, angles, laws = VARIANTS.options(choice.settings), turning(built.tree), name_laws(mechanism)
     return write_program(
         "mujoco.py.jinja",
         mechanism,
@@ -34,8 +30,8 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         [*head, f"Settings: {choice.settings}, {choice.integrator}. Bodies are links; connect constraints close the loops."],
         mjcf=tostring(root, encoding="unicode").splitlines(keepends=True),
         bodies=[built.model.body(k).name for k in built.bodies],
-        angles=angles[0],
-        turns=(angles[1:] - angles[0]).T,
+        angles=angles.constants[:-1],
+        turns=angles.rows[:-1],  # without the ground's
         inverse_weights=float(options["body_invweight0_factor"]),
         solref_in_steps=float(options["solref"][0]) if options["solref_unit"] == "step" else 0.0,
         drives=[[x.at, x.armature, laws[id(x.law)]] for x in built.drives if x.motor is None],

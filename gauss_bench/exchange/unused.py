@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 
 SHOWN = 20  # names in a sentence, and sentences: a linkage file, whose head repeats the sentences, is at most 1 MiB long
 LONGEST = 60  # characters of a name
-FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))["unused"]
+FIELDS = tomllib.loads((Path(__file__).parent / "mjcf.toml").read_text(encoding="utf-8"))
 
 
 def list_names(names: Sequence[str]) -> str:
@@ -30,7 +30,7 @@ def list_unused(root: Element) -> list[str]:
 
 def _list_settings(root: Element) -> Iterator[str]:
     """Yield a sentence on the attributes of each kind of element that holds settings of MuJoCo."""
-    for tag, known in FIELDS["settings"].items():
+    for tag, known in FIELDS["unused"]["settings"].items():
         written = {key: x for node in root.iter(tag) for key, x in node.items() if key not in known["used"]}
         if written:
             values = ", ".join(f"{key} {list_names([x])}" for key, x in written.items())
@@ -42,7 +42,7 @@ def _list_settings(root: Element) -> Iterator[str]:
 
 def _list_sections(root: Element) -> Iterator[str]:
     """Yield a sentence on each kind of element in the sections of the document."""
-    for section, tags in FIELDS["sections"].items():
+    for section, tags in FIELDS["unused"]["sections"].items():
         for tag, reason in tags.items():
             names = [node.get("name", "") for part in root.findall(section) for node in part.iter(tag)]
             if names:

@@ -1,10 +1,9 @@
 """Kinematics: the motion of a linkage without forces.
 
-Two methods compute the motion that the drivers of a scenario (`inputs`) prescribe. Both return a `motion` and raise the exceptions
-of `errors`.
+Two methods compute the motion that the drivers of a scenario, the inputs, prescribe. Both return a `motion` and raise the
+exceptions of `errors`.
 - Loop closure: `topology` (links and pairs as a graph, and its independent loops), `link_units` (the contribution of one link to
-the
-  equations of a loop), `loop_equations` (all loops as one system), `loop_closure` (the motion).
+  the equations of a loop), `loop_equations` (all loops as one system), `loop_closure` (the motion).
 - Point coordinates: `points` (the points that determine a linkage), `point_equations` (the equations between them),
   `basic_coordinates` (the motion).
 

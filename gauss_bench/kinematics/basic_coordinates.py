@@ -18,12 +18,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
-from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, largest, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
@@ -38,22 +37,22 @@ PROBE = 1e-3  # a failure is examined at this share of the largest step beyond i
 Branch = Mapping[str, int]
 
 
-def basic_motion(mechanism: Mechanism, inputs: tuple[Input, ...], times: Array) -> Motion:
-    """Compute the motion at times (k,) [s] under inputs, one for each degree of freedom, from the assembled start q0.
+def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
+    """Compute the motion at times (k,) [s] under the mechanism's drivers, the inputs, from the assembled start q0.
 
     Between two times the inputs are followed along the straight line of their values.
 
     Raises:
-        ValueError: knife edges, or inputs that do not fit the linkage.
+        ValueError: knife edges, or drivers that do not fit the linkage.
         LimitOfMotion: a limit of motion lies between two times.
         SingularPosition: at some time the rates are undetermined, or two assemblies meet on the way.
     """
-    follower = _Follower(PointModel(mechanism, inputs))
+    follower = _Follower(PointModel(mechanism))
     states: list[Array] = []
     corrections: list[int] = []
     try:
         for t in np.asarray(times, dtype=float):
-            laws = np.array([given.law(t) for given in inputs], dtype=float).reshape(-1, 3)
+            laws = np.array([driver.law(t) for driver in mechanism.drivers], dtype=float).reshape(-1, 3)
             follower.move_to(laws[:, 0])
             states.append(follower.state(laws[:, 1], laws[:, 2]))
             corrections.append(follower.corrections)
@@ -69,14 +68,14 @@ def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -
     return Motion(q, v, a, np.array(corrections, dtype=int))
 
 
-def branch_of(mechanism: Mechanism, inputs: tuple[Input, ...], q: Array) -> Branch:
+def branch_of(mechanism: Mechanism, q: Array) -> Branch:
     """Return the side of each group of points, +1 or -1, in the state q (n,); the sides distinguish assemblies.
 
     The side is the sign of the determinant of the group's own equations, for a dyad the side of the line between its ends on which
     its middle point lies. It changes at singular positions only. A group other than a dyad may have several assemblies with the
     same side. Groups with a single assembly, or with more equations than unknowns, are left out.
     """
-    model = PointModel(mechanism, inputs)
+    model = PointModel(mechanism)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
     return {group.name: int(sign) for group, sign in zip(model.groups, model.signs(J), strict=True)}
 
@@ -98,7 +97,7 @@ class _Follower:
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
         slide = LARGEST_SLIDE * model.size
-        self.largest = np.array([slide if given.link is None else LARGEST_TURN for given in model.points.inputs])
+        self.largest = np.array([LARGEST_TURN if isinstance(x, AngleDriver) else slide for x in model.points.drivers])
         self.signs = model.signs(model.residual(self.x)(self.p)[1])
         self.tolerance = TOLERANCE * max(model.size, largest(model.at(self.x, self.p)[model.points.first :]))
         self.corrections = 0
@@ -184,10 +183,8 @@ class _Follower:
 
     def _inputs(self) -> str:
         """Describe the present inputs."""
-        mechanism, texts = self.model.points.mechanism, []
-        for given, x in zip(self.model.points.inputs, self.x, strict=True):
-            texts.append(f"{given.joint} = {x:.9g} m" if given.link is None else f"{mechanism.link_name(given.link)} = {x:.9g} rad")
-        return ", ".join(texts)
+        drivers = self.model.points.drivers
+        return ", ".join(f"{d.name} = {x:.9g} {d.coordinate.unit}" for d, x in zip(drivers, self.x, strict=True))
 
     def _singular(self, J: Array) -> SingularPosition:
         """Return the exception for the present position, whose Jacobian J has lost rank."""

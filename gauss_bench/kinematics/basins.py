@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual, largest
@@ -19,7 +18,7 @@ from gauss_bench.terms import Array
 
 SAME = 1e-6  # [m, rad] largest distance of a root from the right assembly: far above rounding, far below other assemblies
 
-Form = Callable[[Mechanism, tuple[Input, ...]], tuple[Residual, Array]]
+Form = Callable[[Mechanism], tuple[Residual, Array]]
 
 
 @dataclass(frozen=True)
@@ -39,15 +38,15 @@ class Basin:
     iterations: float
 
 
-def point_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual, Array]:
+def point_form(mechanism: Mechanism) -> tuple[Residual, Array]:
     """Return the point equations in p (2 u,) at the start, and their solution there."""
-    model = PointModel(mechanism, inputs)
+    model = PointModel(mechanism)
     return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0)
 
 
-def loop_form(mechanism: Mechanism, inputs: tuple[Input, ...]) -> tuple[Residual, Array]:
+def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
     """Return the loop equations in the unknown angles and slides at the start, and their solution there."""
-    equations = LoopEquations(mechanism, inputs)
+    equations = LoopEquations(mechanism)
     start = equations.start()
     unknown, still = len(equations.unknown), np.zeros(len(start))
 
@@ -66,7 +65,6 @@ def whole_turns_apart(x: Array, y: Array) -> Array:
 
 def basins(
     mechanism: Mechanism,
-    inputs: tuple[Input, ...],
     spreads: Sequence[float],
     starts: int = 200,
     seed: int = 0,
@@ -76,10 +74,10 @@ def basins(
     """Count how often each root finder finds the assembled start, from the same random starts: a row per spread and method.
 
     Args:
-        form: mechanism, inputs -> residual and solution in the coordinates of the search.
+        form: mechanism -> residual and solution in the coordinates of the search.
         difference: difference of two points in these coordinates; that of angles is modulo whole turns.
     """
-    residual, solution = form(mechanism, inputs)
+    residual, solution = form(mechanism)
     rows = []
     for spread in spreads:
         offsets = np.random.default_rng(seed).uniform(-spread, spread, size=(starts, len(solution)))

@@ -49,8 +49,8 @@ class Freedom:
 
     def rows(self, q: Array) -> tuple[Array, Array]:
         """Return the residual phi (m,), and J (m, n) in scaled coordinates."""
-        rows = self.constraints(0.0, q, np.zeros_like(q))
-        return rows.phi, rows.J / self.scale
+        phi, J = self.constraints.residual(q)
+        return phi, J / self.scale
 
     def at(self, q: Array) -> tuple[Array, Place]:
         """Return the residual phi (m,) and the decomposition at any q (n,)."""

@@ -8,13 +8,11 @@ Source: Wang et al., Automated modeling for kinematic analysis of planar linkage
 fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
-from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.mechanism.close import walk
@@ -43,19 +41,19 @@ class _End(Stopped):
         self.x = x
 
 
-def loop_motion(mechanism: Mechanism, inputs: Sequence[Input], times: Array) -> Motion:
-    """Compute the motion at times (k,) [s] of a linkage with as many inputs as degrees of freedom.
+def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
+    """Compute the motion at times (k,) [s] of a linkage with as many drivers, its inputs, as degrees of freedom.
 
     The first sample is reached from q0, so that angles are continuous from there. An open chain has no loops: all its coordinates
     are inputs.
     Source: Wang et al. (2010), eqs. (1)-(15).
 
     Raises:
-        ValueError: the inputs do not fit the linkage, see LoopEquations.
+        ValueError: the drivers do not fit the linkage, see LoopEquations.
         LimitOfMotion: an input goes further than the linkage can.
         SingularPosition: the Jacobian loses rank on the way.
     """
-    equations = LoopEquations(mechanism, inputs)
+    equations = LoopEquations(mechanism)
     times = np.asarray(times, dtype=float)
     goals, *rates = equations.input_levels(times)
     states: list[_State] = []

@@ -1,4 +1,4 @@
-"""The loop equations of a linkage with given inputs, put together from link units.
+"""The loop equations of a linkage, whose drivers are the inputs, put together from link units.
 
 phi are the unknown and q the known variables: angles of links [rad], one for all links joined by slides, and coordinates along
 slides and active bars [m]. A loop l is closed where the vectors through its links add up to zero. Its matrices are sums of the link
@@ -21,12 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.kinematics.inputs import Input, active_bars
 from gauss_bench.kinematics.link_units import MOVING, Way
 from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
-from gauss_bench.mechanism.model import GROUND, Mechanism
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
 from gauss_bench.terms import Array
 
 NEWTON_STEPS = 12
@@ -85,24 +84,23 @@ def solve_rows(J: Array, rhs: Array) -> Array:
 class LoopEquations:
     """The loop equations; states x (TU + TK,) hold the unknown variables, then the known ones.
 
-    Unknown variables are in the order of the links, then of the slides; known ones in that of the inputs. An input may also
-    prescribe the length of an active bar among the mechanism's drivers. The bar then is one more link, of type S, without mass.
+    Unknown variables are in the order of the links, then of the slides; known ones in that of the drivers. A driver of a length is
+    an active bar: one more link, of type S, without mass.
 
     Raises:
-        ValueError: there are not as many inputs as degrees of freedom; an input names nothing that can be driven, or two inputs the
-            same variable; no joint connects some link to the frame; the linkage has couplings or knife edges.
+        ValueError: there are not as many drivers as degrees of freedom; one drives a link that cannot turn, or two the same
+            variable; no joint connects some link to the frame; the linkage has couplings or knife edges.
     """
 
-    def __init__(self, mechanism: Mechanism, inputs: Sequence[Input]):
-        self.mechanism, self.inputs = mechanism, inputs
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism, self.drivers = mechanism, mechanism.drivers
         if mechanism.couplings:
             self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")
         if mechanism.knife_edges:
             self._refuse("has knife edges, which loop equations do not describe")
-        if len(inputs) != mechanism.dof:
-            self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(inputs)}")
-        bars = active_bars(mechanism)
-        self.bars = [bars[x.joint] for x in inputs if x.joint in bars]
+        if len(self.drivers) != mechanism.dof:
+            self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(self.drivers)}")
+        self.bars = [d for d in self.drivers if isinstance(d, LengthDriver)]
         self.graph = find_graph(mechanism, self.bars)
         frames = shared_angles(mechanism) | {i: (i, 0.0) for i in range(len(mechanism.links), self.graph.links)}
         order = [*range(self.graph.links), GROUND]
@@ -110,8 +108,8 @@ class LoopEquations:
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
         slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]
-        self.known = [self._find_variable(x, [*angles, *slides]) for x in inputs]
-        if len(set(self.known)) < len(inputs):
+        self.known = [self._find_variable(x, [*angles, *slides]) for x in self.drivers]
+        if len(set(self.known)) < len(self.drivers):
             self._refuse(f"has two inputs for one variable: {', '.join(x.name for x in self.known)}")
         self.unknown = [x for x in [*angles, *slides] if x not in self.known]
         self.variables = (*self.unknown, *self.known)
@@ -125,13 +123,14 @@ class LoopEquations:
         """Raise ValueError with the name of the linkage."""
         raise ValueError(f"{self.mechanism.name} {text}")
 
-    def _find_variable(self, given: Input, variables: Sequence[Variable]) -> Variable:
-        """Return the variable that an input prescribes."""
-        wanted = None if given.link is None else self.roots[given.link]
-        name = given.joint if given.link is None else self.mechanism.link_name(given.link)
-        matching = [x for x in variables if x.link == wanted and (wanted is not None or x.name == given.joint)]
+    def _find_variable(self, driver: Driver, variables: Sequence[Variable]) -> Variable:
+        """Return the variable that a driver prescribes."""
+        if isinstance(driver, AngleDriver):
+            matching = [x for x in variables if x.link == self.roots[driver.link]]
+        else:
+            matching = [x for x in variables if x.link is None and x.name == driver.name]
         if not matching:
-            self._refuse(f"cannot be driven at {name!r}: neither a slide, nor an active bar, nor a link that can turn")
+            self._refuse(f"cannot be driven at {driver.name!r}, which slides hold at a fixed angle")
         return matching[0]
 
     def _size(self) -> float:
@@ -152,22 +151,20 @@ class LoopEquations:
         Raises:
             ValueError: a law has a value that is not finite.
         """
-        levels = [np.array([np.broadcast_to(x, np.shape(times)) for x in given.law(times)]) for given in self.inputs]
+        levels = [np.array([np.broadcast_to(x, np.shape(times)) for x in driver.law(times)]) for driver in self.drivers]
         prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
         if not np.isfinite(prescribed).all():
             self._refuse("has an input that is not finite")
-        phases = [0.0 if x.link is None else self.phase[x.link] for x in self.inputs]
-        return prescribed[0] - np.array(phases), prescribed[1], prescribed[2]
+        return prescribed[0] - self._phases(), prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
         """Return the value of each input in a state x [rad, m], by name, in the sense of its law."""
-        inputs: dict[str, float] = {}
-        for given, known in zip(self.inputs, x[len(self.unknown) :], strict=True):
-            if given.link is None:
-                inputs[str(given.joint)] = float(known)
-            else:
-                inputs[self.mechanism.link_name(given.link)] = float(known + self.phase[given.link])
-        return inputs
+        values = x[len(self.unknown) :] + self._phases()
+        return {driver.name: float(value) for driver, value in zip(self.drivers, values, strict=True)}
+
+    def _phases(self) -> Array:
+        """Return the angle (TK,) of each driven link minus its known variable [rad]; 0 for slides and bars."""
+        return np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
 
     def start(self) -> Array:
         """Return the state x of the mechanism's start q0."""

@@ -28,7 +28,6 @@ from dataclasses import dataclass
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.points import SAME, Points, place
 from gauss_bench.kinematics.root_finding import Residual
 from gauss_bench.mechanism.model import Mechanism, Prismatic
@@ -82,25 +81,25 @@ def bar_equation(p: Points, name: str) -> Equation:
 
 
 class PointModel:
-    """Points and equations of a mechanism with given inputs.
+    """Points and equations of a mechanism, whose drivers are the inputs.
 
     Unknowns are p (2 u,), x before y of each unknown point [m]; there are m >= 2 u equations, more if the linkage is redundant.
     """
 
-    def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
+    def __init__(self, mechanism: Mechanism):
         """Set up the equations.
 
         Raises:
-            ValueError: there are not as many inputs as degrees of freedom, or they contradict each other; or the mechanism has
+            ValueError: there are not as many drivers as degrees of freedom, or they contradict each other; or the mechanism has
                 couplings or knife edges.
         """
         if mechanism.couplings:
             raise ValueError(f"{mechanism.name}: points have no equation for the coupling {mechanism.couplings[0].name}")
         if mechanism.knife_edges:
             raise ValueError(f"{mechanism.name}: knife edges constrain velocities alone, so that points have no equation for them")
-        if len(inputs) != mechanism.dof:
-            raise ValueError(f"{mechanism.name}: {len(inputs)} inputs for {mechanism.dof} degrees of freedom")
-        self.points = p = Points(mechanism, inputs)
+        if len(mechanism.drivers) != mechanism.dof:
+            raise ValueError(f"{mechanism.name}: {len(mechanism.drivers)} inputs for {mechanism.dof} degrees of freedom")
+        self.points = p = Points(mechanism)
         equations: list[Equation] = []
         for i in range(len(mechanism.links)):
             equations += link_equations(p, i)

@@ -15,10 +15,9 @@ from itertools import permutations
 
 import numpy as np
 
-from gauss_bench.kinematics.inputs import Input, active_bars
 from gauss_bench.kinematics.topology import shared_angles
 from gauss_bench.mechanism.coordinates import position, value
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic
+from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, Point, Prismatic, SlideDriver
 from gauss_bench.terms import Array, Vectors
 
 SAME = 1e-12  # [m] distance below which two places in a file are the same up to rounding
@@ -81,8 +80,13 @@ def link_size(points: list[BasicPoint]) -> float:
     return max(spans, default=0.0) or 1.0
 
 
+def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
+    """Return the drivers that prescribe the distance of two points, by name."""
+    return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
+
+
 class Points:
-    """The vector z (N,) of a mechanism with given inputs, and rows (N,) of quantities linear in z.
+    """The vector z (N,) of a mechanism, whose drivers are the inputs, and rows (N,) of quantities linear in z.
 
     A root is a link whose angle others share, as in `shared_angles`; an entry is an index in z.
 
@@ -100,15 +104,14 @@ class Points:
         size: largest distance of two points of a link [m].
     """
 
-    def __init__(self, mechanism: Mechanism, inputs: tuple[Input, ...]):
-        self.mechanism, self.inputs = mechanism, inputs
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism, self.drivers = mechanism, mechanism.drivers
         self.frames = shared_angles(mechanism)
-        self.slides = {j.name: j for j in mechanism.slides}
         self.bars = active_bars(mechanism)
         self.turned, self.pushed, self.stretched = self._enter_inputs()
         self.points = joint_points(mechanism, self.frames, set(self.turned))
         self.size = link_size(self.points)
-        self.first = 1 + len(inputs)
+        self.first = 1 + len(self.drivers)
         self.N = self.first + len(self.points)
         self.of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
         if bare := [link for link, entries in self.of.items() if not entries and link != GROUND]:
@@ -125,24 +128,21 @@ class Points:
         """Return `turned`, `pushed` and `stretched`.
 
         Raises:
-            ValueError: an input prescribes nothing, or something that is known already.
+            ValueError: a driver prescribes something that is known already.
         """
         turned: dict[int, int] = {GROUND: 0}
         pushed: dict[str, int] = {}
         stretched: dict[str, int] = {}
-        for entry, given in enumerate(self.inputs, 1):
-            if (given.link is None) == (given.joint is None):
-                raise ValueError(f"input {entry}: give either a link, or a slide or active bar")
-            if given.link is not None:
-                root = self.frames[given.link][0]
-                if root in turned:
-                    raise ValueError(f"input {entry}: the angle of {self.mechanism.link_name(given.link)} is known already")
-                turned[root] = entry
-                continue
-            name, entries = str(given.joint), pushed if given.joint in self.slides else stretched
-            if name not in {**self.slides, **self.bars} or name in entries:
-                raise ValueError(f"input {entry}: {name} is neither slide nor active bar, or is driven already")
-            entries[name] = entry
+        for entry, driver in enumerate(self.drivers, 1):
+            match driver:
+                case AngleDriver():
+                    is_known = turned.setdefault(self.frames[driver.link][0], entry) != entry
+                case SlideDriver():
+                    is_known = pushed.setdefault(driver.name, entry) != entry
+                case LengthDriver():
+                    is_known = stretched.setdefault(driver.name, entry) != entry
+            if is_known:
+                raise ValueError(f"{self.mechanism.name}: the position of {driver.name} is known without driver {entry}")
         return turned, pushed, stretched
 
     def unit(self, entry: int) -> Vectors:
@@ -207,20 +207,22 @@ class Points:
         """Return z, z', z'' (3, N) with unknown points at zero, for inputs and their first and second derivatives (i,) [rad, m]."""
         Z = np.zeros((3, self.N), dtype=complex)
         Z[0, 0] = 1.0
-        for k, given in enumerate(self.inputs):
-            Z[:, 1 + k] = x[k], rate[k], second[k]
-            if given.link is not None:
-                E = exp(1j * (x[k] - self.frames[given.link][1]))
-                Z[:, 1 + k] = E, 1j * rate[k] * E, (1j * second[k] - rate[k] ** 2) * E
-            elif given.joint in self.bars:
-                Z[:, 1 + k] = x[k] ** 2, 2 * x[k] * rate[k], 2 * (rate[k] ** 2 + x[k] * second[k])
+        for k, driver in enumerate(self.drivers):
+            match driver:
+                case AngleDriver():
+                    E = exp(1j * (x[k] - self.frames[driver.link][1]))
+                    Z[:, 1 + k] = E, 1j * rate[k] * E, (1j * second[k] - rate[k] ** 2) * E
+                case SlideDriver():
+                    Z[:, 1 + k] = x[k], rate[k], second[k]
+                case LengthDriver():
+                    Z[:, 1 + k] = x[k] ** 2, 2 * x[k] * rate[k], 2 * (rate[k] ** 2 + x[k] * second[k])
         for entry, row in self.rows.items():
             Z[:, entry] = Z @ row
         return Z
 
     def inputs_at(self, q: Array) -> Array:
         """Return the values (i,) of the inputs [rad, m] at a state q (n,)."""
-        return np.array([float(value(given.coordinate(self.mechanism), q)) for given in self.inputs])
+        return np.array([float(value(driver.coordinate, q)) for driver in self.drivers])
 
     def unknown_at(self, q: Array) -> Array:
         """Return the unknown points (2 u,) at a state q (n,), x before y of each [m]."""

@@ -95,18 +95,13 @@ class Curve:
         self.mechanism = mechanism
         self.constraints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
-    def rows(self, q: Array) -> tuple[Array, Array]:
-        """Return the residual phi (m,) and the Jacobian J (m, n) of the joints."""
-        rows = self.constraints(0.0, q, np.zeros_like(q))
-        return rows.phi, rows.J
-
     def tangent(self, q: Array, along: Array | None = None) -> Array:
         """Return the unit tangent (n,), turned to the side of the vector `along`.
 
         Raises:
             ChangePoint: J has lost rank.
         """
-        _, s, Vt = np.linalg.svd(self.rows(q)[1])
+        _, s, Vt = np.linalg.svd(self.constraints.residual(q)[1])
         rank = int((s > RANK_TOLERANCE * s[0]).sum())
         if rank < self.mechanism.n - 1:
             raise ChangePoint("the joint rows lose rank: a change point, where the motion can go on in more than one way")
@@ -115,7 +110,7 @@ class Curve:
 
     def orientation(self, q: Array, x: Array) -> float:
         """Return the sign of det [J; x], which changes where another curve crosses; 0 if the matrix is not square."""
-        A = np.vstack([self.rows(q)[1], x])
+        A = np.vstack([self.constraints.residual(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
 
     def step(self, q: Array, x: Array) -> Array:
@@ -128,7 +123,7 @@ class Curve:
         def shortest(J: Array, phi: Array) -> Array:
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
-        return project(q, self.rows, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
+        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
         """Return the position before q, at most a step away, at which g . x = 0.

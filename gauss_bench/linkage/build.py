@@ -13,6 +13,7 @@ from gauss_bench.linkage.errors import BuildError
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.linkage.schema import CONSTRAINTS, FORCES, SECOND, physics_digest
 from gauss_bench.mechanism import motion_laws
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import (
     GROUND,
     Along,
@@ -34,7 +35,7 @@ from gauss_bench.mechanism.model import (
     every_two,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.numbers import Number, angle_of, direction, exact, length, pair, radians
+from gauss_bench.mechanism.numbers import Number, angle_of, exact, length, pair, radians
 from gauss_bench.terms import Array
 
 
@@ -50,7 +51,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
             else:
                 base = resolve(value["from"]) if "from" in value else pair(number, (0, 0))
                 if "r" in value:
-                    shift = exact(number, value["r"]) * direction(radians(number, value.get("deg", 0)))
+                    shift = exact(number, value["r"]) * unit(radians(number, value.get("deg", 0)))
                 else:
                     shift = pair(number, value["xy"])
                 positions[name] = base + shift

@@ -80,10 +80,11 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     q = close_sketch(mechanism, document)
     q = reach_held(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
-    rank = _rank(joints(0.0, q, v).J)
+    J = joints.residual(q)[1]
+    rank = _rank(J)
     closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
     if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):
-        closed = replace(closed, measured=first_moving(closed, joints(0.0, q, v).J))
+        closed = replace(closed, measured=first_moving(closed, J))
     check_expected(closed, document.get("expect", {}))
     check_springs(closed)
     closed = replace(closed, warnings=tuple(warn_of_zero_length(closed, joints)))
@@ -168,7 +169,7 @@ def warn_of_zero_length(mechanism: Mechanism, joints: Constraints) -> Iterator[s
     """Warn of springs with a rest length whose end points the linkage can bring together: their force has no direction there."""
     if mechanism.dof <= len(mechanism.drivers):
         return  # the motion does not follow from forces
-    close, world = joint_residual(joints), Point(GROUND, np.zeros(2), "ground.")
+    world = Point(GROUND, np.zeros(2), "ground.")
     for name, law, distance in _laws_on_distances(mechanism):
         if law.k * law.rest + law.bias == 0:
             continue
@@ -177,7 +178,7 @@ def warn_of_zero_length(mechanism: Mechanism, joints: Constraints) -> Iterator[s
         axes = [(Along(world, a, 0.0, across), Along(world, b, 0.0, across)) for across in (False, True)]
 
         def residual(q: Array, axes: list[tuple[Along, Along]] = axes) -> tuple[Array, Array]:
-            F, J = close(q)
+            F, J = joints.residual(q)
             gaps = [value(at_b, q) - value(at_a, q) for at_a, at_b in axes]
             return np.append(F, gaps), np.vstack([J, *(gradient(at_b, q) - gradient(at_a, q) for at_a, at_b in axes)])
 
@@ -259,28 +260,17 @@ def levenberg_marquardt(q: Array, residual: Residual) -> Array:
     return np.asarray(least_squares(lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], **tolerances).x)
 
 
-def joint_residual(joints: Constraints) -> Residual:
-    """Return the function of q (n,) that returns the residuals phi (m,) of the joints and their Jacobian (m, n)."""
-
-    def residual(q: Array) -> tuple[Array, Array]:
-        rows = joints(0.0, q, np.zeros_like(q))
-        return rows.phi, rows.J
-
-    return residual
-
-
 def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     """Return q (n,) that closes all joints, near the sketch q (n,).
 
     Raises:
         AssemblyError: the joints cannot be closed; the widest open one is named.
     """
-    residual = joint_residual(joints)
-    closed, error = gauss_newton(q, residual)
+    closed, error = gauss_newton(q, joints.residual)
     if error > CLOSED:
-        closed, error = gauss_newton(levenberg_marquardt(q, residual), residual)
+        closed, error = gauss_newton(levenberg_marquardt(q, joints.residual), joints.residual)
     if error > CLOSED:
-        row = int(np.abs(residual(closed)[0]).argmax())
+        row = int(np.abs(joints.residual(closed)[0]).argmax())
         name = mechanism.joints[row // 2].name
         raise AssemblyError("assembly", f"cannot be assembled from the sketch: joint {name} stays open by {error:.3g} (m or rad)")
     return closed
@@ -335,7 +325,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
     path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
-    close, evaluations = joint_residual(joints), 0
+    evaluations = 0
 
     def follow(state: Array, closed: bool) -> tuple[Array, float]:
         """Return the end of the homotopy and its residual; with `closed`, stop at the first position that cannot be closed."""
@@ -350,7 +340,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
                 nonlocal evaluations
                 evaluations += 1
-                F, J = close(x)
+                F, J = joints.residual(x)
                 values, rows = held.of(x)
                 return np.concatenate([F, values - goal]), np.vstack([J, rows])
 
@@ -371,7 +361,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
             break
     else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
-    J = np.vstack([close(reached)[1], held.of(reached)[1]])
+    J = np.vstack([joints.residual(reached)[1], held.of(reached)[1]])
     rank = _rank(J)
     if rank < mechanism.n:
         free = ", ".join(free_coordinates(mechanism, reached, J))

@@ -1,7 +1,7 @@
 """Checks beyond the schema: names must resolve, points must be determined, and some keys exclude or need each other.
 
 The schema has replaced every value that it refused by None. Checks skip None, so that all faults of a file are reported at once.
-`grammar.toml` lists the places of names, and the kind of thing that each must name.
+`grammar.toml` lists the places of names with the kind of thing that each must name, and faults of combinations of keys.
 """
 
 from collections.abc import Callable, Iterator
@@ -147,12 +147,19 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     for pattern in GRAMMAR["lists"]["apart"]:
         for path, references in places(document, pattern):
             names.check_different_links(path, references)
-    together = [(x["table"], x["key"], x["other"]) for x in GRAMMAR["together"]]
-    together += [(pattern, key, f"{key}_deg") for pattern in GRAMMAR["tables"]["angles"] for key in RADIAN_PAIRS]
-    for pattern, key, other in together:
+    for rule in GRAMMAR["fault"]:
+        for path, entry in (place for pattern in rule["tables"] for place in places(document, pattern)):
+            given = {key for key, x in entry.items() if x != []} if isinstance(entry, dict) else None
+            if given is not None and {*rule.get("with", ())} <= given and not given & {*rule.get("without", ())}:
+                names.fault(f"{path}.{rule.get('at', '')}".removesuffix("."), rule["text"])
+    for rule in GRAMMAR["one_of"]:
+        for path, entry in (place for pattern in rule["tables"] for place in places(document, pattern)):
+            if len(entry.keys() & {*rule["keys"]}) != 1:
+                names.fault(path, f"give exactly one of {', '.join(rule['keys'][:-1])} and {rule['keys'][-1]}")
+    for pattern in GRAMMAR["tables"]["angles"]:
         for path, entry in places(document, pattern):
-            if key in entry and other in entry:
-                names.fault(f"{path}.{key}", f"given together with {other}")
+            for key in (x for x in RADIAN_PAIRS if {x, f"{x}_deg"} <= entry.keys()):
+                names.fault(f"{path}.{key}", f"given together with {key}_deg")
     for pattern, check in CHECKS.items():
         for path, entry in places(document, pattern):
             check(names, path, entry)
@@ -189,24 +196,18 @@ def _cylinder_faults(document: Document) -> list[Fault]:
 
 
 def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
-    """Check that each point is given in one way, and not relative to itself."""
+    """Check that each point is given relative to another one, if to any, and not to itself."""
     for key, value in points.items():
-        if not isinstance(value, dict):
-            continue
-        if ("r" in value) == ("xy" in value):
-            names.fault(f"{path}.{key}", "give either r (and deg) or xy")
-        if "deg" in value and "r" not in value:
-            names.fault(f"{path}.{key}.deg", "given without r")
-        base = value.get("from")
+        base = value.get("from") if isinstance(value, dict) else None
         if base is not None and base not in points:
             names.fault(f"{path}.{key}.from", f"unknown point {base!r}")
-        elif follow(points, key)[1] == key:
+        elif base is not None and follow(points, key)[1] == key:
             names.fault(f"{path}.{key}.from", "circular: the point refers to itself")
 
 
 def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
-    """Check bars and point masses, and that mass and inertia are given or follow from them."""
-    points, bars, masses = table(link, "points"), sequence(link, "bars"), sequence(link, "point_masses")
+    """Check the points of bars and point masses."""
+    points = table(link, "points")
     for place, bar in places(link, "bars[*]"):
         ends = [end for end in bar if end is not None]
         for end in ends:
@@ -217,12 +218,6 @@ def _check_link(names: Names, path: str, link: dict[str, Any]) -> None:
     for place, point in places(link, "point_masses[*].point"):
         if point not in points:
             names.fault(f"{path}.{place}", f"unknown point {point!r} of {path.partition('.')[2]!r}")
-    if "mass" not in link and "kg_per_m" not in link and not masses:
-        names.fault(f"{path}.mass", "neither mass nor kg_per_m is given")
-    if "kg_per_m" in link and not bars:
-        names.fault(f"{path}.kg_per_m", "needs bars")
-    if "inertia" not in link and not bars and not (masses and "mass" not in link):
-        names.fault(f"{path}.inertia", "required where there are no bars")
 
 
 def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
@@ -245,8 +240,6 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
         for i, pair in enumerate(pairs):
             if pair and None not in pair and [x.partition(".")[0] for x in pair] != [to, link]:
                 names.fault(f"{place}.points[{i}]", f"must be a point of {to!r} and the point of {link!r} that coincides with it")
-        if not pairs and "origin" not in weld:
-            names.fault(f"{place}.origin", "required where no points are given")
         if len(pairs) == 2 and {"angle", "angle_deg"} & weld.keys():
             names.fault(f"{place}.angle_deg", "given together with two pairs of points, which fix it")
 
@@ -254,11 +247,6 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
 def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
     if joint.get("type") == "prismatic":
         names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
-
-
-def _check_crank(names: Names, path: str, crank: str) -> None:
-    names.check(path, crank, "own link")
-    names.check_turns_on_ground(path, crank)
 
 
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
@@ -295,45 +283,18 @@ def _check_sketch(names: Names, path: str, name: str) -> None:
     names.check(path, name, "point" if "." in name else "joint")
 
 
-def _check_measure(names: Names, path: str, measure: dict[str, Any]) -> None:
-    _check_one_of(names, path, measure, "link", "joint", "between", "point")
-    for key in {"angle", "angle_deg"} & measure.keys():
-        if "point" not in measure:
-            names.fault(f"{path}.{key}", "given without point")
-
-
-def _check_one_of(names: Names, path: str, entry: dict[str, Any], *keys: str) -> None:
-    """Check that a driver or `measure` names its coordinate by exactly one of these keys."""
-    if len(entry.keys() & set(keys)) != 1:
-        names.fault(path, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
-
-
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    """Check that a driver names one coordinate, in the unit of that coordinate, and all numbers of its law."""
-    _check_one_of(names, path, driver, "link", "joint", "between")
-    if driver.get("link") is not None:
-        names.check_turns_on_ground(f"{path}.link", driver["link"])
-    if "link" not in driver:
-        for key in {"start_deg", "travel_deg"} & driver.keys():
-            names.fault(f"{path}.{key}", "a length is driven: give metres without _deg")
-    if "between" in driver and "start" not in driver:
-        names.fault(f"{path}.start", "required: the length at the start")
+    """Check that a driver gives all numbers of its law."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
-    """Check that no force acts twice, and that a `start` is not given together with `driver`."""
+    """Check that no force acts twice."""
     active = sequence(scenario, "forces")
     for i, force in enumerate(active):
         if force in names.forces and force in active[:i]:
             names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
-    if "driver" in scenario and "start" in scenario:
-        names.fault(
-            f"{path}.driver",
-            "given together with start: beside a start, what is driven stands in the list `drivers = [{ ... }]`, and the start "
-            "holds what they leave free",
-        )
 
 
 def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
@@ -370,14 +331,14 @@ CHECKS: dict[str, Callable[[Names, str, Any], None]] = {
     "links.*": _check_link,
     "welds": _check_welds,
     "joints.*": _check_joint,
-    "crank": _check_crank,
+    "crank": Names.check_turns_on_ground,
     "forces.*": _check_force,
     "forces.*.over_time.rows": _check_times,
     "assembly": _check_angles,
     "assembly.sketch.~": _check_sketch,
-    "measure": _check_measure,
     "scenarios.*": _check_scenario,
     "scenarios.*.start": _check_start,
     **dict.fromkeys(GRAMMAR["tables"]["driver"], _check_driver),
     **{f"{driver}.rows": _check_times for driver in GRAMMAR["tables"]["driver"]},
+    **{f"{driver}.link": Names.check_turns_on_ground for driver in GRAMMAR["tables"]["driver"]},
 }

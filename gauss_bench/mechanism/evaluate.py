@@ -85,6 +85,11 @@ class Constraints:
         entries, gamma, phi, phi_t = self._function(t, q, v)
         return Rows(phi, self.fill_jacobian(entries), gamma, phi_t)
 
+    def residual(self, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return phi (holonomic,) and J (holonomic, n) of the rows that have a position level, at q (n,) and time t [s]."""
+        rows = self(t, q, np.zeros_like(q))
+        return rows.phi[: self.holonomic], rows.J[: self.holonomic]
+
     def fill_jacobian(self, entries: Array) -> Array:
         """Return J (..., m, n) from its varying entries (..., k)."""
         J = np.empty((*entries.shape[:-1], self.m * self.n), dtype=np.result_type(entries, self.constant))

@@ -23,7 +23,8 @@ import numpy as np
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import columns, state
 from gauss_bench.mechanism.equations import Symbols
-from gauss_bench.mechanism.model import Force, Mechanism, factor_of, loads, steady_part
+from gauss_bench.mechanism.model import Mechanism, PointForce, Torque, factor_of, loads
+from gauss_bench.mechanism.motion_laws import Factor
 from gauss_bench.mechanism.spaces import Real, places
 from gauss_bench.terms import Array
 
@@ -36,7 +37,7 @@ class AppliedForces:
         self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
         for place, link in zip(places(self.gravity), mechanism.links, strict=True):
             place[:] = link.mass * mechanism.gravity
-        self.varying = [_VaryingForce(mechanism, f) for f in mechanism.varying]
+        self.varying = [_VaryingForce(mechanism, force, factor) for force, factor in mechanism.factors]
         self.loads = loads(f for f in mechanism.forces if not factor_of(f))
 
     def add_steady(self, at: Symbols) -> list[Real]:
@@ -90,10 +91,8 @@ class AppliedForces:
 class _VaryingForce:
     """A force that varies: a factor of time or direction times a steady force."""
 
-    def __init__(self, mechanism: Mechanism, force: Force):
-        factor = factor_of(force)
-        assert factor is not None
-        steady = steady_part(force)
+    def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
+        steady = replace(force, factor=None)
         self.name, self.factor = force.name, factor
         self.size = float(np.linalg.norm(np.atleast_1d(steady.value).astype(float))) or 1.0
         self.steady = AppliedForces(replace(mechanism, forces=(steady,), gravity=0.0 * mechanism.gravity))

@@ -33,23 +33,60 @@ class Symbol:
         return self.number is not None and bool(self.number == 0)
 
     def __add__(self, other: "Symbol | Number") -> "Symbol":
-        return self.program.add(self, other)
+        """Return the sum; a sum with -x becomes the difference with x."""
+        program, other = self.program, self.program.symbol(other)
+        if self.number is not None and other.number is not None:
+            return program.symbol(self.number + other.number)
+        if self.zero or other.zero:
+            return other if self.zero else self
+        if (opposite := program.opposites.get(other.text)) is not None:
+            return self - opposite
+        if (opposite := program.opposites.get(self.text)) is not None:
+            return other - opposite
+        return program.record(f"{self.text} + {other.text}", self, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: "Symbol | Number") -> "Symbol":
-        return self.program.subtract(self, other)
+        """Return the difference; a difference with -x becomes the sum with x."""
+        program, other = self.program, self.program.symbol(other)
+        if self.number is not None and other.number is not None:
+            return program.symbol(self.number - other.number)
+        if other.zero:
+            return self
+        if self.zero:
+            return -other
+        if (opposite := program.opposites.get(other.text)) is not None:
+            return self + opposite
+        return program.record(f"{self.text} - {other.text}", self, other)
 
     def __rsub__(self, other: Number) -> "Symbol":
-        return self.program.subtract(other, self)
+        return self.program.symbol(other) - self
 
     def __mul__(self, other: "Symbol | Number") -> "Symbol":
-        return self.program.multiply(self, other)
+        """Return the product, with a constant factor first; a factor 1 or -1 is left out."""
+        a, b = self, self.program.symbol(other)
+        if a.number is not None and b.number is not None:
+            return self.program.symbol(a.number * b.number)
+        if b.number is not None:
+            a, b = b, a
+        if a.zero:
+            return self.program.symbol(0.0)
+        if a.number is not None and abs(a.number) == 1:
+            return b if a.number > 0 else -b
+        return self.program.record(f"{a.text} * {b.text}", a, b)
 
     __rmul__ = __mul__
 
     def __neg__(self) -> "Symbol":
-        return self.program.negate(self)
+        """Return -x; the opposite of -x is x."""
+        if self.number is not None:
+            return self.program.symbol(-self.number)
+        if (opposite := self.program.opposites.get(self.text)) is not None:
+            return opposite
+        negative = self.program.record(f"-{self.text}", self)
+        self.program.opposites[negative.text] = self
+        return negative
 
 
 class Line(NamedTuple):
@@ -63,7 +100,7 @@ class Line(NamedTuple):
 class Program:
     """The recorded operations in order, each once.
 
-    It is also the `Arithmetic` of its symbols, whose operators call its methods.
+    It is also the `Arithmetic` of its symbols.
 
     Attributes:
         known: text of an operation, or name of an input -> its symbol.
@@ -89,61 +126,12 @@ class Program:
     def input(self, name: str) -> Symbol:
         return self.known.setdefault(name, Symbol(self, name))
 
-    def add(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
-        """Return a + b; a sum with -x becomes the difference with x."""
-        a, b = self.symbol(a), self.symbol(b)
-        if a.number is not None and b.number is not None:
-            return self.symbol(a.number + b.number)
-        if a.zero or b.zero:
-            return b if a.zero else a
-        if (opposite := self.opposites.get(b.text)) is not None:
-            return self.subtract(a, opposite)
-        if (opposite := self.opposites.get(a.text)) is not None:
-            return self.subtract(b, opposite)
-        return self._record(f"{a.text} + {b.text}", a, b)
-
-    def subtract(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
-        """Return a - b; a difference with -x becomes the sum with x."""
-        a, b = self.symbol(a), self.symbol(b)
-        if a.number is not None and b.number is not None:
-            return self.symbol(a.number - b.number)
-        if b.zero:
-            return a
-        if a.zero:
-            return self.negate(b)
-        if (opposite := self.opposites.get(b.text)) is not None:
-            return self.add(a, opposite)
-        return self._record(f"{a.text} - {b.text}", a, b)
-
-    def multiply(self, a: Symbol | Number, b: Symbol | Number) -> Symbol:
-        """Return a b, with a constant factor first; a factor 1 or -1 is left out."""
-        a, b = self.symbol(a), self.symbol(b)
-        if a.number is not None and b.number is not None:
-            return self.symbol(a.number * b.number)
-        if b.number is not None:
-            a, b = b, a
-        if a.zero:
-            return self.symbol(0.0)
-        if a.number is not None and abs(a.number) == 1:
-            return b if a.number > 0 else self.negate(b)
-        return self._record(f"{a.text} * {b.text}", a, b)
-
-    def negate(self, a: Symbol) -> Symbol:
-        """Return -a; the opposite of -x is x."""
-        if a.number is not None:
-            return self.symbol(-a.number)
-        if (opposite := self.opposites.get(a.text)) is not None:
-            return opposite
-        found = self._record(f"-{a.text}", a)
-        self.opposites[found.text] = a
-        return found
-
     def inverse(self, a: Symbol | Number) -> Symbol:
         """Return 1 / a, and 0 for a = 0, so that a force between two coincident points, which has no direction, is 0."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(1.0 / a.number if a.number else 0.0)
-        return self._record(f"inverse({a.text})", a)
+        return self.record(f"inverse({a.text})", a)
 
     def __getattr__(self, name: str) -> Callable[[Symbol | Number], Symbol]:
         if name not in FUNCTIONS:
@@ -155,9 +143,9 @@ class Program:
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(getattr(np, name)(a.number))
-        return self._record(f"{name}({a.text})", a)
+        return self.record(f"{name}({a.text})", a)
 
-    def _record(self, text: str, *operands: Symbol) -> Symbol:
+    def record(self, text: str, *operands: Symbol) -> Symbol:
         """Return the result of an operation, which becomes a new line unless the same operation is recorded already."""
         if text not in self.known:
             line = Line(f"x{len(self.lines)}", text, operands)

@@ -7,15 +7,14 @@ than a ramp, and the last stage of a step that ends at a jump uses the value bef
 
 import numpy as np
 
-from gauss_bench.mechanism.model import Mechanism, factor_of
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import Factor
 from gauss_bench.terms import Array
 
 
 def list_lines(mechanism: Mechanism) -> list[tuple[str, Factor]]:
     """List name and factor of the forces whose factor is piecewise linear in time with at least one kink."""
-    factors = [(f.name, factor_of(f)) for f in mechanism.varying]
-    return [(name, factor) for name, factor in factors if factor and factor.kinks]
+    return [(force.name, factor) for force, factor in mechanism.factors if factor.kinks]
 
 
 def line_names(mechanism: Mechanism) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ Coordinates are absolute: q = [x, y, theta] of every link's centre of mass, link
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, ClassVar, Literal, Protocol
 
@@ -467,17 +467,6 @@ def factor_of(force: Force) -> Factor | None:
     return force.factor if isinstance(force, (Torque, PointForce)) else None
 
 
-def steady_part(force: Force) -> Torque | PointForce:
-    """Return a varying force without its time or direction factor.
-
-    Raises:
-        TypeError: the force is of a kind that does not vary.
-    """
-    if not isinstance(force, (Torque, PointForce)):
-        raise TypeError(f"force {force.name} is of a kind that does not vary")
-    return replace(force, factor=None)
-
-
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
     """Return the loads of steady forces: laws on coordinates and forces at points.
 
@@ -534,11 +523,6 @@ class LengthDriver:
 
 
 Driver = AngleDriver | SlideDriver | LengthDriver
-
-
-def _check_kind(kind: Any, name: str, x: object) -> None:
-    if not isinstance(x, kind):
-        raise TypeError(f"{name}: unknown kind {type(x).__name__}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -611,15 +595,12 @@ class Mechanism:
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
         loads(f for f in self.forces if not factor_of(f))
-        for joint in self.joints:
-            _check_kind(Joint, joint.name, joint)
-        for driver in self.drivers:
-            _check_kind(Driver, driver.name, driver)
-        for edge in self.knife_edges:
-            _check_kind(KnifeEdge, edge.name, edge)
-        for friction in self.frictions:
-            _check_kind(CoulombFriction, friction.name, friction)
-        _check_kind(Coordinate, self.measured.name, self.measured.coordinate)
+        parts: list[tuple[Any, str, object]] = [(Coordinate, self.measured.name, self.measured.coordinate)]
+        parts += [(Joint, x.name, x) for x in self.joints] + [(Driver, x.name, x) for x in self.drivers]
+        parts += [(KnifeEdge, x.name, x) for x in self.knife_edges] + [(CoulombFriction, x.name, x) for x in self.frictions]
+        for kind, name, part in parts:
+            if not isinstance(part, kind):
+                raise TypeError(f"{name}: unknown kind {type(part).__name__}")
 
     @property
     def pins(self) -> tuple[Revolute, ...]:
@@ -648,23 +629,25 @@ class Mechanism:
         return any(f.mu > 0 for f in self.frictions)
 
     @property
-    def varying(self) -> tuple[Force, ...]:
+    def varying(self) -> tuple[Torque | PointForce, ...]:
         """The forces that vary with time or direction; an engine that does not support them must not run this mechanism."""
-        return tuple(f for f in self.forces if factor_of(f))
+        return tuple(f for f in self.forces if isinstance(f, (Torque, PointForce)) and f.factor)
 
     @property
     def kinks(self) -> tuple[float, ...]:
         """Times [s] at which a force or its slope jumps: an integrator should end a step there and restart."""
-        return tuple(sorted({t for factor in self._factors() for t in factor.kinks if 0 < t < self.duration}))
+        return tuple(sorted({t for _, factor in self.factors for t in factor.kinks if 0 < t < self.duration}))
 
     @property
     def forcing_period(self) -> float | None:
         """The shortest period [s] of the sinusoidal forces, or None if there are none."""
-        waves = [factor.wave for factor in self._factors() if factor.wave]
+        waves = [factor.wave for _, factor in self.factors if factor.wave]
         return min((2 * np.pi / x.turning for x in waves if x.turning > 0), default=None)
 
-    def _factors(self) -> list[Factor]:
-        return [factor for factor in map(factor_of, self.forces) if factor]
+    @property
+    def factors(self) -> list[tuple[Torque | PointForce, Factor]]:
+        """The forces that vary, each with its factor."""
+        return [(force, force.factor) for force in self.varying if force.factor]
 
     @property
     def n(self) -> int:

@@ -35,11 +35,6 @@ def angle_of(table: Mapping[str, Any], key: str, number: Number = float) -> Any:
     return exact(number, table[key]) if key in table else radians(number, table.get(f"{key}_deg", 0))
 
 
-def direction(theta: Any) -> Any:
-    """Return the unit vector (2,) at an angle theta [rad]."""
-    return np.array([np.cos(theta), np.sin(theta)])
-
-
 def turn_vector(vector: Any, theta: Any) -> Any:
     """Return a vector (2,), rotated by an angle theta [rad]."""
     c, s = np.cos(theta), np.sin(theta)

@@ -1,14 +1,15 @@
 """The audit: measure every line of the three papers, as printed and as intended, and derive a verdict.
 
 The data file of a paper has its statements, the lines, in the paper's order. A line has two forms, printed and intended, and names
-the function that measures them. A form is a function of the chapter's module in `forms`, or data: a number, a list, a table.
+the function that measures them. A form is a function of the chapter's module in `forms`, or data: a number, a list, a table. A
+measure that the chapter lists under `over` is taken of each of those cases, and the worst decides.
 The measure compares a form with a reference that is computed without either form, so that the data file cannot set a verdict. It
 only gives the cause of an error; lines with the same cause are one mistake.
 """
 
 import math
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
@@ -106,7 +107,7 @@ def lines_of(paper: Table) -> Iterator[Line]:
                 verdict=Verdict(cause["kind"]),
                 printed=form_of(module, entry.get("printed_form", entry.get("form"))),
                 intended=form_of(module, entry.get("intended_form", entry.get("form"))),
-                measure=measure_of(module, entry),
+                measure=measure_of(module, chapter, entry),
                 tolerance=tolerance["value"],
                 example=form_of(module, example["of"]) if example else None,
                 truth=form_of(module, number["truth"]) if example else None,
@@ -121,10 +122,18 @@ def form_of(module: str, form: Any) -> Any:
     return getattr(import_module(f"gauss_bench.papers.{path or module}"), name)
 
 
-def measure_of(module: str, entry: Table) -> Callable[[Any], float]:
-    """Return the measure of a line; a line's `on` restricts it to a part of a form or to some of the problems."""
-    measure = form_of(module, entry["measure"])
-    return (lambda form: measure(form, entry["on"])) if "on" in entry else measure
+def measure_of(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
+    """Return the measure of a line, the worst over its cases; a line's `on` restricts it to a part of a form or of the problems."""
+    measure, cases = form_of(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
+    on = [entry["on"]] if "on" in entry else []
+    if cases is None:
+        return lambda form: float(measure(form, *on))
+    return lambda form: worst([measure(form, case, *on) for case in form_of(module, cases)()])
+
+
+def worst(values: Sequence[float]) -> float:
+    """Return the largest value, or NaN if any is NaN, which fails every tolerance."""
+    return float(np.max(values))
 
 
 def discrepancy(line: Line, form: Any) -> float:

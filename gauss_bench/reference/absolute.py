@@ -12,7 +12,7 @@ With friction in joints W N(lambda) is added to Q, and K^T lambda = M^(-1/2) Q -
 
 import numpy as np
 
-from gauss_bench.linkage.closure import RANK_TOLERANCE
+from gauss_bench.linkage.closure import RANK_TOLERANCE, null_space
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
@@ -47,7 +47,4 @@ class AbsoluteCoordinates:
 
     def null_space(self, q: Array) -> Array:
         """Return a basis (n, n - r) of the velocities that the constraints allow at one state."""
-        J = self.evaluator.constraints(0.0, q, np.zeros_like(q)).J
-        _, s, Vt = np.linalg.svd(J)
-        rank = int((s > RANK_TOLERANCE * s.max(initial=0.0)).sum())
-        return np.asarray(Vt[rank:].T)
+        return null_space(self.evaluator.constraints(0.0, q, np.zeros_like(q)).J, len(q))

@@ -7,7 +7,6 @@ compressed npz archives; they contain the digest of their linkage, so that no ot
 
 import io
 import json
-import os
 import sys
 import zipfile
 from dataclasses import dataclass, field, fields
@@ -73,20 +72,6 @@ class Certificate:
 
 
 ARRAYS = tuple(x.name for x in fields(Certificate) if x.type is Array)  # names in the archive; the other fields are in its header
-
-
-def write_certificate(certificate: Certificate, path: Path) -> None:
-    """Write the file atomically; the same certificate gives the same bytes."""
-    header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
-    text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in {"header": np.array(text), **{x: getattr(certificate, x) for x in ARRAYS}}.items():
-            content = io.BytesIO()
-            np.save(content, array, allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
-    part.replace(path)
 
 
 def read_certificate(path: Path) -> Certificate:

@@ -5,8 +5,12 @@ halved until its own error no longer shows. If the motion has a closed form, tha
 with it. The certificate ends where the pipelines agree to fewer digits than are to be certified, or where a pipeline stops.
 """
 
+import io
+import json
 import platform
+import zipfile
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from decimal import Decimal
 from functools import partial
 from importlib.metadata import version
@@ -16,9 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss_bench.atomic import atomically
 from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.certificate import Certificate
+from gauss_bench.reference.certificate import ARRAYS, FORMAT, Certificate
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import extend_motion
 from gauss_bench.reference.motion import Motion
@@ -210,3 +215,18 @@ def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, s
         "collocation_step": step,
         "versions": {name: version(name) for name in ("gauss-bench", "heyoka", "numpy")} | {"python": platform.python_version()},
     }
+
+
+def write_certificate(certificate: Certificate, path: Path) -> None:
+    """Write the file atomically; the same certificate gives the same bytes."""
+    header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
+    text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
+
+    def write(part: Path) -> None:
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, array in {"header": np.array(text), **{x: getattr(certificate, x) for x in ARRAYS}}.items():
+                content = io.BytesIO()
+                np.save(content, array, allow_pickle=False)
+                archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
+
+    atomically(path, write)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import joint_residual, list_held
+from gauss_bench.linkage.closure import list_held
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.motion import assemble_doubles
@@ -109,7 +109,7 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     if mechanism.has_friction:
         raise ArithmeticError("dry friction in joints: the second pipeline has no equations for it")
     free = replace(mechanism, drivers=())
-    close = joint_residual(Constraints(replace(free, knife_edges=())))
+    close = Constraints(replace(free, knife_edges=())).residual
     held = list_held(mechanism, document["scenarios"][scenario], LONG)
 
     def gap(q: Array) -> Array:

@@ -1,14 +1,15 @@
 """Cache of references: a certificate if there is one that holds, else a built reference stored under a hash of its inputs."""
 
 import hashlib
-import os
 import sys
 import zipfile
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from gauss_bench.atomic import atomically
 from gauss_bench.linkage.digest import source_digest
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
@@ -37,15 +38,15 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
             return stored
         print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
-    folder.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.stem}.{os.getpid()}.part.npz")
-    try:
-        levels = {name: getattr(reference, name) for name in FIELDS}
-        np.savez_compressed(part, digest=_digest(reference), method=reference.method, **levels)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    atomically(path, partial(_write_reference, reference))
     return reference
+
+
+def _write_reference(reference: Reference, path: Path) -> None:
+    """Write a reference with its digest; the file need not end in .npz."""
+    with path.open("wb") as file:
+        levels = {name: getattr(reference, name) for name in FIELDS}
+        np.savez_compressed(file, digest=_digest(reference), method=reference.method, **levels)
 
 
 def read_reference(path: Path) -> Reference | None:

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gauss_bench.bench.clock import Missing, Race, foreseen, quartiles
+from gauss_bench.bench.clock import Race, foreseen, quartiles
 from gauss_bench.engines.base import Choice
 from gauss_bench.releases.asking import FOLDERS, LONGEST
 from gauss_bench.releases.cases import STEP, find_mechanism, linkage_of
@@ -22,6 +22,7 @@ from gauss_bench.runs.blocks import block_elsewhere, running
 from gauss_bench.runs.offers import interpreter_of
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import Failure
 
 PROCESSES, ROUNDS = 5, 10
 SHORT, LONG = 40, 240  # steps of the two runs
@@ -96,8 +97,8 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
             for count in (SHORT, LONG):
                 try:
                     rounds.setdefault((version, count), []).append(measured.of((version, count)))
-                except Missing as missing:
-                    failed[version] = str(missing)
+                except Failure as failure:
+                    failed[version] = str(failure)
             keep(f"races in {interpreter_of(name).python}").stop()
     times = {}
     for version in entrants:

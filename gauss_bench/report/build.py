@@ -7,6 +7,7 @@ Both take their content from `sections`, in the order of their PLACE. A section 
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from gauss_bench.atomic import write_text
 from gauss_bench.checksums import checksum_of_run, read_checksums, require_unchanged
 from gauss_bench.report import sections
 from gauss_bench.report.content import Finding
@@ -16,7 +17,7 @@ from gauss_bench.report.rows import Run, sort_key
 from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
-from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign, write_text
+from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign
 from gauss_bench.untrusted import BadInput
 
 HEADING, TITLE = (

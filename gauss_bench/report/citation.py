@@ -7,8 +7,9 @@ import re
 import sys
 from pathlib import Path
 
+from gauss_bench.atomic import write_text
 from gauss_bench.checksums import FILE, checksum_of_run, read_checksums
-from gauss_bench.tables import read_environment, write_text
+from gauss_bench.tables import read_environment
 
 IDENTIFIER = re.compile(r'(?m)^    value: "sha256:.*"\n    description: ".*"$')
 

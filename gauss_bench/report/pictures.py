@@ -16,6 +16,7 @@ import numpy as np
 import vl_convert
 from scipy.interpolate import PchipInterpolator
 
+from gauss_bench.atomic import write_text
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.report.content import itemise
@@ -32,7 +33,6 @@ from gauss_bench.report.site.linkage import pareto_front
 from gauss_bench.report.site.motion import Turn, find_turn
 from gauss_bench.report.site.playback import StoredRun, read_reference, read_runs
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
-from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
 FOLDER = "reports/pictures"  # relative to README

@@ -8,15 +8,15 @@ or keep journals, which are slow to import, and a mechanism is sent as data.
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from gauss_bench.engines import SAFE, get
-from gauss_bench.engines.base import Choice, ask
+from gauss_bench.engines.base import Choice, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import LIMIT, interpreter_of, is_isolated, offer
-from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
+from gauss_bench.runs.one_run import Asked, Build, Outcome, Run, Sampling, nothing, one_run, receive
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
@@ -69,7 +69,7 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
     if is_isolated(request.engine):
         return run_apart(request, mechanism, limit, worker or keep(request.engine), again)
     altered = request.alter(mechanism)
-    return _run_again(request, altered) if again else _run(request, get(request.engine), altered)
+    return _run_again(request, altered) if again else _run(request, altered)
 
 
 def run_apart(
@@ -93,7 +93,7 @@ def run_apart(
 
 def perform_there(request: Request, mechanism: Mechanism) -> dict[str, Any]:
     """Carry out a request in the engine's process, and return the run as plain data."""
-    return plain_run(_run(request, get(request.engine), request.alter(mechanism)))
+    return plain_run(_run(request, request.alter(mechanism)))
 
 
 def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
@@ -103,22 +103,27 @@ def perform_again(request: Request, mechanism: Mechanism) -> dict[str, Any]:
 
 def _run_again(request: Request, mechanism: Mechanism) -> Run:
     """Run with the kept model if it fits the request; else build one, and keep it if the run succeeds."""
-    engine = get(request.engine)
+    engine, choice = get(request.engine), request.choice
     if not ask(engine, "resizable"):
-        return _run(request, engine, mechanism)
-    choice = request.choice
+        return _run(request, mechanism)
     place = request.linkage, request.scenario, mechanism.sha256, request.alter
     key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
-    if _again.key != key:
-        _again.key, _again.model = key, None
-    run = _run(request, _Keeping(engine), mechanism)
+
+    def build(mechanism: Mechanism, choice: Choice) -> Model:
+        if _again.key != key:
+            _again.model = engine.build(mechanism, choice)
+            _again.key = key
+        _again.model.choice = choice
+        return cast(Model, _again.model)
+
+    run = _run(request, mechanism, build)
     if run.status is not Status.OK:
-        _again.model = None
+        _again.key = ()
     return run
 
 
-def _run(request: Request, engine: Any, mechanism: Mechanism) -> Run:
-    return one_run(engine, mechanism, request.choice, request.wanted, request.ask, request.shortest)
+def _run(request: Request, mechanism: Mechanism, build: Build | None = None) -> Run:
+    return one_run(get(request.engine), mechanism, request.choice, request.wanted, request.ask, request.shortest, build)
 
 
 class _Again:
@@ -129,26 +134,6 @@ class _Again:
 
 
 _again = _Again()
-
-
-class _Keeping:
-    """An engine as `one_run` needs it, which builds a model once and gives it another step and tolerance from then on."""
-
-    def __init__(self, engine: Any):
-        self.engine = engine
-
-    @property
-    def name(self) -> Any:
-        return self.engine.name
-
-    def skip(self, mechanism: Mechanism, choice: Choice) -> Any:
-        return self.engine.skip(mechanism, choice)
-
-    def build(self, mechanism: Mechanism, choice: Choice) -> Any:
-        if _again.model is None:
-            _again.model = self.engine.build(mechanism, choice)
-        _again.model.choice = choice
-        return _again.model
 
 
 def plain_run(run: Run) -> dict[str, Any]:

@@ -240,16 +240,24 @@ def _asking_there(engine: str) -> Callable[..., Any]:
     return ask_there
 
 
+Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabilisation -> model
+
+
+def build_once(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
+    """Return the model of a choice; all its steps and tolerances share one of `models` if the engine is `resizable`."""
+    adapter, key = get(engine), (mechanism.sha256, engine, choice.settings, choice.integrator, choice.stabilization)
+    if key not in models or not ask(adapter, "resizable"):
+        models[key] = adapter.build(mechanism, choice)
+    return models[key]
+
+
 _blocks: list[Block] = []  # of this process, for `time_there`
-_models: dict[Any, Any] = {}
+_models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
     """Make a block in this process; return its number, its count and how often it is repeated."""
-    made, key = get(engine), (engine, mechanism.sha256, choice.settings, choice.integrator, choice.stabilization)
-    if key not in _models or not ask(made, "resizable"):
-        _models[key] = made.build(mechanism, choice)
-    _blocks.append(work(_models[key]))
+    _blocks.append(work(build_once(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
 
 

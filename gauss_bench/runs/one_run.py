@@ -99,6 +99,7 @@ def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
 
 
 Asked = Callable[[Model], object]
+Build = Callable[[Mechanism, Choice], Model]
 
 
 def nothing(model: Model) -> None:
@@ -153,20 +154,27 @@ class Run:
 
 
 def one_run(
-    engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
+    engine: Engine,
+    mechanism: Mechanism,
+    choice: Choice,
+    wanted: Sampling,
+    ask: Asked = nothing,
+    shortest: float = 0.0,
+    build: Build | None = None,
 ) -> Run:
     """Build the mechanism in an engine and run it over the samples; a refusal or a failure becomes a status.
 
     Args:
         ask: is called with the model before the run; its result is the run's `answer`.
         shortest: [s] a shorter run is repeated and timed again, as the first run has cold caches.
+        build: builds the model; the engine does if it is not given.
     """
-    return receive(perform(engine, mechanism, choice, wanted, ask, shortest), wanted, mechanism.n)
+    return receive(perform(engine, mechanism, choice, wanted, ask, shortest, build), wanted, mechanism.n)
 
 
 @np.errstate(all="ignore")
 def perform(
-    engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked = nothing, shortest: float = 0.0
+    engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float, build: Build | None
 ) -> Outcome:
     """Do the part of `one_run` that needs the engine; `receive` checks its result.
 
@@ -180,7 +188,7 @@ def perform(
         if reason:
             return Outcome(Status.SKIP, in_a_sentence(reason))
         started = time.process_time()
-        model = engine.build(mechanism, choice)
+        model = (build or engine.build)(mechanism, choice)
         built = time.process_time() - started
         answer = ask(model)
         model.prepare(wanted.times)

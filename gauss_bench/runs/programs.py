@@ -8,7 +8,8 @@ from typing import Any
 from gauss_bench.engines import get, not_installed
 from gauss_bench.engines.base import Choice, ask
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.offers import has_method
+from gauss_bench.runs.offers import has_method, interpreter_of
+from gauss_bench.runs.worker import Worker
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
 LONGEST = 1 << 20  # characters of a program
@@ -30,6 +31,16 @@ def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str
         return {"refused": in_a_sentence(failure)}
     except ImportError as error:
         return {"refused": f"{engine} is {not_installed(error)}"}
+
+
+def ask_program(worker: Worker, engine: str, mechanism: Mechanism, choice: Choice, limit: float) -> str:
+    """Return the program that an engine writes itself, in a worker, within `limit` seconds.
+
+    Raises:
+        RunFailure: as `read_program`; WorkerFailure: the engine's process failed.
+    """
+    asked = worker.under(interpreter_of(engine)).call(program_there, (engine, mechanism, choice), limit)
+    return read_program(engine, asked)
 
 
 def read_program(engine: str, answer: object) -> str:

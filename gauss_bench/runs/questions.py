@@ -4,18 +4,24 @@ They are sent by name to the process of an engine, whose environment may have nu
 """
 
 import platform
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pkgutil import resolve_name
 
 import numpy as np
 
 from gauss_bench.engines.base import Model, ask
 from gauss_bench.integrate.fixed_step import Tableau, explicit_step
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import SIZE
+from gauss_bench.metrics import compare_joint_forces
+from gauss_bench.runs.one_run import Asked
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure
+from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
 SHIFT = 1e-14  # relative change of a start by which rounding is measured
+FORCED = 20  # states at which an engine is asked for its own joint forces
 SUBSTEPS = 5  # steps between two times of `follow_accelerations`, where no loop is stiff
 
 
@@ -39,6 +45,42 @@ def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Mo
             if name in told:
                 row[:] = told[name]
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class ForceQuestion:
+    """The question for an engine's own joint forces at some states of a motion, and the comparison of its answer.
+
+    Attributes:
+        mechanism: the linkage; states: of the motion, with the linkage's own accelerations.
+    """
+
+    mechanism: Mechanism
+    states: Trajectory
+
+    @property
+    def ask(self) -> Asked:
+        """The question, for `Request`."""
+        names = tuple(joint.name for joint in self.mechanism.joints)
+        return partial(joint_forces, names, self.states.t, self.states.q, self.states.v)
+
+    @property
+    def answers(self) -> int:
+        """The count of numbers in the answer."""
+        return SIZE * len(self.mechanism.joints) * len(self.states.t)
+
+    def compare(self, answer: object) -> tuple[float, float]:
+        """Return the largest error of the forces in an answer, and the largest force [N, N m]; NaN where the engine tells none."""
+        shape = (len(self.states.t), len(self.mechanism.joints), 3)
+        if not isinstance(answer, np.ndarray) or answer.shape != shape:
+            return np.nan, np.nan
+        return compare_joint_forces(Evaluator(self.mechanism), self.states, answer)
+
+
+def ask_along(mechanism: Mechanism, reference: Reference) -> ForceQuestion:
+    """Return the question at FORCED states of a reference, evenly spread over those whose accelerations it knows."""
+    known = np.flatnonzero(np.isfinite(reference.a).all(axis=1))
+    return ForceQuestion(mechanism, reference.samples[known[spread_evenly(len(known), FORCED)]])
 
 
 def run_before(times: Array, model: Model) -> None:

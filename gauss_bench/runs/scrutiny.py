@@ -22,7 +22,7 @@ from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, nothing, sampling_at
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, RunFailure, Trajectory
+from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
 LONGEST = 60.0  # [s] of processor time for a repetition; only the first part of a longer run is repeated
 LARGEST = 40  # degrees of freedom beyond which modes are not computed
@@ -78,19 +78,15 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         choice = replace(choice, step=choice.step / 2)
     else:
         choice = replace(choice, tolerance=finer_tolerance(offer, choice))
-        part = np.sort(
-            np.concatenate([part, (part[1:] + part[:-1]) / 2])
-        )  # samples end steps: with the same samples, a tolerance might have no effect
+        # samples end steps: with the same samples, a tolerance might have no effect
+        part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))
     return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
 
 
 def at_samples(finer: Run, times: Array) -> Run:
     """Return a repetition, cut to the sample times (k,) [s] of the run."""
     x = finer.trajectory
-    if x is None:
-        return finer
-    both = metrics.common_times(x.t, times)[0]
-    return replace(finer, trajectory=replace(x, t=x.t[both], q=x.q[both], v=x.v[both], a=x.a[both]))
+    return finer if x is None else replace(finer, trajectory=x[metrics.common_times(x.t, times)[0]])
 
 
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
@@ -196,8 +192,7 @@ def evidence_of(
 
 def as_truth(trajectory: Trajectory) -> Reference:
     """Return a second run in the form of a reference, with error bars of 0."""
-    none = np.zeros(len(trajectory.t))
-    return Reference(trajectory.t, trajectory.q, trajectory.v, trajectory.a, none, none, none, none, none, none, "half the step")
+    return Reference.with_one_bar(trajectory, "half the step")
 
 
 def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
@@ -225,7 +220,7 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
     """
     model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
     modes = []
-    for k in np.unique(np.linspace(0, len(trajectory.t) - 1, LOOKED_AT).round().astype(int)):
+    for k in spread_evenly(len(trajectory.t), LOOKED_AT):
         t, q, v = float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]
         try:
             N = null_space(evaluator.constraints(t, q, v).J, mechanism.n)
@@ -247,7 +242,7 @@ def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
 
     One formulation solves for the free directions, the other for the multipliers: their rounding errors have different causes.
     """
-    chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, JUDGED).round().astype(int))
+    chosen = spread_evenly(len(trajectory.t), JUDGED)
     states = [(float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]) for k in chosen]
     try:
         models = [get(name).build(mechanism, Choice("default", "rk4")) for name in ("gauss", "lagrange")]

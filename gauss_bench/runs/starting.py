@@ -1,35 +1,83 @@
-"""The first use of an engine in a new process: import, model and first step. The process may have numpy alone."""
+"""The first model and step of an engine in a new process, which may have numpy alone."""
 
 import os
+from collections.abc import Callable
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
+from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.offers import interpreter_of
 from gauss_bench.runs.one_run import measure_seconds
+from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure, Status
+
+Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
 
 
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
     """Return the processor time [s] until an engine has taken its first step in this process, or why it takes none.
 
-    It includes the import of the engine's library and compilers that it calls. Generated code that is stored from an earlier start
-    is used, as in every start but the first.
+    It includes the import of the engine's library. Generated code that is stored from an earlier start is used, as in every start
+    but the first.
     """
+    return time_with_compilers(lambda: first_step(get(engine), mechanism, choice))
 
-    def first_use() -> None:
-        adapter = get(engine)
-        if reason := adapter.skip(mechanism, choice):
-            raise RunFailure(Status.SKIP, reason)
-        model = adapter.build(mechanism, choice)
-        model.prepare(np.array([0.0, choice.step]))
-        model.run()
 
+def cold_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
+    """Return the processor time [s] of an engine's first model and step in this process, with no generated code stored.
+
+    The import of the engine's library is not counted.
+    """
+    adapter = get(engine)
+    adapter.version()
+    with TemporaryDirectory() as empty:
+        os.environ["XDG_CACHE_HOME"] = empty
+        return time_with_compilers(lambda: first_step(adapter, mechanism, choice))
+
+
+def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
+    """Build a model and take one step, which includes code that is generated or compiled at first use.
+
+    Raises:
+        RunFailure: the engine refuses the mechanism.
+    """
+    model = build_model(engine, mechanism, choice)
+    model.prepare(np.array([0.0, choice.step]))
+    model.run()
+
+
+def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
+    """Build a model.
+
+    Raises:
+        RunFailure: the engine refuses the mechanism.
+    """
+    if reason := engine.skip(mechanism, choice):
+        raise RunFailure(Status.SKIP, reason)
+    return engine.build(mechanism, choice)
+
+
+def time_with_compilers(call: Callable[[], object]) -> dict[str, Any]:
+    """Return the processor time [s] of a call and of the compilers that it starts, or why it failed."""
     compilers = sum(os.times()[2:4])  # children of this process, which its own clock leaves out
     try:
-        seconds = measure_seconds(first_use)
+        seconds = measure_seconds(call)
     except RunFailure as failure:
-        return {"status": str(failure.status), "message": str(failure)}
+        return dict(failure.columns)
     return {"seconds": seconds + sum(os.times()[2:4]) - compilers}
+
+
+def time_start(
+    start: Callable[..., dict[str, Any]], engine: str, mechanism: Mechanism, choice: Choice, limit: float
+) -> dict[str, Any]:
+    """Return the result of `start_there` or `cold_there` in a new process, within `limit` seconds."""
+    try:
+        with Worker() as worker:
+            timed: dict[str, Any] = worker.under(interpreter_of(engine)).call(start, (engine, mechanism, choice), limit)
+            return timed
+    except WorkerFailure as failure:
+        return failure.columns

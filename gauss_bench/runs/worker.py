@@ -39,7 +39,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from gauss_bench.trajectory import Status, in_a_sentence
+from gauss_bench.trajectory import Failure, Status, in_a_sentence
 
 HEADER = struct.Struct("<16sQ")  # token of the task, length of what follows
 ANSWERS = 200  # least descriptor of the pipe of answers, far above those that libraries open
@@ -63,17 +63,8 @@ class NoAnswer(ValueError):
     """Raised for bytes that hold no answer, and for an object that cannot be sent as one."""
 
 
-class WorkerFailure(RuntimeError):
-    """Raised for a task without an answer; holds a status and the reason in a sentence."""
-
-    def __init__(self, status: Status, message: str):
-        self.status = status
-        super().__init__(message)
-
-    @property
-    def columns(self) -> dict[str, str]:
-        """The failure as columns of a row."""
-        return {"status": str(self.status), "message": str(self)}
+class WorkerFailure(Failure):
+    """Raised for a task without an answer."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.tables import write_text
+from gauss_bench.atomic import write_text
 
 NAME = re.compile(r"[A-Za-z0-9_]{1,60}")
 LARGEST = 8 << 20  # [bytes] a larger file was not written by the studio

@@ -78,7 +78,7 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
     """
     wanted = {key: number(message, key) for key in ("position", "angle", "force") if message.get(key) is not None}
     if not wanted or not all(x > 0 for x in wanted.values()):
-        raise Refused("say what is required: position in metres, angle in rad or force in N", field="position")
+        raise Refused("say what is required: a position, an angle or a force above 0", field="position")
     budget = number(message, "budget", BUDGET)
     if not 1 <= budget <= MOST_BUDGET:
         raise Refused(f"a budget is 1 to {MOST_BUDGET:g} seconds", field="budget")

@@ -19,7 +19,7 @@ from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.messages import Message
 from gauss_bench.studio.motion import move
 from gauss_bench.studio.reading import Reading, of_links
-from gauss_bench.trajectory import History, Told, Trajectory
+from gauss_bench.trajectory import Caption, History, Trajectory
 
 NOT_MEASURED = "Error: not measured here; `gauss-bench export` of the saved linkage measures it."
 FORMS = ("toml", "svg", "csv", "gif", *KINDS)
@@ -42,7 +42,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
             mechanism, x, _ = move(text, reading, message)
             if kind == "csv":
                 return {"name": f"{name}.csv", "text": table(curves(mechanism, x))}
-            caption = Told(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
+            caption = Caption(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
             gif = film(".gif", caption, curves(mechanism, x), mechanism.whole, spread(mechanism, x))
             return {"name": f"{name}.gif", "base64": base64.b64encode(gif).decode("ascii")}
         case str() if kind in KINDS:
@@ -69,7 +69,8 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
         raise Refused("there is no scenario that could be exported: let it go or drive it first")
     with workplace(text, name) as path:
         try:
-            model = write_file(str(path), chosen, kind, STEP, (NOT_MEASURED,) if KINDS[kind].is_program else ())
+            remarks = (NOT_MEASURED,) if KINDS[kind].is_program else ()
+            model = write_file(str(path), chosen, kind, KINDS[kind].choose(STEP), remarks)
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{path}: ", "")) from error
-        return {"name": f"{name}{KINDS[kind].suffix}", "text": str(model["text"]).replace(str(path), path.name)}
+        return {"name": f"{name}{KINDS[kind].suffix}", "text": model.text.replace(str(path), path.name)}

@@ -9,6 +9,7 @@ from typing import Any
 
 from gauss_bench.api.exchange import READING, read_there
 from gauss_bench.api.in_worker import answer_in_worker
+from gauss_bench.atomic import write_text
 from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.errors import LinkageError
@@ -19,7 +20,6 @@ from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.runs.worker import Worker
 from gauss_bench.studio.autosave import workplace
 from gauss_bench.studio.errors import Refused
-from gauss_bench.tables import write_text
 
 SHOWN = 200  # largest number of files that are listed
 FOLDER = Path(__file__).parent / "templates"

@@ -46,7 +46,7 @@ def place(x: Any, field: str = "at") -> complex:
     """
     numbers = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not numbers or not all(abs(y) <= FARTHEST for y in x):
-        raise Refused(f"a place is two numbers in metres, at most {FARTHEST:g}", field=field)
+        raise Refused(f"a place is two numbers, each of at most {FARTHEST:g} m", field=field)
     return complex(*x)
 
 

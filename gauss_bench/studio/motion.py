@@ -11,7 +11,6 @@ from gauss_bench.api.history import transmission
 from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.centres import centres
 from gauss_bench.kinematics.errors import MotionError
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.linkage.references import items
@@ -66,9 +65,9 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
         raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
     mechanism = load_driven(text, reading, message.get("scenario"))
-    inputs, times, stopped = inputs_of(mechanism), np.linspace(0.0, mechanism.duration, count + 1), None
+    times, stopped = np.linspace(0.0, mechanism.duration, count + 1), None
     try:
-        states = loop_motion(mechanism, inputs, times)
+        states = loop_motion(mechanism, times)
     except MotionError as error:
         states, stopped = error.reached, str(error)
     except ValueError as error:

@@ -4,7 +4,6 @@ Every sample gives a row. Its message gives the reason if its numbers are no val
 fails.
 """
 
-import atexit
 import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -28,9 +27,9 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.runs.scrutiny import measurable_gain
-from gauss_bench.runs.worker import Worker
+from gauss_bench.runs.worker import keep
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.sweep.family import Columns, Family, Varied, describe
+from gauss_bench.sweep.family import Family, describe
 from gauss_bench.sweep.figures import figures, units
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -170,27 +169,15 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
         return rows
     for part in np.array_split(np.flatnonzero(is_finite), -(-int(is_finite.sum()) // TOGETHER)):
         forces = _multipliers(code, steps.t, q[part], v[part], p[part])
-        motions = [Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count) for k in part]
-        own = {name: x[part] for name, x in columns.items()}
-        _fill_rows(rows, closed[part], linkages, values[closed[part]], own, motions, forces)
+        own, samples = {name: x[part] for name, x in columns.items()}, closed[part]
+        q_part, v_part = (np.ascontiguousarray(x[part].swapaxes(0, 1)) for x in (q, v))  # (times, motions, n)
+        by_name, evidence = figures(linkages.nominal, own, steps.t, q_part, v_part, forces)
+        for name, x in by_name.items():
+            rows[name][samples] = x
+        for k, sample, one in zip(part, samples, evidence, strict=True):
+            motion = Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count)
+            rows["status"][sample], rows["message"][sample] = _judge(one, partial(linkages.mechanism_of, values[sample]), motion)
     return rows
-
-
-def _fill_rows(
-    rows: Rows, samples: Numbers, linkages: Family, values: Array, columns: Columns, motions: list[Trajectory], forces: Array
-) -> None:
-    """Fill the rows of some samples of a batch from their motions.
-
-    Args:
-        samples: (k,) numbers in the batch. values, columns: their varied numbers (k, d), and numbers open in the kernel.
-        forces: multipliers (times, k, rows).
-    """
-    q, v = (np.stack([getattr(x, level) for x in motions], axis=1) for level in "qv")  # (times, k, n)
-    by_name, evidence = figures(Varied(linkages.nominal, columns, q, v), motions[0].t, forces)
-    for name, x in by_name.items():
-        rows[name][samples] = x
-    for k, one, motion, numbers in zip(samples, evidence, motions, values.tolist(), strict=True):
-        rows["status"][k], rows["message"][k] = _judge(one, partial(linkages.mechanism_of, numbers), motion)
 
 
 def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
@@ -236,7 +223,7 @@ def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: in
     steps = grid(choice.step, case.until)
     finer = replace(choice, step=steps.h / parts)
     request = Request(case.source, case.scenario, engine, finer, sampling_at(finer.step, steps.t))
-    run = run_of(request, mechanism, case.limit, _worker(engine))
+    run = run_of(request, mechanism, case.limit, keep(f"{engine} of thread {threading.get_ident()}"))
     if run.trajectory is None:
         return str(run.status), run.message, {}
     x = run.trajectory
@@ -244,19 +231,7 @@ def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: in
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(steps.t), Constraints(mechanism).m), np.nan)
-    by_name, (evidence,) = figures(Varied(mechanism, {}, x.q[:, None], x.v[:, None]), x.t, multipliers[:, None])
+    by_name, (evidence,) = figures(mechanism, {}, x.t, x.q[:, None], x.v[:, None], multipliers[:, None])
     evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
     status, sentence = _judge(evidence, lambda: mechanism, x)
     return status, "; ".join(filter(None, (run.message, sentence))), by_name
-
-
-_here = threading.local()
-
-
-def _worker(engine: str) -> Worker:
-    """Return the worker that this thread keeps for an engine until the process ends."""
-    kept: dict[str, Worker] = _here.__dict__.setdefault("workers", {})
-    if engine not in kept:
-        kept[engine] = Worker()
-        atexit.register(kept[engine].stop)
-    return kept[engine]

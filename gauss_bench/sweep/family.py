@@ -1,16 +1,16 @@
 """Linkages of one structure with different numbers: the numbers that a kernel leaves open, and the start of each sample.
 
-`Varied` places the bodies of many linkages at once. Each number of a linkage becomes an array (batch,), and the formulas of
-`mechanism/coordinates.py`, which take numbers of any kind, evaluate all linkages at states (..., batch, n).
+Many linkages are evaluated at once: in one mechanism each number that varies becomes an array (batch,) (`with_parameters`), and the
+formulas of `mechanism/coordinates.py`, which take numbers of any kind, evaluate all linkages at states (..., batch, n).
 
 Each sample starts from the assembled start of the file. The numbers, and the coordinates that a start holds, change in small steps
 from those of the file to those of the sample, and Newton's method closes the joints after each step. A sample that does not close
 this way is read and assembled on its own; if that fails too, its message gives the reason.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from gauss_bench.compiler.equations.links import force_numbers, parameter_values
+from gauss_bench.compiler.equations.links import force_numbers, parameter_values, with_parameters
 from gauss_bench.linkage.build import Resolver, build_link, resolve_points
 from gauss_bench.linkage.closure import CLOSED, LONGEST, STEP, list_held
 from gauss_bench.linkage.errors import BuildError, LinkageError
@@ -27,8 +27,7 @@ from gauss_bench.linkage.schema import LinkageTable
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.coordinates import Placed, state
 from gauss_bench.mechanism.coordinates import columns as columns_of_gradient
-from gauss_bench.mechanism.frames import End
-from gauss_bench.mechanism.model import GROUND, Coordinate, Load, Mechanism, Point, loads
+from gauss_bench.mechanism.model import Coordinate, Mechanism
 from gauss_bench.sweep.paths import Document, change, number_at
 from gauss_bench.terms import Array
 
@@ -54,51 +53,6 @@ class Starts:
     q: Array
     v: Array
     reasons: Mapping[int, str]
-
-
-class Varied(Placed):
-    """The bodies of linkages at states q, v (..., batch, n); `columns` has the values (batch,) of their open numbers."""
-
-    def __init__(self, mechanism: Mechanism, columns: Columns, q: Array, v: Array | None = None):
-        super().__init__(q, v)
-        self.mechanism, self.open, self.usual = mechanism, columns, parameter_values(mechanism) if columns else {}
-
-    def number(self, name: str, usual: Any) -> Any:
-        """Return the values (batch,) of a number that is open, else its usual value."""
-        return self.open.get(name, usual)
-
-    def pair(self, name: str, usual: Any) -> list[Any]:
-        """Return the two components of a vector, as `number` does."""
-        return [self.number(f"{name}.{axis}", x) for axis, x in zip("xy", usual, strict=True)]
-
-    def end(self, point: Point) -> End:
-        """Return the place of a point."""
-        owner, _, _ = point.name.partition(".")
-        local: Any = point.local
-        if f"points.{point.name}.x" in self.usual:
-            local = self.pair(f"points.{point.name}", [self.usual[f"points.{point.name}.{axis}"] for axis in "xy"])
-            if point.link != GROUND:  # kernels count points from the link's own frame, mechanisms from its centre of mass
-                com = self.pair(f"links.{owner}.com", self.mechanism.links[point.link].com)
-                local = [x - c for x, c in zip(local, com, strict=True)]
-        return End(*self.vector(point.link, local))
-
-    def joint_coordinates(self) -> Iterator[tuple[Coordinate, Any]]:
-        """Yield the coordinates that joints and couplings hold, with their values."""
-        for joint in (*self.mechanism.joints, *self.mechanism.couplings):
-            for place, (coordinate, value) in enumerate(joint.held):
-                yield coordinate, value if place else self.number(f"joints.{joint.name}.offset", value)
-
-    def loads(self) -> tuple[Load, ...]:
-        """Return the loads of the forces on coordinates."""
-
-        def replace_numbers(force: Any) -> Any:
-            """Return the force with its open numbers."""
-            name = f"forces.{force.name}"
-            numbers = force_numbers(force).items()
-            scalars = {key: self.number(f"{name}.{key}", x) for key, x in numbers if np.ndim(x) == 0}
-            return replace(force, **scalars, **{key: self.pair(f"{name}.{key}", x) for key, x in numbers if np.ndim(x)})
-
-        return loads(replace_numbers(force) for force in self.mechanism.forces)
 
 
 class Family:
@@ -257,33 +211,38 @@ class Family:
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:  # such samples are assembled one by one
             return q, v
-        held = list_held(mechanism, self.document["scenarios"][self.scenario]).coordinates
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
         # so many strides that dimensions and held coordinates change little from one closure to the next
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
         turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
-        def rows(q: Array, part: float) -> tuple[Array, Array]:
-            """Return residual (k, m) and Jacobian (k, m, n) with this part of the change from the file to the samples made."""
+        def rows(part: float) -> Callable[[Array], tuple[Array, Array]]:
+            """Return q (k, n) -> residual (k, m) and Jacobian, with this part of the change from the file to the samples made."""
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
+            changed = with_parameters(mechanism, now)
             target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
-            at = Varied(mechanism, now, q)
-            pairs = [*at.joint_coordinates(), *zip(held, target.T, strict=True)]
-            states = [state(coordinate, at) for coordinate, _ in pairs]
-            residuals = [x.value - value for x, (_, value) in zip(states, pairs, strict=True)]
-            phi = np.stack(np.broadcast_arrays(*residuals), axis=-1)
-            J = np.zeros((*phi.shape, mechanism.n))
-            for row, x in enumerate(states):
-                for column, entry in columns_of_gradient(x.entries).items():
-                    J[:, row, column] = entry
-            return phi, J
+            held = list_held(changed, self.document["scenarios"][self.scenario]).coordinates
+            pairs = [*held_by_joints(changed), *zip(held, target.T, strict=True)]
+
+            def residual(q: Array) -> tuple[Array, Array]:
+                at = Placed(q)
+                states = [state(coordinate, at) for coordinate, _ in pairs]
+                residuals = [x.value - value for x, (_, value) in zip(states, pairs, strict=True)]
+                phi = np.stack(np.broadcast_arrays(*residuals), axis=-1)
+                J = np.zeros((*phi.shape, mechanism.n))
+                for row, x in enumerate(states):
+                    for column, entry in columns_of_gradient(x.entries).items():
+                        J[:, row, column] = entry
+                return phi, J
+
+            return residual
 
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                q = project(q, partial(rows, part=part), _solve, NEWTON, still=_is_still, longest=LONGEST)
-            phi, J = rows(q, 1)
+                q = project(q, rows(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
+            phi, J = rows(1.0)(q)
             # the rates of the start: joints do not move, held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
             v = _solve(J, right)
@@ -291,6 +250,11 @@ class Family:
             good = (np.abs(phi).max(axis=1, initial=0.0) <= CLOSED) & (left <= CLOSED * np.maximum(1.0, np.abs(right).max(axis=1)))
         q[~good], v[~good] = np.nan, np.nan
         return q, v
+
+
+def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
+    """Return the coordinates that joints and couplings hold, with their values."""
+    return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
 
 
 def _is_still(_: Array, size: Array) -> bool:

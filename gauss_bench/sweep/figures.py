@@ -1,6 +1,7 @@
 """The figures of a motion that a row holds, evaluated from its states alone, for many linkages of one family at once.
 
-The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for numbers.
+The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for the numbers that
+vary.
 """
 
 from itertools import product
@@ -8,12 +9,13 @@ from itertools import product
 import numpy as np
 
 from gauss_bench import metrics
+from gauss_bench.compiler.equations.links import with_parameters
 from gauss_bench.judge import Evidence
 from gauss_bench.mechanism import equations
-from gauss_bench.mechanism.coordinates import state
-from gauss_bench.mechanism.model import Coordinate, Mechanism
+from gauss_bench.mechanism.coordinates import Placed, state
+from gauss_bench.mechanism.model import Coordinate, Mechanism, loads
 from gauss_bench.mechanism.spaces import Vec, dot
-from gauss_bench.sweep.family import Varied
+from gauss_bench.sweep.family import Columns, held_by_joints
 from gauss_bench.terms import Array
 
 OF_A_RUN = {"loops": "m or rad", "energy_error": "J", "energy_bar": "J", "energy_scale": "J"}
@@ -29,26 +31,28 @@ def units(mechanism: Mechanism) -> dict[str, str]:
     return units | OF_A_RUN
 
 
-def figures(x: Varied, t: Array, multipliers: Array) -> tuple[dict[str, Array], list[Evidence]]:
-    """Return every figure (batch,) of motions at times t (k,), and the judge's input for each.
+def figures(
+    nominal: Mechanism, columns: Columns, t: Array, q: Array, v: Array, multipliers: Array
+) -> tuple[dict[str, Array], list[Evidence]]:
+    """Return every figure (batch,) of motions q, v (k, batch, n) at times t (k,), and the judge's input for each.
 
     Args:
-        x: states (k, batch, n) of a family, or of one linkage.
+        nominal, columns: a linkage, and the numbers in it that vary, by their names in kernels.
         multipliers: (k, batch, rows) of M a + J^T lambda = Q.
     """
-    mechanism = x.mechanism
+    mechanism, x = with_parameters(nominal, columns), Placed(q, v)
     with np.errstate(all="ignore"):
         by_name = {"measured": np.asarray(state(mechanism.measured.coordinate, x).value)[-1]}
         for p in mechanism.observed_points:
             for axis, path in zip("xy", x.end(p).place.parts, strict=True):
                 by_name |= {f"{p.name}.{axis}_min": path.min(axis=0), f"{p.name}.{axis}_max": path.max(axis=0)}
         by_name |= _forces(mechanism, multipliers)
-        gaps = _gaps(x, t)
-        gain, bar, scale = _energy(x, t, multipliers)
+        gaps = _gaps(mechanism, x, t)
+        gain, bar, scale = _energy(mechanism, x, t, multipliers)
     by_name |= {"loops": gaps.max(axis=0), "energy_error": np.abs(gain).max(axis=0), "energy_bar": bar, "energy_scale": scale}
     evidence, none = [], np.zeros(len(t))  # drift of rates is not evaluated here
-    for k in range(x.q.shape[1]):
-        evidence.append(Evidence(mechanism.size, metrics.Drift(gaps[:, k], none, none), gain[:, k], float(bar[k]), float(scale[k])))
+    for k in range(q.shape[1]):
+        evidence.append(Evidence(nominal.size, metrics.Drift(gaps[:, k], none, none), gain[:, k], float(bar[k]), float(scale[k])))
     return by_name, evidence
 
 
@@ -63,32 +67,30 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
     return largest
 
 
-def _gaps(x: Varied, t: Array) -> Array:
+def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
     """Return the largest residual (k, batch) of joints and drivers [m, rad]."""
-    rows = [np.abs(state(coordinate, x).value - value) for coordinate, value in x.joint_coordinates()]
-    for driver in x.mechanism.drivers:
+    rows = [np.abs(state(coordinate, x).value - value) for coordinate, value in held_by_joints(mechanism)]
+    for driver in mechanism.drivers:
         rows.append(np.abs(state(driver.coordinate, x).value - np.asarray(driver.law(t)[0])[:, None]))
     return np.asarray(np.maximum.reduce(rows)) if rows else np.zeros(x.q.shape[:-1])
 
 
-def _energy(x: Varied, t: Array, multipliers: Array) -> tuple[Array, Array, Array]:
+def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tuple[Array, Array, Array]:
     """Return energy gained beyond the work (k, batch), the error bar of that work (batch,), and the energy scale (batch,).
 
     The definitions are those of `metrics.energy_error` and `metrics.energy_scale`.
     """
-    mechanism = x.mechanism
     kinetic, potential, power = (np.zeros(x.q.shape[:-1]) for _ in range(3))
-    gravity = Vec(*x.pair("gravity", mechanism.gravity))
+    gravity = Vec(*mechanism.gravity)
     for i, link in enumerate(mechanism.links):
-        mass, inertia = (x.number(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia"))
         frame = x.frame(i)
         turning = frame.omega * frame.omega
-        kinetic = kinetic + 0.5 * (mass * dot(frame.u, frame.u) + inertia * turning)
-        potential = potential - mass * dot(gravity, frame.z)
-    for load in x.loads():
+        kinetic = kinetic + 0.5 * (link.mass * dot(frame.u, frame.u) + link.inertia * turning)
+        potential = potential - link.mass * dot(gravity, frame.z)
+    for load in loads(mechanism.forces):
         stored, supplied = equations.energies(x, load)
         potential, power = potential + stored, power + supplied
-    joint_rows = sum(len(x.held) for x in (*mechanism.joints, *mechanism.couplings))
+    joint_rows = len(held_by_joints(mechanism))
     for k, driver in enumerate(mechanism.drivers, joint_rows):
         power = power - multipliers[..., k] * np.asarray(driver.law(t)[1] + 0 * t)[:, None]
     whole = kinetic + potential
@@ -97,9 +99,7 @@ def _energy(x: Varied, t: Array, multipliers: Array) -> tuple[Array, Array, Arra
     scale = np.maximum(kinetic.max(axis=0), np.ptp(potential, axis=0))
     active = np.isfinite(power).all(axis=0) & power.any(axis=0)  # linkages with a power to integrate
     if active.any() and len(t) > 1:
-        # the error of the work: its change if every second sample is left out
-        half = np.unique([*range(0, len(t), 2), len(t) - 1])
-        fine, coarse = metrics.work(t, power[:, active], t), metrics.work(t[half], power[half][:, active], t)
-        gain[:, active] -= fine
-        bar[active] += np.abs(fine - coarse).max(axis=0)
+        done, error = metrics.work(t, power[:, active])
+        gain[:, active] -= done
+        bar[active] += error
     return gain, bar, scale

@@ -19,9 +19,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gauss_bench.atomic import atomically, write_text
 from gauss_bench.bench.journal import Busy
 from gauss_bench.sweep.errors import SweepError
-from gauss_bench.tables import atomically, refuse_foreign, write_text
+from gauss_bench.tables import refuse_foreign
 
 PLAN, PARTS, PICTURE = "plan.json", "samples", "summary.svg"
 SIGN = "<!-- drawn by gauss-bench sweep -->\n"  # at the end of the picture

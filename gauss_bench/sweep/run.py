@@ -13,6 +13,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from gauss_bench.atomic import write_text
 from gauss_bench.bench.journal import fingerprint
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -27,7 +28,6 @@ from gauss_bench.sweep.paths import number_at
 from gauss_bench.sweep.plan import PLANS, Plan, plan
 from gauss_bench.sweep.plots import plots
 from gauss_bench.sweep.summary import EngineSummary, summary
-from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
 FORM = "sweep/1"

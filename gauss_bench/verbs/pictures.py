@@ -8,6 +8,7 @@ from gauss_bench.api.kinematics import Kinematics
 from gauss_bench.api.kinematics import table as motion_table
 from gauss_bench.api.simulate import Simulation
 from gauss_bench.api.telling import Answer, tell
+from gauss_bench.atomic import write_bytes
 from gauss_bench.mechanism.coordinates import spread
 from gauss_bench.report.drawings.animation import animate
 from gauss_bench.report.drawings.curves import curves
@@ -15,7 +16,6 @@ from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.drawings.shown import film, picture
 from gauss_bench.runs.offers import ChoiceError
-from gauss_bench.tables import write_bytes
 from gauss_bench.verbs.catalogue import Description
 
 Files = Mapping[str, Path]

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from gauss_bench.api.files import usable_folder
 from gauss_bench.api.telling import Answer, Told
+from gauss_bench.atomic import write_text
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.provenance import environment
 from gauss_bench.linkage.digest import source_digest
@@ -17,7 +18,7 @@ from gauss_bench.releases.library import Library, ReleaseFault, choose_releases,
 from gauss_bench.releases.table import SCHEMAS, make_tables, write_tables
 from gauss_bench.report.what_changed import TITLE, write_page
 from gauss_bench.runs.offers import check_budget
-from gauss_bench.tables import refuse_foreign, write_text
+from gauss_bench.tables import refuse_foreign
 from gauss_bench.trajectory import Status
 
 LOCAL = Path("reports/local")

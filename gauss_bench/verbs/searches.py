@@ -9,13 +9,14 @@ from gauss_bench.api.recommend import Recommendation, list_owned, order_kinds
 from gauss_bench.api.recommend import recommend as recommend_settings
 from gauss_bench.api.telling import Answer, Told
 from gauss_bench.atlas import chart, survey, table
+from gauss_bench.atomic import write_text
 from gauss_bench.bench.provenance import environment
 from gauss_bench.runs.offers import check_budget
 from gauss_bench.sweep.halving import text as half
 from gauss_bench.sweep.run import Backend, Options, SweepSummary
 from gauss_bench.sweep.run import sweep as run_sweep
 from gauss_bench.sweep.summary import text
-from gauss_bench.tables import TABLES, refuse_foreign, write_table, write_text
+from gauss_bench.tables import TABLES, refuse_foreign, write_table
 
 
 def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, at_least, lasting, row
+from gauss_bench.bench.clock import Key, Row, at_least, row
 from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
@@ -20,6 +20,7 @@ from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
+from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
 
@@ -28,7 +29,7 @@ CHECKED = 32  # trajectories that are run again one by one
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.batch, "kernel_batch", race_batch)
 
 

@@ -21,9 +21,8 @@ from gauss_bench.reference.certificate import (
     certificate_path,
     check_holds,
     read_certificate,
-    write_certificate,
 )
-from gauss_bench.reference.certify import DIGITS, Uncertified, certify
+from gauss_bench.reference.certify import DIGITS, Uncertified, certify, write_certificate
 from gauss_bench.reference.verification import verify
 from gauss_bench.runs.offers import duration
 from gauss_bench.suites.schema import Suite
@@ -44,7 +43,7 @@ def certify_one(
 ) -> dict[str, Any]:
     """Certify a linkage, write the file, and say what it vouches for; `status` is "ok" or "failed" with a message.
 
-    `told` hears that it begins and, where stderr is no terminal, now and then how far it is.
+    `told` is called when it begins and, if stderr is no terminal, every PAUSE seconds with the time reached.
 
     Raises:
         LinkageError: the linkage file has faults.
@@ -81,7 +80,7 @@ def certify_one(
 
 
 def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
-    """One row: what a certificate vouches for."""
+    """Return the row of a certificate: what it vouches for."""
     c = certificate
     row: dict[str, Any] = {"status": "ok", "message": c.stopped, "mechanism": c.name, "scenario": c.scenario}
     row |= {"digits": c.digits, "until": c.until, "duration": c.duration, "complete": c.until >= c.duration * (1 - 1e-12)}
@@ -105,19 +104,19 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
 
 
 def scenarios_to_certify() -> list[tuple[str, str]]:
-    """Linkage and scenario of everything the suite has a certificate for; dry friction cannot be certified."""
+    """Return linkage and scenario of everything the suite has a certificate for; dry friction cannot be certified."""
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
     wanted = [(name, scenario) for name, scenario in pairs if name in built_in() or scenario != "driven"]
     return [place for place in wanted if not load(*place).has_friction]
 
 
 def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
-    """Make every certificate of the suite anew, in its place; one row each."""
+    """Make every certificate of the suite anew, in its place; return a row for each."""
     return _rows([_task(x, _certify_in_place, x) for x in scenarios_to_certify()], jobs)
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
-    """A task that fills the table of certificates, or tells of one linkage why it did not."""
+    """Return a task that fills the table of certificates; its row says why if it fails."""
     start = dict(zip(("mechanism", "scenario"), place, strict=True))
     return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
 
@@ -128,13 +127,12 @@ def _certify_in_place(name: str, scenario: str) -> Tables:
 
 
 def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> list[dict[str, Any]]:
-    """Verify certificate files, or those of the suite; one row each.
+    """Verify certificate files, or those of the suite; return a row for each.
 
     Raises:
         CertificateError: a file is missing, damaged or holds for another linkage.
     """
-    if not files:
-        files = [path for name, scenario in scenarios_to_certify() if (path := certificate_path(load(name, scenario))) is not None]
+    files = files or [path for place in scenarios_to_certify() if (path := certificate_path(load(*place))) is not None]
     tasks = []
     for path in files:
         certificate = read_certificate(path)
@@ -153,7 +151,7 @@ def _verify(path: str, linkage: str) -> Tables:
 
 
 def certificates_digest() -> str:
-    """Digest of all certificates of the suite: what is measured against them is stale when one changes."""
+    """Return a digest of all certificates of the suite: figures that depend on them are stale when one changes."""
     digest = hashlib.sha256()
     folder = built_in_folder()
     for path in sorted((folder / "certificates").glob("*.npz")) if folder else ():
@@ -162,12 +160,12 @@ def certificates_digest() -> str:
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """One task for the whole table: it only reads."""
+    """Return one task for the whole table, which only reads."""
     return [context.task(part.table, certificate_table, ()) for part in suite.certificates]
 
 
 def certificate_table() -> Tables:
-    """A row for every scenario of the suite: its certificate, or that it has none and why."""
+    """Return a row for every scenario of the suite: its certificate, or why it has none."""
     rows = []
     for name, scenario in scenarios_to_certify():
         mechanism = load(name, scenario)
@@ -186,5 +184,5 @@ def certificate_table() -> Tables:
 
 
 def _rows(tasks: list[Task], jobs: int) -> Rows:
-    """One row a task, in order; a worker that was lost is a row with its reason."""
+    """Run tasks and return their rows, in order; a worker that was lost has a row with its reason."""
     return gather(finish(tasks, jobs, "certificates").values()).get(TABLE, [])

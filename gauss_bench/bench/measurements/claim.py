@@ -15,14 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather_rounds, row
+from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_of
-from gauss_bench.compiler.elimination.program import costs, known_program
+from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.linkage.load import load
+from gauss_bench.runs.blocks import Block
 from gauss_bench.suites.schema import Claim, Cost, Suite
 from gauss_bench.trajectory import Status
 
@@ -54,7 +55,7 @@ def count(linkage: str, scenario: str) -> Tables:
     start |= {"unknowns_gauss": mechanism.dof, "unknowns_lagrange": mechanism.n + rows}
     for formulation in FORMULATIONS:
         try:
-            counted = costs(known_program(mechanism, formulation, (), None, None))
+            counted = known_program(mechanism, formulation, (), None, None).acceleration.costs
         except KernelError:
             continue  # the row of the race has the reason
         start |= {f"{x}_{formulation}": getattr(counted, x) for x in ("operations", "divisions", "critical")}

@@ -9,17 +9,15 @@ a quantity has one value.
 A "cold build" is the first model in a new process with no generated code stored; for a "build" all generated code is stored.
 """
 
-import os
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from itertools import product
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.cases import variants
-from gauss_bench.bench.clock import Block, Key, Measured, gather_rounds, key_of, lasting, ratio, stepping, time_of
+from gauss_bench.bench.clock import Key, Measured, gather_rounds, key_of, ratio, time_of
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import LIMIT, Context, Rows, Tables, Task, patient, place_of
@@ -27,12 +25,11 @@ from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, Engine, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.blocks import accelerating, block_elsewhere
+from gauss_bench.runs.blocks import Block, accelerating, block_elsewhere, lasting, stepping
 from gauss_bench.runs.offers import offer
-from gauss_bench.runs.one_run import measure_seconds
-from gauss_bench.runs.worker import Worker, WorkerFailure
+from gauss_bench.runs.starting import build_model, cold_there, first_step, time_start
 from gauss_bench.suites.schema import Cost, Suite
-from gauss_bench.trajectory import RunFailure, Status
+from gauss_bench.trajectory import Status
 
 BASELINE = "gauss"  # costs are ratios to this engine: Gauss's principle as its authors wrote it
 BUILD, ACCELERATION, STEP, NATIVE = "build", "acceleration", "step", "native_step"
@@ -133,54 +130,15 @@ def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice, part: 
         yield NATIVE, partial(make, partial(stepping, None, step=part.step, native=True))
 
 
-def build_model(engine: Engine, mechanism: Mechanism, choice: Choice) -> Any:
-    """Build a model.
-
-    Raises:
-        RunFailure: the engine refuses the mechanism.
-    """
-    if reason := engine.skip(mechanism, choice):
-        raise RunFailure(Status.SKIP, reason)
-    return engine.build(mechanism, choice)
-
-
-def first_step(engine: Engine, mechanism: Mechanism, choice: Choice) -> None:
-    """Build a model and take one step, which includes code that is generated or compiled at first use."""
-    model = build_model(engine, mechanism, choice)
-    model.prepare(np.array([0.0, choice.step]))
-    model.run()
-
-
 def first_build(linkage: str, scenario: str, engine: str, step: float) -> Tables:
     """Return the seconds until an engine's first model has taken its first step, in a new process, or the reason why not."""
     offered, mechanism = offer(engine), load(linkage, scenario or None)
     key = Key(COLD, engine, next(iter(offered.settings)), offered.integrators[0])
     start = place_of(mechanism) | key._asdict()
-    try:
-        with Worker() as worker:
-            sample = worker.call(cold, (linkage, scenario, engine, Choice(*key[2:], step)), LIMIT)
-    except WorkerFailure as failure:
-        sample = failure.columns
+    sample = time_start(cold_there, engine, mechanism, Choice(*key[2:], step), LIMIT)
     if "status" in sample:
         return {"untimed": [start | sample]}
     return {"samples": [start | {"step": step, "process": 0, "round": 0} | sample]}
-
-
-def cold(linkage: str, scenario: str, engine: str, choice: Choice) -> dict[str, Any]:
-    """Return the processor time [s] of a build with no generated code stored, compilers included.
-
-    Must be called in a new process. The import of the engine's library is not counted.
-    """
-    asked, mechanism = get(engine), load(linkage, scenario or None)
-    asked.version()
-    with TemporaryDirectory() as empty:
-        os.environ["XDG_CACHE_HOME"] = empty
-        compilers = sum(os.times()[2:4])
-        try:
-            seconds = measure_seconds(lambda: first_step(asked, mechanism, choice))
-        except RunFailure as failure:
-            return {"status": str(failure.status), "message": str(failure)}
-    return {"seconds": seconds + sum(os.times()[2:4]) - compilers}
 
 
 def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:

@@ -24,7 +24,7 @@ from gauss_bench.trajectory import Reference, Status, Trajectory
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.driving, "driving", driving)
 
 

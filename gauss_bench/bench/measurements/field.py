@@ -4,7 +4,6 @@ Two runs in two new processes must agree bit by bit. The suite computes joint fo
 engine tells itself are compared too. A start is the first use of the engine in a new process: import, model and first step.
 """
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,20 +17,18 @@ from gauss_bench.engines import ELSEWHERE, names, unknown
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.spaces import SIZE
-from gauss_bench.metrics import compare_joint_forces, joint_force_errors
+from gauss_bench.metrics import joint_force_errors
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.offers import interpreter_of, offer
+from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import sampling
-from gauss_bench.runs.questions import joint_forces
-from gauss_bench.runs.starting import start_there
-from gauss_bench.runs.worker import Worker, WorkerFailure
+from gauss_bench.runs.questions import ask_along
+from gauss_bench.runs.starting import start_there, time_start
+from gauss_bench.runs.worker import Worker
 from gauss_bench.suites.schema import PLAIN, SameQuestions, Suite
-from gauss_bench.trajectory import Reference, Status, Trajectory
+from gauss_bench.trajectory import Status, Trajectory
 
 START = "start"  # the timed quantity
-ASKED = 20  # states at which an engine is asked for joint forces of its own
 
 
 def engines_of(part: SameQuestions) -> list[str]:
@@ -69,17 +66,9 @@ def compare_runs(
     if not offered.usable:
         return {"field": [row | {"status": str(offered.status), "message": offered.reason}]}
     reference = reference_of(linkage, scenario, until, store)
-    states = spread_states(reference)
-    joints = tuple(joint.name for joint in mechanism.joints)
-    request = Request(
-        linkage,
-        mechanism.scenario,
-        engine,
-        choice,
-        sampling(step, until, sample_times(until)),
-        ask=partial(joint_forces, joints, states.t, states.q, states.v),
-        answers=SIZE * len(joints) * len(states.t),
-    )
+    forces = ask_along(mechanism, reference)
+    wanted = sampling(step, until, sample_times(until))
+    request = Request(linkage, mechanism.scenario, engine, choice, wanted, forces.ask, answers=forces.answers)
     runs = []
     for _ in range(2):
         with Worker() as worker:
@@ -90,19 +79,9 @@ def compare_runs(
         return {"field": [row | {"status": str(failed.status), "message": failed.message}]}
     same, apart = repeats(first, second)
     agreement = {"same_bits": same, "difference": apart}
-    evaluator = Evaluator(mechanism)
-    agreement["force_error"] = float(joint_force_errors(evaluator, first, reference).max())
-    told = runs[0].answer
-    if isinstance(told, np.ndarray) and told.shape == (len(states.t), len(joints), 3):
-        agreement["told_force_error"] = compare_joint_forces(evaluator, states, told)[0]
+    agreement["force_error"] = float(joint_force_errors(Evaluator(mechanism), first, reference).max())
+    agreement["told_force_error"], _ = forces.compare(runs[0].answer)
     return {"field": [row | agreement | {"status": str(Status.OK), "message": ""}]}
-
-
-def spread_states(reference: Reference) -> Trajectory:
-    """Return at most ASKED states of a reference, evenly spread over its samples."""
-    known = np.flatnonzero(np.isfinite(reference.a).all(axis=1))
-    k = known[np.unique(np.linspace(0, len(known) - 1, ASKED).round().astype(int))]
-    return Trajectory(reference.t[k], reference.q[k], reference.v[k], reference.a[k], None)
 
 
 def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
@@ -121,23 +100,17 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
         for number in range(part.processes):
             for name in (x for x in engines_of(part) if offer(x).usable):
                 arguments = (*place, name, part.step, number)
-                tasks.append(context.task("untimed", time_start, arguments, *place, engine=name, quantity=START))
+                tasks.append(context.task("untimed", first_use, arguments, *place, engine=name, quantity=START))
     return tasks
 
 
-def time_start(linkage: str, scenario: str, engine: str, step: float, number: int) -> Tables:
+def first_use(linkage: str, scenario: str, engine: str, step: float, number: int) -> Tables:
     """Return the processor time of a start of an engine with its defaults, in a new process, or the reason why there is none."""
     mechanism, offered = load(linkage, scenario or None), offer(engine)
     settings, integrator = next(iter(offered.settings)), offered.integrators[0]
     row: dict[str, Any] = place_of(mechanism) | {"engine": engine, "settings": settings, "integrator": integrator}
     row |= {"stabilization": "none", "quantity": START}
-    try:
-        with Worker() as worker:
-            started = worker.under(interpreter_of(engine)).call(
-                start_there, (engine, mechanism, Choice(settings, integrator, "none", step)), LIMIT
-            )
-    except WorkerFailure as failure:
-        started = failure.columns
+    started = time_start(start_there, engine, mechanism, Choice(settings, integrator, "none", step), LIMIT)
     if "status" in started:
         return {"untimed": [row | started]}
     return {"samples": [row | {"step": step, "process": number, "round": 0} | started]}

@@ -11,7 +11,6 @@ import numpy as np
 from gauss_bench.bench.tasks import Context, Tables, Task
 from gauss_bench.kinematics.basic_coordinates import basic_motion
 from gauss_bench.kinematics.basins import basins, loop_form, point_form, whole_turns_apart
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.linkage.load import load
@@ -30,7 +29,7 @@ Levels = tuple[Array, Array, Array]
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.geometry, "agreement", geometry)
 
 
@@ -38,7 +37,7 @@ def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
     """Return the agreement of the methods over one turn, the singular positions and, if asked for, searches for the assembly."""
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
-    loop, basic = (solve(mechanism, inputs_of(mechanism), times) for solve in (loop_motion, basic_motion))
+    loop, basic = (solve(mechanism, times) for solve in (loop_motion, basic_motion))
     assert mechanism.driver is not None
     laws = np.array([mechanism.driver.law(t) for t in times]).T
     ways: dict[str, Levels] = {
@@ -64,7 +63,7 @@ def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
     """Return the share of random starts from which each search finds the assembly, in loop variables and in point coordinates."""
     rows = []
     for form, spreads, make, difference in FORMS:
-        for basin in basins(mechanism, inputs_of(mechanism), spreads, STARTS, form=make, difference=difference):
+        for basin in basins(mechanism, spreads, STARTS, form=make, difference=difference):
             rows.append({"mechanism": mechanism.name, "form": form, **vars(basin)})
     return rows
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Row, foreseen, gather_rounds, lasting, row, spread
+from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row, spread
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient
 from gauss_bench.compiler.errors import KernelError
@@ -30,7 +30,7 @@ from gauss_bench.engines.pinocchio import library_calls as pinocchio
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.runs.blocks import TimedCall, call_of, prepare_call
+from gauss_bench.runs.blocks import Block, TimedCall, call_of, lasting, prepare_call
 from gauss_bench.runs.offers import offers_from_outside
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array

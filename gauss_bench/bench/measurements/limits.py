@@ -64,7 +64,7 @@ def limit(start: Row, own: str, measured: Measured) -> Row:
     """Return the time of a step, its lower bound, and the bound over the time.
 
     Raises:
-        Missing: something was not measured.
+        Failure: something was not measured.
     """
     quantity, machine, count = QUANTITIES[start["quantity"]]
     times = spread("seconds", measured.of(Key(quantity, own)))

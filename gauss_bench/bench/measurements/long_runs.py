@@ -26,7 +26,7 @@ WINDOWS = 10  # equal parts of a run; each has its largest error of the energy
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.long_runs, "kernel_long", long_run)
 
 

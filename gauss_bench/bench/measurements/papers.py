@@ -14,7 +14,7 @@ from gauss_bench.suites.schema import Suite
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """One task for each table."""
+    """Return one task for each table."""
     makers: dict[str, Callable[..., Tables]] = {
         "audit": audit,
         "reproduction": reproduction,

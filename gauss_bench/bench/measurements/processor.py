@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Template
 
-from gauss_bench.bench.clock import Block, Key, Measured, Row, lasting, row, spread
+from gauss_bench.bench.clock import Key, Measured, Row, row, spread
 from gauss_bench.bench.provenance import environment
 from gauss_bench.bench.tasks import Rows
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.graph import LATENCY
 from gauss_bench.compiler.machine.llvm import Listing
+from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]

@@ -65,7 +65,7 @@ def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: s
     """Return the times of both right-hand sides and their ratio.
 
     Raises:
-        Missing: one was not measured.
+        Failure: one was not measured.
     """
     ours = measured.of(Key(NATIVE if own == LOOP else ACCELERATION, part.own))
     if own == LOOP:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Measured, Missing, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
+from gauss_bench.bench.clock import Measured, Row, at_least, gather_rounds, quartiles, ratio, row, spread, time_of
 from gauss_bench.bench.measure import reference_of
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import Entries, list_survivors, race_here
@@ -28,7 +28,6 @@ from gauss_bench.bench.tasks import Context, Rows, Tables, Task, patient, place_
 from gauss_bench.bench.ways import (
     BEATS,
     ROUGH_ROUNDS,
-    Models,
     Run,
     Way,
     choice_of,
@@ -37,24 +36,23 @@ from gauss_bench.bench.ways import (
     is_adaptive,
     loop_of,
     one_step,
+    options_of,
     space,
     whole_run,
 )
 from gauss_bench.engines import OWN, all_names, names
 from gauss_bench.engines.authors import candidates_of
 from gauss_bench.engines.base import Variant
-from gauss_bench.engines.own_options import is_assignment
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
+from gauss_bench.runs.blocks import Block, Models
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.suites.schema import Search, Suite
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Failure, Status
 
-STATUSES = dict.fromkeys(
-    (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED), Status.SKIP
-)  # in tables; other kinds are their own status
+SKIPPED = (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED)  # have this status in tables; other kinds are their own status
 BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
 Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, in the order of the search
 Owners = dict[Way, str]  # variant that the authors of its engine own -> who they are
@@ -222,26 +220,38 @@ def read_ladders(rows: Sequence[Row]) -> Ladders:
     """Return the ladders that the rows of a linkage describe."""
     ladders: Ladders = {}
     for r in rows:
-        variant = Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
-        ladders.setdefault(variant, []).append(trial_of(r))
+        ladders.setdefault(variant_of(r), []).append(trial_of(r))
     return ladders
 
 
 def owners_of(rows: Rows) -> Owners:
     """Return the variants (ways of size 0) that belong to the authors of their engine, by the rows of a ladder."""
-    owned = [r for r in rows if r.get("owner")]
-    return {Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0): r["owner"] for r in owned}
+    return {variant_of(r): r["owner"] for r in rows if r.get("owner")}
 
 
-def passing_ways(ladders: Ladders, part: Search) -> dict[tuple[Requirement, str], dict[Way, Trial]]:
-    """Return (requirement, engine) -> way -> trial: each variant that meets the requirement, at the coarsest size that does."""
-    found: dict[tuple[Requirement, str], dict[Way, Trial]] = {(w, e.name): {} for w in requirements(part) for e in engines_of(part)}
-    for (wanted, engine), ways in found.items():
-        for variant, trials in ladders.items():
-            trial = coarsest(trials, wanted)
-            if trial and variant.engine == engine:
-                ways[variant._replace(size=trial.size)] = trial
-    return found
+def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way, Trial]:
+    """Return way -> trial: each variant of an engine that meets a requirement, at the coarsest size that does."""
+    ways: dict[Way, Trial] = {}
+    for variant, trials in ladders.items():
+        if variant.engine == engine and (trial := coarsest(trials, wanted)):
+            ways[variant._replace(size=trial.size)] = trial
+    return ways
+
+
+def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
+    """Return the ways that race for one prize: those of one engine, owner and time loop that meet a requirement.
+
+    `rows` are the ladders of a linkage.
+    """
+    ladders, owners = read_ladders(rows), owners_of(rows)
+    groups: list[dict[Way, Trial]] = []
+    for wanted in requirements(part):
+        for engine in engines_of(part):
+            by_prize: dict[tuple[str, str], dict[Way, Trial]] = {}
+            for way, trial in passing_ways(ladders, wanted, engine.name).items():
+                by_prize.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
+            groups += by_prize.values()
+    return groups
 
 
 # The race: the cheapest of the ways that meet a requirement
@@ -252,28 +262,24 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
 
     `rows` are the ladders of the linkage.
     """
-    run, passing = motion_of(linkage, scenario, part), passing_ways(read_ladders(rows), part)
-    steps = {way: trial.steps for ways in passing.values() for way, trial in ways.items()}
+    run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
+    steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     rough, lost = race_apart(rough_entries, run, part, [(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
     seconds = {variant: time_of(x) for variant, x in gather_rounds(rough, entry_of).samples.items()}
     costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
     chosen: dict[Way, None] = {}
-    for ways in passing.values():
-        for some in by_loop(ways, owners_of(rows)):
-            chosen |= dict.fromkeys(finalists({way: costs[way] for way in some if way in costs}))
-    rows_of_race, more = race_apart(
-        race_entries, run, part, [(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead
-    )
+    for ways in groups:
+        chosen |= dict.fromkeys(finalists({way: costs[way] for way in ways if way in costs}))
+    asked = [(x, steps[x], costs[x]) for x in chosen]
+    rows_of_race, more = race_apart(race_entries, run, part, asked, part.rounds, lost, part.lead)
     return {"search_races": race_rows(run, 0, rows_of_race, lost | more)}
 
 
 def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: Rows, number: int) -> Tables:
     """Race the ways that may still win in one more process; `rows` are the ladders, `first` the rows of the first process."""
     run, measured = motion_of(linkage, scenario, part), gather_measured(first)
-    near: dict[Way, int | None] = {}
-    for ways in passing_ways(read_ladders(rows), part).values():
-        near |= {way: ways[way].steps for some in by_loop(ways, owners_of(rows)) for way in near_ways(some, measured)}
+    near = {way: ways[way].steps for ways in rivals(rows, part) for way in near_ways(ways, measured)}
     asked = [(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
     rows_of_race, lost = race_apart(race_entries, run, part, asked, part.rounds, list_lost(first), part.lead)
     return {"search_races": race_rows(run, number, rows_of_race, lost)}
@@ -304,14 +310,6 @@ def race_entries(linkage: str, scenario: str, until: float, asked: Asked, lead: 
         yield way, partial(whole_run, run, way, steps, cost, lead, models)
 
 
-def by_loop(ways: Iterable[Way], owners: Owners) -> list[list[Way]]:
-    """Group the ways of an engine by their time loop (option `loop`) and their owner; the cheapest of each group race."""
-    groups: dict[tuple[str, str], list[Way]] = {}
-    for way in ways:
-        groups.setdefault((loop_of(way), owner_of(way, owners)), []).append(way)
-    return [*groups.values()]
-
-
 def owner_of(way: Way, owners: Owners) -> str:
     """Return the authors who own the variant of a way, or an empty text if it is the suite's."""
     return owners.get(way._replace(size=0.0), "")
@@ -339,27 +337,23 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
     """
     if not _has_times(races):
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
-    run, ladders = motion_of(linkage, scenario, part), read_ladders(ladder_rows)
+    run, ladders, owners = motion_of(linkage, scenario, part), read_ladders(ladder_rows), owners_of(ladder_rows)
     measured, lost = gather_measured(races), list_lost(races)
     start: Row = place_of(run.mechanism)
-    owners = owners_of(ladder_rows)
-    passing, winners, owned = passing_ways(ladders, part), [], []
+    searched = [x.name for x in engines_of(part)]
+    ended = [x for x in searched if x not in lost]
+    winners, owned = [], []
     for wanted in requirements(part):
-        engines = {engine: ways for (w, engine), ways in passing.items() if w == wanted}
         asked = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit}
-        lines = [winner_row(asked, wanted, e, ways, ladders, measured, part) for e, ways in engines.items() if e not in lost]
+        lines = [winner_row(asked, wanted, engine, ladders, measured, part) for engine in ended]
         for line in (x for x in lines if x["status"] == Status.OK):
             way = way_of(line)
             line["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
             line["owner"] = owner_of(way, owners)
-        owned += [
-            row_of_authors(asked, wanted, e, ways, ladders, measured, part, owners)
-            for e, ways in engines.items()
-            if e not in lost and any(x.engine == e for x in owners)
-        ]
-        winners += with_ratios(lines, measured, part) + [
-            asked | {"engine": e} | reason for e, reason in lost.items() if e in engines
-        ]
+        winners += with_ratios(lines, measured, part)
+        winners += [asked | {"engine": engine} | lost[engine] for engine in lost if engine in searched]
+        by_authors = [x for x in ended if any(way.engine == x for way in owners)]
+        owned += [row_of_authors(asked, wanted, engine, ladders, measured, part, owners) for engine in by_authors]
     entered = dict.fromkeys(way for way in (*measured.samples, *measured.failed) if isinstance(way, Way))
     times = [row(start | place(way), _time_over_processes, measured, way) for way in entered if way.engine not in lost]
     return {"search_winners": winners, "search_times": times} | ({"search_owned": owned} if owned else {})
@@ -369,7 +363,7 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
     """Return the columns of a time and its spread; the spread is NaN where only one process ran the way.
 
     Raises:
-        Missing: it was not measured.
+        Failure: it was not measured.
     """
     samples = measured.of(way)
     columns: Row = spread("seconds", samples)
@@ -395,7 +389,12 @@ def entry_of(r: Mapping[str, Any]) -> Way:
 
 def way_of(r: Mapping[str, Any]) -> Way:
     """Return the way that a row of a table names."""
-    return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], r["step"] or r["tolerance"])
+    return variant_of(r)._replace(size=r["step"] or r["tolerance"])
+
+
+def variant_of(r: Mapping[str, Any]) -> Way:
+    """Return the variant, a way of size 0, that a row of a table names."""
+    return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
 
 
 def place(way: Way) -> Row:
@@ -405,17 +404,10 @@ def place(way: Way) -> Row:
     return columns | ({"step": None, "tolerance": size} if is_adaptive(way) else {"step": size, "tolerance": None})
 
 
-def winner_row(
-    start: Row,
-    wanted: Requirement,
-    engine: str,
-    passing: Mapping[Way, Trial],
-    ladders: Ladders,
-    measured: Measured,
-    part: Search,
-) -> Row:
+def winner_row(start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search) -> Row:
     """Return an engine's row for a requirement: its winner among the ways that meet it, or how near it came and why it failed."""
     searched = {way: trials for way, trials in ladders.items() if way.engine == engine}
+    passing = passing_ways(searched, wanted, engine)
     columns = start | {"engine": engine, "variants": len(searched), "evaluations": sum(map(len, searched.values()))}
     columns |= {"passing": len(passing), "raced": sum(way in measured.samples for way in passing)}
     columns |= {"budget": part.budget, "most_steps": part.steps_of.get(engine, part.most_steps)}
@@ -423,53 +415,32 @@ def winner_row(
     if not near:
         return columns | row_without_winner(wanted, searched, [measured.failed[x] for x in passing if x in measured.failed])
     winner, tied = pick_winner({way: measured.samples[way] for way in near})
-    options = options_of(winner)
     columns |= place(winner) | {"steps": passing[winner].steps, "error": passing[winner].errors[wanted.kind], "ties": tied}
-    columns |= {
-        "options": json.dumps(dict(options), sort_keys=True),
-        "tied": ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied),
-    }
+    columns["options"] = json.dumps(dict(options_of(winner)), sort_keys=True)
+    columns["tied"] = ", ".join(f"{x.settings} {x.integrator} {x.stabilization}" for x in tied)
     return columns | {"status": str(Status.OK), "message": ""} | spread("seconds", measured.of(winner))
 
 
-def options_of(way: Way) -> Mapping[str, Any]:
-    """Return the options of a way: those of a variant, or of a text of options."""
-    if is_assignment(way.settings):
-        return offer(way.engine).resolve_settings(way.settings)
-    return next((x.options for x in space(offer(way.engine)) if x.name == way.settings), {})
-
-
 def row_of_authors(
-    start: Row,
-    wanted: Requirement,
-    engine: str,
-    passing: Mapping[Way, Trial],
-    ladders: Ladders,
-    measured: Measured,
-    part: Search,
-    owners: Owners,
+    start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search, owners: Owners
 ) -> Row:
     """Return the cheapest setting that the authors of an engine own, beside the suite's cheapest for the same requirement."""
-    sides: list[tuple[Row, list[Way]]] = []
-    for theirs in (True, False):
-        ways = {way: trial for way, trial in passing.items() if (owner_of(way, owners) != "") is theirs}
-        searched = {way: trials for way, trials in ladders.items() if (owner_of(way, owners) != "") is theirs}
-        found = winner_row(start, wanted, engine, ways, searched, measured, part)
-        sides.append((found, found.pop("ties", [])))
-    (row, tied), (ours, our_tied) = sides
-    row["owner"] = ", ".join(dict.fromkeys(x for way, x in owners.items() if way.engine == engine))
+    theirs = winner_row(start, wanted, engine, {x: y for x, y in ladders.items() if x in owners}, measured, part)
+    ours = winner_row(start, wanted, engine, {x: y for x, y in ladders.items() if x not in owners}, measured, part)
+    found = {key: x for key, x in theirs.items() if key not in ("passing", "raced", "tied", "ties")}
+    found["owner"] = ", ".join(dict.fromkeys(x for way, x in owners.items() if way.engine == engine))
     for key in ("settings", "integrator", "stabilization", "step", "tolerance", "error", "seconds", "variants", "message"):
-        row[f"our_{key}"] = ours.get(key)
-    if tied and our_tied:
-        times = ratio(measured.of(way_of(row)), measured.of(way_of(ours)))
-        row |= dict(zip(("ratio", "ratio_low", "ratio_high"), times, strict=True))
-    return {key: x for key, x in row.items() if key not in ("passing", "raced", "tied")}
+        found[f"our_{key}"] = ours.get(key)
+    if theirs["status"] == Status.OK and ours["status"] == Status.OK:
+        times = ratio(measured.of(way_of(theirs)), measured.of(way_of(ours)))
+        found |= dict(zip(("ratio", "ratio_low", "ratio_high"), times, strict=True))
+    return found
 
 
-def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Missing]) -> Row:
+def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Failure]) -> Row:
     """Return the columns of an engine without a winner: the reason, and the way with the least error."""
     found = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
-    status = failed[0].status if found.holds and failed else STATUSES.get(found.kind, found.kind)
+    status = failed[0].status if found.holds and failed else Status.SKIP if found.kind in SKIPPED else found.kind
     columns: Row = {"status": str(status), "message": found.words}
     every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
     if not every:

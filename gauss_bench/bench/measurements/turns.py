@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import Block, Key, Measured, Row, at_least, lasting, row, spread
+from gauss_bench.bench.clock import Key, Measured, Row, at_least, row, spread
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.closure import Sweep, compile_closure
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.runs.blocks import Block, lasting
 from gauss_bench.suites.schema import Suite, Turns
 
 METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
@@ -28,7 +28,7 @@ LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """One task for each linkage."""
+    """Return one task for each linkage."""
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
 
@@ -65,8 +65,8 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))
 
     def plain() -> Block:
-        times, inputs = np.arange(PLAIN_SAMPLES) / samples, inputs_of(mechanism)
-        return lasting(None, lambda: loop_motion(mechanism, inputs, times), PLAIN_SAMPLES)
+        times = np.arange(PLAIN_SAMPLES) / samples
+        return lasting(None, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
 
     yield Key("turn", NATIVE), native
     yield Key("turn", LINK_UNITS), plain

@@ -17,23 +17,20 @@ from functools import cached_property
 import numpy as np
 
 from gauss_bench.compiler.elimination.formulations import guarded, keep_rows, vector
-from gauss_bench.compiler.elimination.function import Function, Inputs, function
+from gauss_bench.compiler.elimination.function import Function, function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
 from gauss_bench.compiler.equations.constraints import rows_of
-from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
+from gauss_bench.compiler.equations.links import Links, State, open_parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
-from gauss_bench.kinematics.inputs import Input
 from gauss_bench.kinematics.loop_equations import REGULAR
-from gauss_bench.mechanism.coordinates import columns, state, value
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.equations import Motion, Row
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND, Along, AngleDriver, Driver, Mechanism, Point, SlideDriver
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
-
-WORLD = Point(GROUND, np.zeros(2), "ground.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +38,12 @@ class ClosingProgram:
     """The functions that close one linkage at given inputs.
 
     Attributes:
-        driven: the linkage, with its inputs as drivers. open_names, values: of the open numbers, as in the file.
-        correction: (q, u, p) -> z (n).
-        motion: (q, u, w, b, g, p) -> guards, which must not change sign; the step (n) to the guess at the next sample;
-            q, v, a, then position, velocity and acceleration of each observed point.
+        driven: the linkage, with its inputs as drivers.
+        correction: (q, u) -> z (n).
+        motion: (q, u, w, b, g) -> guards, which must not change sign; the step (n) to the guess at the next sample; q, v, a.
     """
 
     driven: Mechanism
-    open_names: tuple[str, ...]
-    values: Array
     correction: Function
     motion: Function
 
@@ -72,24 +66,8 @@ class ClosingProgram:
         return len(self.motion.outputs[2])
 
 
-def drive(mechanism: Mechanism, inputs: Sequence[Input]) -> Mechanism:
-    """Return the mechanism with the inputs as drivers; the law of each is named by its index."""
-    drivers: list[Driver] = []
-    for k, given in enumerate(inputs):
-        law = MotionLaw(str(k), given.law.motion)
-        known = [d for d in mechanism.drivers if d.name == given.joint]
-        if given.link is not None:
-            drivers.append(AngleDriver(mechanism.link_name(given.link), law, given.link))
-        elif known:
-            drivers.append(replace(known[0], law=law))
-        else:
-            slide = next(j for j in mechanism.joints if j.name == given.joint)
-            drivers.append(SlideDriver(slide.name, law, slide))  # type: ignore[arg-type]  # a pin has no name of an input
-    return replace(mechanism, drivers=tuple(drivers))
-
-
 class Driven(Links):
-    """The links at a sample: laws have the levels of its inputs, and rates are given where they are known."""
+    """The links at a sample: laws, named by the index of their driver, have its levels; rates are given where they are known."""
 
     levels: Sequence[Motion]
     rates: Sequence[Node] | None = None
@@ -101,25 +79,17 @@ class Driven(Links):
         return super().rate(k) if self.rates is None else self.rates[k]
 
 
-def closing_program(mechanism: Mechanism, inputs: Sequence[Input], open_names: tuple[str, ...]) -> ClosingProgram:
-    """Generate the program for a linkage with as many inputs as degrees of freedom, and for its observed points.
+def closing_program(mechanism: Mechanism) -> ClosingProgram:
+    """Generate the program for a linkage with as many drivers, its inputs, as degrees of freedom.
 
     Raises:
-        KernelError: no usable pivots, or a name the mechanism does not have.
+        KernelError: no usable pivots.
     """
-    driven = drive(mechanism, inputs)
     known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)  # positions all over the motion
-    equations = _Equations(driven, open_parameters(mechanism, open_names), known)
-    correction, motion = equations.solve()
-    n, K, size = mechanism.n, len(inputs), len(open_names)
-    place: Inputs = (("q", n), ("u", K), ("p", size))
-    return ClosingProgram(
-        driven,
-        equations.parameters.names,
-        equations.parameters.values,
-        function(place, correction, None),
-        function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K), ("p", size)), motion, None),
-    )
+    correction, motion = _Equations(mechanism, known).solve()
+    n, K = mechanism.n, len(mechanism.drivers)
+    closing = function((("q", n), ("u", K)), correction, None)
+    return ClosingProgram(mechanism, closing, function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None))
 
 
 class _Equations:
@@ -130,8 +100,10 @@ class _Equations:
         levels: four tuples of one node per input: value u, rate w, second rate b, and the change g from the last position.
     """
 
-    def __init__(self, driven: Mechanism, parameters: Parameters, known: Study):
-        self.driven, self.parameters, self.drop = driven, parameters, known.drops[0]
+    def __init__(self, driven: Mechanism, known: Study):
+        numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
+        self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
+        self.parameters = open_parameters(driven, ())
         joints = Constraints(driven).joint_rows
         self.kept = (*(k for k in known.kept(0) if k < joints), *range(joints, joints + len(driven.drivers)))
         q = self._same_assembly(known.states.q)
@@ -192,9 +164,4 @@ class _Equations:
             v, a = follow(w, b)
         z = solved([-row.phi for row in self.rows if row.phi is not None])
         links = self._links(self.zeros, self.zeros, v)
-        stored = [*(links.coordinate(k) for k in range(n)), *v, *a]
-        for point in self.driven.observed_points:
-            ways = [state(Along(WORLD, point, 0.0, across), links) for across in (False, True)]
-            seconds = [graph.total([x.bias, *(e * a[k] for k, e in columns(x.entries).items())]) for x in ways]
-            stored += [*(x.value for x in ways), *(x.rate for x in ways), *seconds]
-        return [z], [[x for x, _ in guarded(factors)], advance, stored]
+        return [z], [[x for x, _ in guarded(factors)], advance, [*(links.coordinate(k) for k in range(n)), *v, *a]]

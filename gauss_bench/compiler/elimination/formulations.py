@@ -42,6 +42,8 @@ from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.lines import line_names, line_values
 from gauss_bench.mechanism.model import Mechanism
 
+Guard = tuple[Node, float]  # a pivot, and the size below which it is not to be used
+
 REACH = 12  # in a long sum, a pair whose sum is already known is looked for among so many neighbours
 
 
@@ -90,10 +92,6 @@ class Motions:
     def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Right], search: Search) -> "Motions":
         return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
 
-    def _parts(self, amounts: Right, j: int) -> list[Node]:
-        """Return the summands of coordinate j in a combination of the motions."""
-        return [N[j] * amounts[k] for k, N in enumerate(self.N) if j in N and k in amounts]
-
     def _shares(self, x: Right) -> Right:
         """Return (N^T N)^-1 N^T x, free motion -> its share."""
         products = [self.graph.total([N[j] * y for j, y in x.items() if j in N]) for N in self.N]
@@ -102,7 +100,7 @@ class Motions:
     def across(self, change: Right) -> Right:
         """Subtract from a change of coordinates its part along the motions."""
         shares = self._shares({j: -x for j, x in change.items()})
-        parts = {j: [*_at(change, j), *self._parts(shares, j)] for j in sorted({j for x in (change, *self.N) for j in x})}
+        parts = {j: [*_at(change, j), *_parts(self.N, shares, j)] for j in sorted({j for x in (change, *self.N) for j in x})}
         sums = {j: self.graph.total(x) for j, x in parts.items() if x}
         return {j: x for j, x in sums.items() if not x.zero}
 
@@ -111,10 +109,10 @@ class Motions:
         graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}
         speeds = {k: off[u] / N[u] for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))}
         others = [j for j in off if j not in self.independent]
-        more = self._shares({j: graph.total([off[j], *(-x for x in self._parts(speeds, j))]) for j in others})
-        nearest = {u: graph.total([v[u], *self._parts(more, u)]) for u in self.independent}
+        more = self._shares({j: graph.total([off[j], *(-x for x in _parts(self.N, speeds, j))]) for j in others})
+        nearest = {u: graph.total([v[u], *_parts(self.N, more, u)]) for u in self.independent}
         speeds = {k: y + more[k] if k in more else y for k, y in speeds.items()}
-        nearest |= {j: graph.total([*_at(driven, j), *self._parts(speeds, j)]) for j in others}
+        nearest |= {j: graph.total([*_at(driven, j), *_parts(self.N, speeds, j)]) for j in others}
         return {j: x for j, x in sorted(nearest.items()) if not x.zero}
 
 
@@ -130,6 +128,8 @@ class Gauss:
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
         self.search = search
         self.reduced = _metric(terms.graph, self.N, terms.mass, search)
+        self.guards, self.correcting = guarded(self.factors), list[Guard]()
+        self.directions = self.N, list[Guard]()
 
     @cached_property
     def _motions(self) -> Motions:
@@ -141,12 +141,7 @@ class Gauss:
         a0 = self.factors.solve(gamma)
         b = {k: graph.total(_work(self.terms, N, a0), pairs=REACH) for k, N in enumerate(self.N)}
         h = self.reduced.solve({k: x for k, x in b.items() if not x.zero})
-        a: Right = {}
-        for j in range(len(self.terms.mass)):
-            parts = [N[j] * h[k] for k, N in enumerate(self.N) if j in N and k in h]
-            if j in a0:
-                parts.append(a0[j])
-            a[j] = graph.total(parts)
+        a = {j: graph.total([*_parts(self.N, h, j), *_at(a0, j)]) for j in range(len(self.terms.mass))}
         return {j: x for j, x in a.items() if not x.zero}
 
     def correction(self, residual: Right) -> Right:
@@ -154,10 +149,6 @@ class Gauss:
 
     def velocity(self, v: Sequence[Node]) -> Right:
         return self._motions.nearest(v, self.factors.solve(self.terms.driven))
-
-    @property
-    def correcting(self) -> list[tuple[Node, float]]:
-        return []
 
     def multipliers(self, gamma: Right) -> Right:
         a, terms = self.acceleration(gamma), self.terms
@@ -171,18 +162,15 @@ class Gauss:
         transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
         return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), terms.mixed).solve(forces)
 
-    @property
-    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
-        return self.N, []
-
-    @property
-    def guards(self) -> list[tuple[Node, float]]:
-        return guarded(self.factors)
-
 
 def _at(x: Right, j: int) -> list[Node]:
     """One entry of a sparse vector, if it is there."""
     return [x[j]] if j in x else []
+
+
+def _parts(motions: Sequence[Right], amounts: Right, j: int) -> list[Node]:
+    """Return the summands of coordinate j in a combination of motions."""
+    return [N[j] * amounts[k] for k, N in enumerate(motions) if j in N and k in amounts]
 
 
 def _metric(graph: ExpressionGraph, motions: Sequence[Right], weights: Sequence[Node], search: Search) -> Factors:
@@ -230,6 +218,7 @@ class Lagrange:
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
         self.factors = self._factors(terms.mass)
         self.single = moving and len(self.independent) <= 1
+        self.guards = guarded(self.factors)
 
     def _factors(self, mass: Sequence[Node]) -> Factors:
         # KKT matrix [M J^T; J 0], symmetric
@@ -286,14 +275,14 @@ class Lagrange:
         return {j: x + change[j] if j in change else x for j, x in enumerate(v)}
 
     @property
-    def correcting(self) -> list[tuple[Node, float]]:
+    def correcting(self) -> list[Guard]:
         return guarded(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Right) -> Right:
         return {k - self.n: x for k, x in self._solve(gamma).items() if k >= self.n}
 
     @property
-    def directions(self) -> tuple[list[Right], list[tuple[Node, float]]]:
+    def directions(self) -> tuple[list[Right], list[Guard]]:
         graph, unknowns, motions, factors = self.terms.graph, range(len(self.independent)), self._free_motions, self._mobility
         if len(motions) == 1:
             return motions, guarded(factors)
@@ -303,14 +292,10 @@ class Lagrange:
         ]
         return [{j: x for j, x in motion if not x.zero} for motion in sums], guarded(factors)
 
-    @property
-    def guards(self) -> list[tuple[Node, float]]:
-        return guarded(self.factors)
 
-
-def guarded(factors: Factors) -> list[tuple[Node, float]]:
+def guarded(factors: Factors) -> list[Guard]:
     """Return the pivots that vary with the state, without constant factors and duplicates, and their thresholds."""
-    guards: dict[int, tuple[Node, float]] = {}
+    guards: dict[int, Guard] = {}
     for p in factors.guarded:
         if p.node.number is None:
             factor, base = factor_out(p.node)
@@ -319,9 +304,8 @@ def guarded(factors: Factors) -> list[tuple[Node, float]]:
     return list(guards.values())
 
 
-STEADY = (
-    100.0  # any fixed choice of rows to drop is singular somewhere, and digits go long before its pivots do: others serve there
-)
+# factor on thresholds where any choice of rows to drop is singular somewhere: digits go long before its pivots do; others serve
+STEADY = 100.0
 FORMULATIONS = ("auto", "gauss", "lagrange")
 
 
@@ -376,7 +360,10 @@ class Workspace:
 
     def residuals(self) -> dict[int, Node]:
         """Return phi by kept row at the position to be corrected; a knife edge has no residual of position."""
-        moved = keep_rows(self.terms.graph, rows_of(self.links_at_new()), self.kept, self.drop)
+        links = self.links
+        there = replace(links.state, t="t_new", q="q_new", v="v_new")
+        at_new = Links(links.graph, links.mechanism, links.parameters, there, exact=True)  # slides do not tie angles here
+        moved = keep_rows(links.graph, rows_of(at_new), self.kept, self.drop)
         return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
 
     def spread_out(self, multipliers: Right) -> Right:
@@ -388,14 +375,13 @@ class Workspace:
                 of_rows[dropped] = self.terms.graph.total(parts)
         return of_rows
 
-    @property
-    def velocities(self) -> list[Node]:
-        """v."""
-        return [self.links.rate(k) for k in range(len(self.terms.mass))]
-
     def damped(self, alpha: float, beta: float) -> dict[int, Node]:
-        """gamma - 2 alpha phi' - beta^2 phi by kept row."""
-        return {k: x for k, row in enumerate(self.terms.rows) if not (x := bend(self.links, row, alpha, beta)).zero}
+        """Return Baumgarte's right-hand side by kept row, gamma - 2 alpha phi' - beta^2 phi."""
+        sides: dict[int, Node] = {}
+        for k, row in enumerate(self.terms.rows):
+            side = row.gamma - rate_of(self.links, row) * (2 * alpha)
+            sides[k] = side if row.phi is None else side - row.phi * beta**2
+        return {k: x for k, x in sides.items() if not x.zero}
 
     def exact(self) -> tuple[list[Node], list[Node], Node]:
         """Return phi of holonomic rows, phi' of all rows, and energy, valid off the constraints: slides do not tie angles here."""
@@ -404,25 +390,11 @@ class Workspace:
         rows = rows_of(plain)
         return [row.phi for row in rows if row.phi is not None], [rate_of(plain, row) for row in rows], energy(plain)
 
-    def links_at_new(self) -> Links:
-        """Return the links at the position to be corrected, inputs t_new and q_new; slides do not tie angles here."""
-        links = self.links
-        there = replace(links.state, t="t_new", q="q_new", v="v_new")
-        return Links(links.graph, links.mechanism, links.parameters, there, exact=True)
-
 
 def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> list[Row]:
     """Return the rows to eliminate, with the dropped rows that are combined into them."""
     taken = [[(rows[r], factor) for at, r, factor in drop.shares if at == k] for k in kept]
     return [combine(graph, [(rows[k], 1.0), *more]) if more else rows[k] for k, more in zip(kept, taken, strict=True)]
-
-
-def bend(links: Links, row: Row, alpha: float, beta: float) -> Node:
-    """Return Baumgarte's right-hand side of a row, gamma - 2 alpha phi' - beta^2 phi."""
-    bias: Node = row.gamma - rate_of(links, row) * (2 * alpha)
-    if row.phi is not None:
-        bias = bias - row.phi * beta**2
-    return bias
 
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:

@@ -4,9 +4,9 @@ A function is read from nodes in the order in which they were made. A reciprocal
 of a difference with one use the opposite difference: neither is worth an operation of its own.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -157,32 +157,17 @@ def costs_of(outputs: Sequence[Node]) -> Costs:
     return function([(name, 0) for name in inputs], [outputs], uses(outputs, needed)).costs
 
 
-class _Reader:
-    """Chooses for each node of a function the instruction that computes it."""
-
-    def __init__(self, shared: dict[int, int] | None, ends: Sequence[Node]):
-        self.shared, self.ends = shared, ends
-
-    @cached_property
-    def own(self) -> dict[int, int]:
-        """Count the uses of nodes that no other function of the merged code shares."""
-        return uses(self.ends)
-
-    def _once(self, x: Node) -> bool:
-        if self.shared is None:
-            return False
-        count = self.shared.get(x.index)
-        return (self.own[x.index] if count is None else count) == 1
-
-    def form(self, node: Node) -> tuple[str, tuple[Node, ...]]:
-        """Return operation and operands of the instruction for a node."""
-        if node.op == "MUL":
-            for x, other in (node.args, node.args[::-1]):
-                if x.op == "INV" and self._once(x):
-                    return "DIV", (other, x.args[0])
-        if node.op == "NEG" and node.args[0].op == "SUB" and self._once(node.args[0]):
-            return "SUB", node.args[0].args[::-1]
-        return node.op, node.args
+def _form(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[Node, ...]]:
+    """Return operation and operands of the instruction that computes a node."""
+    if node.op in ("INPUT", "CONST"):
+        return node.op, ()
+    if node.op == "MUL":
+        for x, other in (node.args, node.args[::-1]):
+            if x.op == "INV" and is_used_once(x):
+                return "DIV", (other, x.args[0])
+    if node.op == "NEG" and node.args[0].op == "SUB" and is_used_once(node.args[0]):
+        return "SUB", node.args[0].args[::-1]
+    return node.op, node.args
 
 
 def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) -> Function:
@@ -193,19 +178,18 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
         shared: uses of nodes in all functions whose code will be merged, so that all of them have the same form of each; None where
             every node is to stay as it is.
     """
-    return number_nodes(inputs, outputs, shared)[0]
-
-
-def number_nodes(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None = None) -> tuple[Function, dict[int, int]]:
-    """The function of some nodes, and the number of each of its nodes' values by the node's index."""
     ends = [x for nodes in outputs for x in nodes]
-    reader = _Reader(shared, ends)
+    own_uses = cache(lambda: uses(ends))  # of nodes that no other function of the merged code shares
+
+    def is_used_once(x: Node) -> bool:
+        return shared is not None and (shared[x.index] if x.index in shared else own_uses()[x.index]) == 1
+
     forms: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}
     left = list(ends)
     while left:
         node = left.pop()
         if node.index not in forms:
-            operation, operands = reader.form(node) if node.op not in ("INPUT", "CONST") else (node.op, ())
+            operation, operands = _form(node, is_used_once)
             forms[node.index] = node, operation, operands
             left += operands
     place = {name: k for k, (name, _) in enumerate(inputs)}
@@ -221,4 +205,4 @@ def number_nodes(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None
         else:
             instructions.append(Instruction(operation, tuple(number[x.index] for x in operands)))
     made = tuple(tuple(number[x.index] for x in nodes) for nodes in outputs)
-    return Function(tuple(size for _, size in inputs), tuple(instructions), made), number
+    return Function(tuple(size for _, size in inputs), tuple(instructions), made)

@@ -127,13 +127,13 @@ def row_names(mechanism: Mechanism) -> list[str]:
 
 
 @lru_cache(maxsize=32)  # a mechanism is asked about under several formulations, and once more for other partitions
-def study(mechanism: Mechanism, samples: int = SAMPLES) -> Study:
+def study(mechanism: Mechanism) -> Study:
     """Compute samples, redundant rows and null spaces of a mechanism.
 
     Raises:
         KernelError: rows are redundant that cannot be dropped, as two drivers that prescribe the same.
     """
-    states = manifold_states(mechanism, samples if mechanism.n <= DENSE else FEW)
+    states = manifold_states(mechanism, SAMPLES if mechanism.n <= DENSE else FEW)
     scale, constraints = scales(mechanism), Constraints(mechanism)
     jacobians = [constraints(t, q, v).J * scale for t, q, v in zip(states.t, states.q, states.v, strict=True)]
     if mechanism.n > DENSE and mechanism.redundant == 0:

@@ -16,7 +16,7 @@ steps.
 import json
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, lru_cache
 from itertools import product
 from typing import Any
@@ -96,9 +96,8 @@ def best_of(work: Workspace, count: int) -> Best:
     attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
     repeated = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
-    again = [
-        replace(search, seed=100 + k) for k, search in repeated if search.by_chance
-    ]  # without chance a repetition gives the same program
+    # without chance a repetition gives the same program
+    again = [replace(search, seed=100 + k) for k, search in repeated if search.by_chance]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
@@ -164,7 +163,10 @@ def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, 
     return plans
 
 
-__all__ = ["Costs", "Function", "KernelError", "Program", "costs", "drops", "generate", "known_program", "partitions"]
+__all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
+
+
+NOTHING = Function((), (), ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +195,8 @@ class Program:
         energy: (q, v, p) -> (1,) kinetic plus potential energy [J].
         residual: (t, q, v, p) -> phi (all holonomic rows), phi_dot (all rows).
         stabilized: as acceleration, with gamma - 2 alpha phi_dot - beta^2 phi in place of gamma; None unless asked for.
+
+    A program of accelerations alone leaves out what follows `acceleration`.
     """
 
     name: str
@@ -205,15 +209,15 @@ class Program:
     dropped: tuple[str, ...]
     thresholds: Array
     acceleration: Function
-    position_correction: Function
-    nearest_velocity: Function
-    correcting_thresholds: Array
-    directions: Function
-    direction_thresholds: Array
-    multipliers: Function
-    energy: Function
-    residual: Function
-    stabilized: Function | None
+    position_correction: Function = NOTHING
+    nearest_velocity: Function = NOTHING
+    correcting_thresholds: Array = field(default_factory=lambda: np.zeros(0))
+    directions: Function = NOTHING
+    direction_thresholds: Array = field(default_factory=lambda: np.zeros(0))
+    multipliers: Function = NOTHING
+    energy: Function = NOTHING
+    residual: Function = NOTHING
+    stabilized: Function | None = None
 
     @property
     def n_parameters(self) -> int:
@@ -274,16 +278,6 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
     return covering(study(mechanism))
 
 
-def drops(mechanism: Mechanism) -> int:
-    """Count the choices of redundant rows, of which at least one is usable at every position met."""
-    return len(study(mechanism).drops)
-
-
-def costs(program: Program) -> Costs:
-    """Operations, divisions and critical path of an acceleration with its guards."""
-    return program.acceleration.costs
-
-
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
     """Write all functions of the best plan."""
     work, algebra = best.work, best.work.algebra(best.search)
@@ -294,7 +288,7 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
     a = vector(graph, algebra.acceleration(work.terms.gamma), n)
     dq = vector(graph, algebra.correction(work.residuals()), n)
     correcting = algebra.correcting
-    nearest = vector(graph, algebra.velocity(work.velocities), n)
+    nearest = vector(graph, algebra.velocity([links.rate(k) for k in range(n)]), n)
     stabilized = vector(graph, algebra.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
     multipliers = work.spread_out(algebra.multipliers(work.terms.gamma))
     directions, apart = algebra.directions

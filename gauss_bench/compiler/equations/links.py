@@ -103,7 +103,7 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
             changes[field.name] = find(names[0], old) if names else change(old)
         return replace(x, **changes)
 
-    parts = ("joints", "forces", "drivers", "observed_points", "measured")
+    parts = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
     changed = {part: change(getattr(mechanism, part)) for part in parts}
     return replace(mechanism, links=tuple(links), ground_points=ground, gravity=find("gravity", mechanism.gravity), **changed)
 
@@ -243,7 +243,7 @@ class Links(Given):
             raise KernelError(str(error)) from None
 
     def quantity(self, name: str) -> Any:
-        """Return a number as a node, or a vector as a `Vec`, by its name in `named_numbers`."""
+        """Return a number as a node, or a vector as a `Vec`, by its name in the list above."""
         if name in self.parameters.all:
             return self.number(name)
         return Vec(self.number(f"{name}.x"), self.number(f"{name}.y"))
@@ -289,8 +289,7 @@ class Links(Given):
 
     def varying(self) -> list[tuple[Torque | PointForce, Factor]]:
         """Return every force that varies as a steady force, whose numbers are nodes, and the factor that multiplies it."""
-        forces = [(f, f.factor) for f in self.mechanism.forces if isinstance(f, (Torque, PointForce)) and f.factor]
-        return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in forces]
+        return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in self.mechanism.factors]
 
     def _numbers(self, force: Force) -> dict[str, Any]:
         return {key: self.quantity(f"forces.{force.name}.{key}") for key in force_numbers(force)}

@@ -4,7 +4,7 @@ An undriven linkage is moved along its free motion from its start, in steps of a
 beyond which it cannot be closed; a driven linkage is moved by its drivers. Velocities are random, and satisfy the constraints.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -71,7 +71,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
         q, ahead = mechanism.q0, sign * heading
         poses: Path = []
         for _ in range(steps):
-            J = constraints(0.0, q, np.zeros_like(q)).J[: constraints.holonomic]
+            _, J = constraints.residual(q)
             drift = 0.4 * scale * rng.normal(size=mechanism.n) * wanders
             ahead = _unit(_free_part(J * scale, (ahead + drift) / scale)) * scale
             following = _close(constraints, 0.0, q + STEP * ahead, scale)
@@ -108,15 +108,11 @@ def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
 
 def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array | None:
     """Return the nearest position on the constraints, or None if Newton's method fails."""
-    h = constraints.holonomic
-
-    def residual(x: Array) -> tuple[Array, Array]:
-        rows = constraints(t, x, np.zeros_like(x))
-        return rows.phi[:h], rows.J[:h]
 
     def is_closed(_: Array, phi: Array, __: Array) -> bool:
         return bool(np.abs(phi).max(initial=0.0) < CLOSED)
 
+    residual = partial(constraints.residual, t=t)
     q = project(q, residual, lambda J, phi: scale * shortest(J * scale, phi), CORRECTIONS, is_closed)
     return q if is_closed(q, *residual(q)) else None
 

@@ -13,15 +13,12 @@ class Code:
 
     Attributes:
         acceleration: that of the program, with Baumgarte's terms under "baumgarte".
-        position: the correction of positions. velocity: the nearest velocity that satisfies the constraints.
         angles: coordinates whose sines and cosines these functions need.
     """
 
     program: Program
     stabilization: str
     acceleration: Function
-    position: Function
-    velocity: Function
     angles: tuple[int, ...]
 
     @property
@@ -43,8 +40,8 @@ def read_code(program: Program, stabilization: str) -> Code:
     acceleration = program.stabilized if stabilization == "baumgarte" else program.acceleration
     if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
-    position, velocity = program.position_correction, program.nearest_velocity
     angles = acceleration.angles(1)  # of input 1, the positions; input 3 has corrected positions
     if stabilization == "projection" or program.dropped:
-        angles |= position.angles(1) | position.angles(3) | velocity.angles(1)
-    return Code(program, stabilization, acceleration, position, velocity, tuple(sorted(angles)))
+        position = program.position_correction
+        angles |= position.angles(1) | position.angles(3) | program.nearest_velocity.angles(1)
+    return Code(program, stabilization, acceleration, tuple(sorted(angles)))

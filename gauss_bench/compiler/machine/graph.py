@@ -157,6 +157,14 @@ class Graph:
     def abs(self, a: int) -> int:
         return self.make("abs", self.split_sign(a)[0])
 
+    def minimum(self, a: int, b: int) -> int:
+        """Return the smaller of two values, b if one is NaN."""
+        return self.make("select", self.make("lt", a, b), a, b)
+
+    def maximum(self, a: int, b: int) -> int:
+        """Return the larger of two values, b if one is NaN."""
+        return self.make("select", self.make("lt", b, a), a, b)
+
     def all(self, holds: bool) -> int:
         """Return the mask that is true everywhere, or false everywhere."""
         return self.make("all", payload=holds)
@@ -194,7 +202,7 @@ class Graph:
         """Return the largest absolute value; NaN is ignored."""
         most = self.const(0.0)
         for size in map(self.abs, values):
-            most = self.make("select", self.make("lt", most, size), size, most)
+            most = self.maximum(size, most)
         return most
 
 
@@ -242,8 +250,8 @@ ARITHMETIC: dict[str, Callable[..., int]] = {
     "NEG": Graph.neg,
     "INV": lambda g, a: g.div(g.const(1.0), a),
     "SQRT": lambda g, a: g.make("sqrt", a),
-    "FMIN": lambda g, a, b: g.make("select", g.make("lt", a, b), a, b),
-    "FMAX": lambda g, a, b: g.make("select", g.make("lt", b, a), a, b),
+    "FMIN": Graph.minimum,
+    "FMAX": Graph.maximum,
     "LE": lambda g, a, b: g.flag(g.make("le", a, b)),
 }
 

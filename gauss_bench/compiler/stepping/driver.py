@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
+from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop, integrate
 from gauss_bench.integrate.legs import legs
 from gauss_bench.terms import Array
 
@@ -144,7 +144,7 @@ class Driver:
         while True:
             again = int(stored > 0)  # after a stop the course begins between samples: its first state is not stored
             part = np.append(t, times[stored:]) if again else times
-            course = self.programs.adaptive(used).run(state, p, part, tolerances)
+            course = integrate(self.programs.adaptive(used), state, p, part, tolerances)
             new = course.samples[again:]
             samples[stored : stored + len(new)], stored = new, stored + len(new)
             taken, tried_steps = taken + course.taken, tried_steps + course.tried

@@ -10,7 +10,7 @@ usable independent coordinate, its slider is not at the dead centres.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -149,69 +149,68 @@ class Stepper:
 LEAST, LIMIT = 1e-14, 10**7  # of a step, relative to all times and to the longest; steps of one call
 
 
-class Adaptive:
-    """Steps one trajectory by one routine `integrate`, which controls the step size."""
+def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
+    """Integrate by a routine `integrate`, from a state (2n,) at the first of the times (k,), until a guard fails.
 
-    def __init__(self, loaded: Loaded):
-        self.loaded = loaded
-
-    def run(self, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-        """Integrate from a state (2n,) at the first of the times (k,) with tolerances rtol, atol until a guard fails."""
-        y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
-        samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
-        span = float(times[-1] - times[0])
-        least = LEAST * max(span, float(np.abs(times).max()))
-        numbers = (*tolerances, span, least, min(span / 100, float(times[1] - times[0])))
-        self.loaded.call(1)(*self.loaded.given([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
-        stored, taken, tried, t = report[0, :, 0].tolist()
-        return Course(samples.reshape(len(times), -1)[: int(stored)], y[0, :, 0], t, int(taken), int(tried))
+    The routine controls the step size by the tolerances rtol, atol.
+    """
+    y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
+    samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
+    span = float(times[-1] - times[0])
+    least = LEAST * max(span, float(np.abs(times).max()))
+    numbers = (*tolerances, span, least, min(span / 100, float(times[1] - times[0])))
+    loaded.call(1)(*loaded.given([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
+    stored, taken, tried, t = report[0, :, 0].tolist()
+    return Course(samples.reshape(len(times), -1)[: int(stored)], y[0, :, 0], t, int(taken), int(tried))
 
 
-class Evaluator:
-    """Results of a routine `accelerate` or `settle` at states, followed by its guard value: 0 if a guard fails."""
+def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
+    """Return by a routine `accelerate` accelerations (k, n) of states (k, 2n) at times (k,), and whether all guards hold (k,)."""
+    count = len(states)
+    lanes = loaded.lanes(count)
+    y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
+    out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
+    loaded.call(lanes)(*loaded.given([y, p, at, out]), len(y))
+    rows = out_of_lanes(out, count)
+    return rows[:, :-1], rows[:, -1] > 0
 
-    def __init__(self, loaded: Loaded):
-        self.loaded = loaded
 
-    def many(self, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
-        """Return accelerations (k, n) of states (k, 2n) at times (k,), and whether all guards hold (k,)."""
-        count = len(states)
-        lanes = self.loaded.lanes(count)
-        y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
-        out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
-        self.loaded.call(lanes)(*self.loaded.given([y, p, at, out]), len(y))
-        rows = out_of_lanes(out, count)
-        return rows[:, :-1], rows[:, -1] > 0
+def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array, size: int) -> Array:
+    """Return by a routine `accelerate` or `settle` its results (size,) at one state, and its guard value, 0 if a guard fails.
 
-    def one(self, t: float, q: Array, v: Array, parameters: Array, size: int) -> Array:
-        """Return the results (size + 1,) at one state by native code, in memory that the next call overwrites."""
-        one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 1, size + 1)
-        arrays = one.arrays
-        one.q[...], one.v[...], arrays[-2][0] = q, v, t
-        if len(parameters):
-            arrays[1][:] = parameters
-        one.run()
-        return arrays[-1]
+    They are computed by native code, in memory that the next call overwrites.
+    """
+    one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, size + 1)
+    arrays = one.arrays
+    one.q[...], one.v[...], arrays[-2][0] = q, v, t
+    if len(parameters):
+        arrays[1][:] = parameters
+    one.run()
+    return arrays[-1]
+
+
+margin_routine = partial(acceleration, margin=True)
 
 
 class Programs:
     """The programs of one mechanism, the best first; further ones are generated on demand.
 
     Attributes:
-        n: coordinates. values: (n_p,) open numbers of the file. native: accelerations of the first program.
+        n: coordinates. values: (n_p,) open numbers of the file. native: routine for accelerations of the first program.
         dropped: redundant rows that the first program leaves out; other programs may leave out different ones.
     """
 
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
-        self.target, self.plain, self._more = target, target.backend != "llvm", (read_code(x, stabilization) for x in programs)
+        self.target, self.plain, self.stabilization = target, target.backend != "llvm", stabilization
+        self._more = (read_code(x, stabilization) for x in programs)
         self.codes: list[Code] = []
         self.runners: dict[tuple[int, str], Stepper] = {}
-        self._adaptive: dict[int, Adaptive] = {}
-        self._evaluators: dict[tuple[int, str], Evaluator] = {}
+        self._routines: dict[tuple[int, Callable[[Code], Routine]], Loaded] = {}
+        self._integrate = partial(adaptive, plain=self.plain)
         self.further()
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
-        self.native = self._evaluator(0, "none", lambda code: acceleration(code, self.plain))
+        self.native = self._routine(0, "none", partial(acceleration, plain=self.plain))
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -241,17 +240,16 @@ class Programs:
         self.runners[k, integrator] = stepper
         return stepper
 
-    def adaptive(self, k: int) -> Adaptive:
-        """Return the stepper with step size control of one program, compiled on first use."""
-        if k not in self._adaptive:
-            self._adaptive[k] = Adaptive(Loaded(lambda many: adaptive(self.codes[k], self.plain), self.target))
-        return self._adaptive[k]
+    def adaptive(self, k: int) -> Loaded:
+        """Return the routine of one program that controls the step size."""
+        return self._routine(k, self.stabilization, self._integrate)
 
-    def _evaluator(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Evaluator:
-        if (k, make.__name__) not in self._evaluators:
+    def _routine(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Loaded:
+        """Return the routine that `make` writes for one program; it is compiled on first use."""
+        if (k, make) not in self._routines:
             code = read_code(self.codes[k].program, stabilization)
-            self._evaluators[k, make.__name__] = Evaluator(Loaded(lambda many: make(code), self.target))
-        return self._evaluators[k, make.__name__]
+            self._routines[k, make] = Loaded(lambda many: make(code), self.target)
+        return self._routines[k, make]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
         """Return accelerations (k, n) by one program, and the ratio (k,) of its smallest pivot to its threshold."""
@@ -265,26 +263,26 @@ class Programs:
         """Return the smallest pivot of one program at a state divided by its threshold; the guard fails below 1."""
         if self.plain:
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
-        evaluator = self._evaluator(k, "none", margin_routine)
-        return float(evaluator.one(t, state[: self.n], state[self.n :], p, self.n)[-1])
+        routine = self._routine(k, "none", margin_routine)
+        return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p, self.n)[-1])
 
     def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
         """Project a state (2n,) onto the rows that one program keeps; None if its guards or Newton's method fail."""
         if self.plain:
             return None
-        out = self._evaluator(k, "projection", settling).one(t, state[: self.n], state[self.n :], p, 2 * self.n)
+        out = evaluate_one(self._routine(k, "projection", settling), t, state[: self.n], state[self.n :], p, 2 * self.n)
         return out[:-1].copy() if out[-1] else None
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Return accelerations (k, n) by one program, and where its guards hold (k,)."""
         if k == 0 and not self.plain:
-            return self.native.many(t, np.concatenate([q, v], axis=1), p)
+            return evaluate_many(self.native, t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
         return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
         """Return accelerations (n,) at one state with the least overhead, or None if the first program cannot be used there."""
-        out = None if self.plain else self.native.one(t, q, v, p, self.n)
+        out = None if self.plain else evaluate_one(self.native, t, q, v, p, self.n)
         return out[:-1].copy() if out is not None and out[-1] else None
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
@@ -304,20 +302,15 @@ class Programs:
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Seconds to compile or load each piece of machine code so far, and whether it was in the cache."""
-        every = [self.native.loaded, *(y for x in self.runners.values() for y in x.compiled)]
-        every += [x.loaded for x in self._adaptive.values()]
+        every = [*self._routines.values(), *(y for x in self.runners.values() for y in x.compiled)]
         return [(code.seconds, code.from_cache) for x in every for code in x.codes.values()]
 
     def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
         """Compile ahead all code that steps of one state, or of many, may need; or only the code of the first steps."""
         if integrator == "dop853":
-            self.adaptive(0).loaded.call(1)
+            self.adaptive(0).call(1)
             return
         runner = self.runner(0, integrator)
         if extended:
             runner.extend()
         runner.loaded.call(self.target.lanes if many else 1)
-
-
-def margin_routine(code: Code) -> Routine:
-    return acceleration(code, margin=True)

@@ -203,14 +203,12 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     ideal = g.make("div", g.const(SAFETY), g.add(root, g.const(TINY)))
     refused = g.make("mask", payload="%refused")
     most = g.make("select", refused, g.const(1.0), g.const(GROW))
-    bounded = g.make("select", g.make("lt", ideal, most), ideal, most)
-    factor = g.make("select", g.make("lt", g.const(SHRINK), bounded), bounded, g.const(SHRINK))
+    factor = g.maximum(g.minimum(ideal, most), g.const(SHRINK))
     factor = g.make("select", sound, factor, g.const(SHRINK))
     new = g.mul(h, factor)
-    best = g.make(
-        "select", g.both([good, g.make("lt", new, wanted)]), wanted, new
-    )  # a step cut short by a sample must not reduce the next
-    best = g.make("select", g.make("lt", best, g.leaf("%longest")), best, g.leaf("%longest"))
+    # a step cut short by a sample must not reduce the next
+    best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)
+    best = g.minimum(best, g.leaf("%longest"))
     ahead = g.make("sub", goal, t)
     reached = g.both([good, g.make("le", ahead, h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
@@ -256,16 +254,16 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     return _at_one_state("accelerate", b, a, b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within])), plain)
 
 
-def settling(code: Code, plain: bool = False) -> Routine:
+def settling(code: Code) -> Routine:
     """Build the routine `settle(y, p, t, out)`, which projects a state back onto the constraint rows of the program.
 
     It needs code with projection. Positions get as many chord-Newton corrections as a step of the exact reach, then the velocity
     one. `out` has one row more than y, which is 1 if the guards hold and the last correction was at rounding level.
     """
-    b = Builder(code, EXACT, library=plain)
+    b = Builder(code, EXACT)
     q, _ = b.correct_position(b.t, b.q, [], b.q)
     v = b.correct_velocity(q)
-    return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain)
+    return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain=False)
 
 
 def _at_one_state(name: str, b: Builder, values: Sequence[int], last: int, plain: bool) -> Routine:

@@ -204,8 +204,15 @@ class Builder:
             product = self.g.mul(product, self.h)
         return product
 
+    def plus(self, x: list[int], y: list[int]) -> list[int]:
+        return [self.g.add(a, b) for a, b in zip(x, y, strict=True)]
+
+    def times(self, factor: int, x: list[int]) -> list[int]:
+        return [self.g.mul(factor, a) for a in x]
+
     def along(self, x: list[int], factor: int, d: list[int]) -> list[int]:
-        return [self.g.add(a, self.g.mul(factor, b)) for a, b in zip(x, d, strict=True)]
+        """Return x + factor d."""
+        return self.plus(x, self.times(factor, d))
 
     def weighted(self, a: list[list[int]], weights: Coefficients) -> list[int]:
         """Return the weighted sum of some accelerations."""
@@ -329,15 +336,14 @@ class Builder:
         g, least = self.g, self.g.const(FINITE)
         for mask in self.pivots:
             threshold, size = g.operands[mask]
-            ratio = g.div(size, threshold)
-            least = g.make("select", g.make("lt", ratio, least), ratio, least)
+            least = g.minimum(g.div(size, threshold), least)
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
         """Project the velocity onto the constraints at the positions q (default: those at the beginning of the step)."""
         if not self.code.projected:
             return self.v
-        nearest, guard = inline(self.g, self.code.velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
+        nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
         self._watch(guard, self.code.program.correcting_thresholds)
         return nearest
 
@@ -345,15 +351,13 @@ class Builder:
         """Project positions onto the constraints with the Jacobian of the positions `at`, and register their sines."""
         if not self.code.projected:
             return q, pairs
-        if at is q:
-            self._watch(
-                inline(self.g, self.code.acceleration, ([t], q, self.v, self.p), self.sincos)[1], self.code.program.thresholds
-            )
+        if at is q:  # no stage was there, so that nothing has watched the pivots
+            self.acceleration(t, q, self.v)
         for k in range(self.reach.corrections):
-            dq, guard = inline(self.g, self.code.position, ([t], at, [t], q, self.p), self.sincos)
+            dq, guard = inline(self.g, self.code.program.position_correction, ([t], at, [t], q, self.p), self.sincos)
             if k == 0:
                 self._watch(guard, self.code.program.correcting_thresholds)
-            q = [self.g.add(x, d) for x, d in zip(q, dq, strict=True)]
+            q = self.plus(q, dq)
             last = k == self.reach.corrections - 1
             reach = min(self.reach.correction, LAST_CORRECTION if last else inf)
             self.limit(self.of_angles(dq) or dq, reach)
@@ -383,10 +387,10 @@ class Builder:
     def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
         """Return the end state projected onto the constraints by one correction; the guards of the next step check it."""
         g, end = self.g, self.g.add(self.t, self.h)
-        dq, _ = inline(g, self.code.position, ([end], q, [end], q, self.p), self.sincos)
-        nearest = [g.add(x, d) for x, d in zip(q, dq, strict=True)]
+        dq, _ = inline(g, self.code.program.position_correction, ([end], q, [end], q, self.p), self.sincos)
+        nearest = self.plus(q, dq)
         pairs = self.turn(pairs, dq, self.reach.step, nearest) if pairs else []
-        velocities, _ = inline(g, self.code.velocity, ([end], nearest, v, self.p), self.sincos)
+        velocities, _ = inline(g, self.code.program.nearest_velocity, ([end], nearest, v, self.p), self.sincos)
         return nearest, velocities, pairs
 
 
@@ -402,21 +406,20 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     a1 = b.acceleration(b.t, q, u)
     out_pivots = list(b.pivots)
     q2, B = b.along(q, half, u), b.along(q, h, v)
-    pairs2 = b.turn(start, [g.mul(half, x) for x in u], reach.step / 2, q2)
+    pairs2 = b.turn(start, b.times(half, u), reach.step / 2, q2)
     a2 = b.acceleration(middle, q2, b.along(v, half, a1))
     q3 = b.along(q2, b.times_h(0.25, 2), a1)
-    b.turn(pairs2, [g.mul(b.times_h(0.25, 2), x) for x in a1], reach.bend, q3)
+    b.turn(pairs2, b.times(b.times_h(0.25, 2), a1), reach.bend, q3)
     a3 = b.acceleration(middle, q3, b.along(v, half, a2))
-    pairs_B = b.turn(b.compute_sines() if reach.rotates else [], [g.mul(h, x) for x in v], reach.step, B)
+    pairs_B = b.turn(b.compute_sines() if reach.rotates else [], b.times(h, v), reach.step, B)
     q4 = b.along(B, b.times_h(0.5, 2), a2)
-    b.turn(pairs_B, [g.mul(b.times_h(0.5, 2), x) for x in a2], reach.bend, q4)
+    b.turn(pairs_B, b.times(b.times_h(0.5, 2), a2), reach.bend, q4)
     a4 = b.acceleration(end, q4, b.along(v, h, a3))
-    inner = [g.add(x, y) for x, y in zip(a2, a3, strict=True)]
-    bend = [g.mul(b.times_h(1 / 6, 2), g.add(x, y)) for x, y in zip(a1, inner, strict=True)]
-    q_new = [g.add(x, y) for x, y in zip(B, bend, strict=True)]
-    outer = [g.add(x, y) for x, y in zip(a1, a4, strict=True)]
-    v_new = b.along(v, sixth, [g.add(x, g.mul(g.const(2.0), y)) for x, y in zip(outer, inner, strict=True)])
-    b.limit([g.mul(h, x) for x in b.of_angles(v)], reach.step)
+    inner = b.plus(a2, a3)
+    bend = b.times(b.times_h(1 / 6, 2), b.plus(a1, inner))
+    q_new = b.plus(B, bend)
+    v_new = b.along(v, sixth, b.along(b.plus(a1, a4), g.const(2.0), inner))
+    b.limit(b.times(h, b.of_angles(v)), reach.step)
     b.limit([x for a in (a1, a2, a3) for x in b.of_angles(a)], reach.bend, b.times_h(0.5, 2))
     pairs = b.turn(pairs_B, bend, reach.bend, q_new)
     q_new, pairs = b.correct_position(end, q_new, pairs, q4 if reach.rotates else q_new)
@@ -467,8 +470,8 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     out_pivots = list(b.pivots)
     v_new = b.along(v, b.h, a)
     q_new = b.along(q, b.h, v_new)
-    b.limit([g.mul(b.h, x) for x in b.of_angles(v_new)], reach.step)
-    pairs = b.turn(b.compute_sines() if reach.rotates else [], [g.mul(b.h, x) for x in v_new], reach.step, q_new)
+    b.limit(b.times(b.h, b.of_angles(v_new)), reach.step)
+    pairs = b.turn(b.compute_sines() if reach.rotates else [], b.times(b.h, v_new), reach.step, q_new)
     q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
@@ -483,7 +486,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)
     b.share(q, b.compute_sines() if reach.rotates else [])
-    to_middle, turned = [g.mul(b.times_h(0.5), x) for x in u], list[int]()
+    to_middle, turned = b.times(b.times_h(0.5), u), list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
     a = [b.acceleration(b.t, q, u)]
@@ -497,16 +500,16 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 
     def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
         """Return displacements and velocities at the fraction c of the step."""
-        moved = b.along([g.mul(b.times_h(c), x) for x in v], b.times_h(1.0, 2), b.weighted(a, twice))
+        moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(a, twice))
         return moved, b.along(v, h, b.weighted(a, weights))
 
     for k in range(1, len(method.c)):
         moved, w = at(method.c[k], method.A[k], method.twice[k])
-        x = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
+        x = b.plus(q, moved)
         known(x, moved)
         a.append(b.acceleration(g.add(b.t, b.times_h(method.c[k])), x, w))
     moved, v_new = at(1.0, method.b, method.end)
-    q_new = [g.add(p, d) for p, d in zip(q, moved, strict=True)]
+    q_new = b.plus(q, moved)
     pairs = known(q_new, moved)
     b.limit([g.largest(turned)], reach.step)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, x if reach.rotates else q_new)
@@ -519,10 +522,10 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
     g, squares = b.g, []
     allowed = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and rate
     for x, y in zip(old, new, strict=True):
-        larger = g.make("select", g.make("lt", g.abs(x), g.abs(y)), g.abs(y), g.abs(x))
+        larger = g.maximum(g.abs(y), g.abs(x))
         allowed.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
     for weights, twice in order_eight().estimates:  # velocities take the weights, positions their sums over two integrations
-        off = [*(g.mul(b.h, x) for x in b.weighted(a, twice)), *b.weighted(a, weights)]
+        off = [*b.times(b.h, b.weighted(a, twice)), *b.weighted(a, weights)]
         squares.append(g.squares([g.mul(x, scale) for x, scale in zip(off, allowed, strict=True)]))
     fifth, third = squares
     both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
@@ -550,8 +553,8 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     newton = b.newton(q, v, start, A) if free else None
 
     def along(weights_v: Coefficients, twice: Coefficients, c: float) -> tuple[list[int], list[int]]:
-        moved = b.along([g.mul(b.times_h(c), x) for x in v], b.times_h(1.0, 2), b.weighted(stages, twice))
-        return [g.add(x, y) for x, y in zip(q, moved, strict=True)], b.along(v, h, b.weighted(stages, weights_v))
+        moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(stages, twice))
+        return b.plus(q, moved), b.along(v, h, b.weighted(stages, weights_v))
 
     stages, z = [start] * s, [[start[k] for k in free]] * s
     for _ in range(NATIVE_PASSES):
@@ -563,9 +566,9 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
             stages = accelerations
             continue
         changes = newton(off)
-        z = [[g.add(x, y) for x, y in zip(row, change, strict=True)] for row, change in zip(z, changes, strict=True)]
+        z = [b.plus(row, change) for row, change in zip(z, changes, strict=True)]
         stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *at[i], accelerations[i], z[i]) for i in range(s)]
-    b.limit([g.mul(h, x) for change in changes for x in change], CONVERGED)
+    b.limit(b.times(h, [x for change in changes for x in change]), CONVERGED)
     q_new, v_new = along(weights.tolist(), (weights @ A).tolist(), 1.0)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
     return b.step(q_new, v_new, [], v, out_pivots)

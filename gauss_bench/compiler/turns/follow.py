@@ -1,13 +1,12 @@
-"""The samples of whole turns as a routine: each lane follows a part of a turn, or a linkage of its own.
+"""The samples of whole turns as a routine: each lane follows a part of a turn.
 
-    follow(q, least, p, inputs, out, report; samples, shift, block, last)
+    follow(q, least, inputs, out, report; samples, shift, block, last)
 
 n coordinates, K inputs, G guards, R numbers stored at each sample; rows of the arrays, each with one number for each lane:
 
     q        n                     guess at the first sample
     least    G                     what each guard must not fall below, on its side of zero
-    inputs   (samples + 1) x 3 K   values, rates, second rates; the next group's begin `shift` rows further on, 0 if shared
-    p        n_p                   open parameters
+    inputs   (samples + 1) x 3 K   values, rates, second rates; the next group's begin `shift` rows further on
     out      a lane's samples, R numbers each; lane k's begin at k `block`, at most at `last`
     report   1 + G                 samples closed before the first that could not be, guards at the last of all samples
 
@@ -45,7 +44,7 @@ from gauss_bench.compiler.machine.graph import (
     order,
     rewrite,
 )
-from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes, share
+from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes
 from gauss_bench.terms import Array as Floats
 
 REACH = 0.0065  # [rad] norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
@@ -67,16 +66,16 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     def leaves(letter: str, count: int) -> list[int]:
         return [g.leaf(f"%{letter}{k}") for k in range(count)]
 
-    q, guess, first, p = leaves("q", n), leaves("guess", n), leaves("first", n), leaves("p", len(program.open_names))
+    q, guess, first = leaves("q", n), leaves("guess", n), leaves("first", n)
     u, w, b, following = (leaves(letter, K) for letter in "uwbn")
     pairs = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}
-    ((*z,),) = inline(g, program.correction, (q, u, p), pairs.__getitem__)
+    ((*z,),) = inline(g, program.correction, (q, u), pairs.__getitem__)
     closed = [g.add(a, c) for a, c in zip(q, z, strict=True)]
     start = {k: sincos(guess[k]) for k in angles}
     end = {k: sincos(closed[k]) if plain else trigonometry.rotate(g, pairs[q[k]], z[k], REACH) for k in angles}
     ends = {closed[k]: pair for k, pair in end.items()}
     way = [g.sub(c, a) for a, c in zip(u, following, strict=True)]
-    guards, advance, stored = inline(g, program.motion, (closed, u, w, b, way, p), ends.__getitem__)
+    guards, advance, stored = inline(g, program.motion, (closed, u, w, b, way), ends.__getitem__)
     roots = {
         "start": [x for pair in start.values() for x in pair],
         "end": [x for pair in end.values() for x in pair],
@@ -132,7 +131,7 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
         Scatter("out", roots["stored"], g.make("times", i, payload=program.width), g.count("%block"), g.count("%last")),
     ]
     turns = Loop(outer, body, g.make("also", g.make("any", on), g.make("below", later, g.count("%samples"))))
-    given = {"q": first, "least": least, "p": [g.leaf(f"%p{k}") for k in range(len(program.open_names))]}
+    given = {"q": first, "least": least}
     loads = [Load(name, {x: k for k, x in enumerate(rows)}) for name, rows in given.items()]
     arrays = {name: Array(len(rows)) for name, rows in given.items()}
     arrays |= {"inputs": Array(1, "shift"), "out": Array(0), "report": Array(1 + program.guards)}
@@ -147,30 +146,20 @@ class Follower:
     def __init__(self, program: ClosingProgram, target: Target):
         self.program, self.loaded = program, Loaded(lambda many: follow(program, target.backend == "numpy"), target)
 
-    def run(
-        self, q: Floats, least: Floats, inputs: Floats, parameters: Floats, rows: Floats, threads: int = 1
-    ) -> tuple[NDArray[np.integer[Any]], Floats]:
+    def run(self, q: Floats, least: Floats, inputs: Floats, rows: Floats) -> tuple[NDArray[np.integer[Any]], Floats]:
         """Follow lanes from their guesses; return the number of closed samples (lanes,) and the final guards (lanes, G).
 
         Args:
             q: (lanes, n) guesses at the first samples.
             least: (lanes, G) bounds of the guards.
-            inputs: (lanes or 1, samples + 1, 3, K) values, rates, second rates; of the row after the last only the values count.
-            parameters: (lanes, n_p).
+            inputs: (lanes, samples + 1, 3, K) values, rates, second rates; of the row after the last only the values count.
             rows: (any, R), filled by one lane after the other; the last lane is aligned with the end and may overlap.
         """
         lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
-        x, bounds, p = (in_lanes(a, lanes) for a in (q, least, parameters))
-        shift = inputs[0].size if len(inputs) > 1 else 0
-        u = in_lanes(inputs.reshape(len(inputs), -1), lanes) if shift else np.repeat(inputs.reshape(1, -1, 1), lanes, axis=2)
-        report, out, block = np.empty((len(x), 1 + self.program.guards, lanes)), rows.reshape(-1), samples * self.program.width
-        call = self.loaded.call(lanes)
-
-        def part(low: int, high: int) -> None:
-            done = low * lanes * block
-            arrays = [x[low:high], bounds[low:high], p[low:high], u[low:] if shift else u, out[done:], report[low:high]]
-            call(*self.loaded.given(arrays), samples, shift, block, out.size - done - block, high - low)
-
-        share(part, len(x), threads)
+        guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))
+        report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
+        block = samples * self.program.width
+        given = self.loaded.given([guesses, bounds, levels, out, report])
+        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, out.size - block, len(guesses))
         found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
         return found[:, 0].astype(int), found[:, 1:]

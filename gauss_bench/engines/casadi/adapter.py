@@ -51,12 +51,12 @@ class Casadi:
     """CasADi's symbolic equations, integrated by SUNDIALS or with fixed steps in generated C."""
 
     name = "casadi"
-    integrators = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams", *METHODS)
+    adaptive = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")  # SUNDIALS chooses its own steps
+    integrators = (*adaptive, *METHODS)
     stabilizations = STABILIZATIONS
     settings = VARIANTS.settings
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     resizable = True  # a built model can run with another step or tolerance
-    adaptive = ("idas", "idas_ggl", "cvodes_bdf", "cvodes_adams")  # SUNDIALS chooses its own steps
     native_loop = True
     python_loop = False
 

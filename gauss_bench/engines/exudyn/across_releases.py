@@ -95,12 +95,12 @@ def compute_gaps(solver: Any, mbs: Any, settings: Any) -> None:
         solver.ComputeNewtonResidual(mbs, settings)
 
 
-def rigid_body(items: Any, mass: float, inertia: float, node: Any) -> Any:
-    """Return a rigid body in the plane."""
+def rigid_body(kind: Any, mass: float, inertia: float | list[float], node: Any) -> Any:
+    """Return a rigid body of a kind, in the plane or in space; `inertia` is a number or the six moments."""
     try:
-        return items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=node)
+        return kind(mass=mass, inertia=inertia, nodeNumber=node)
     except TypeError:
-        return items.ObjectRigidBody2D(physicsMass=mass, physicsInertia=inertia, nodeNumber=node)
+        return kind(physicsMass=mass, physicsInertia=inertia, nodeNumber=node)
 
 
 def call_after_steps(mbs: Any, function: Any) -> None:

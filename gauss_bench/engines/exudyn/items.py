@@ -38,7 +38,6 @@ from gauss_bench.mechanism.model import (
     Joint,
     Law,
     LengthDriver,
-    Load,
     Mechanism,
     Point,
     PointForce,
@@ -105,7 +104,10 @@ class System:
         for driver in mechanism.drivers:
             self._add_driver(driver)
         for load in loads(f for f in mechanism.forces if not factor_of(f)):
-            self._add_load(load)
+            if isinstance(load, PointForce):
+                self._add_point_force(load)
+            else:
+                self._add_law(load)
         self.last = np.inf
         for force in mechanism.varying:
             self._add_varying_force(force)
@@ -114,8 +116,7 @@ class System:
     def _add_link(self, i: int) -> None:
         add, items, link = self.mbs, self.items, self.mechanism.links[i]
         self.nodes[i] = add.AddNode(items.NodeRigidBody2D(referenceCoordinates=list(self.mechanism.q0[3 * i : 3 * i + 3])))
-        body = rigid_body(items, link.mass, link.inertia, self.nodes[i])
-        self.bodies[i] = add.AddObject(body)
+        self.bodies[i] = add.AddObject(rigid_body(items.ObjectRigidBody2D, link.mass, link.inertia, self.nodes[i]))
         marker = add.AddMarker(items.MarkerBodyMass(bodyNumber=self.bodies[i]))
         add.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=spatial(self.mechanism.gravity)))
 
@@ -200,15 +201,6 @@ class System:
     def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
         """Return a user function of time: a law's value (rate 0) or first derivative (rate 1), minus `start`."""
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
-
-    def _add_load(self, load: Load) -> None:
-        match load:
-            case PointForce():
-                self._add_point_force(load)
-            case Law():
-                self._add_law(load)
-            case _:
-                assert_never(load)
 
     def _add_varying_force(self, force: Force) -> None:
         """Add a force or torque that varies, with a user function."""

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, PAIR, Bar
+from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, PAIR
 from gauss_bench.engines.exudyn import across_releases
 from gauss_bench.engines.exudyn.adapter import library
 from gauss_bench.terms import Array
 
 SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
-SPATIAL = ("ObjectJointGeneric", "ObjectJointSpherical")  # closures of bodies in space
+# closure of bodies in space -> the axes that it holds: x and y alone, since rows of the plane's other directions would be redundant
+SPATIAL = {"ObjectJointGeneric": [1, 1, 0, 0, 0, 0], "ObjectJointSpherical": [1, 1, 0]}
 PLANAR = "ObjectConnectorDistance"
 FOUR, LENGTH = "wide_four_bar", "rod_of_one_length"
 LISTED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # items whose defaults are compared
@@ -66,11 +67,11 @@ def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequen
     for k, bar in enumerate(PAIR):
         place, speed = list(q[3 * k : 3 * k + 3]), list(v[3 * k : 3 * k + 3])
         node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=place, initialVelocities=speed))
-        body = mbs.AddObject(across_releases.rigid_body(items, bar.mass, bar.inertia, node))
+        body = mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody2D, bar.mass, bar.inertia, node))
         weigh(mbs, items, body)
-        pins = [point(mbs, items, ground, bar.at), point(mbs, items, body, -bar.centre)]
+        pins = [mark(mbs, items.MarkerBodyPosition, *end) for end in ((ground, bar.at), (body, -bar.centre))]
         mbs.AddObject(items.ObjectJointRevolute2D(markerNumbers=pins))
-        ends.append(point(mbs, items, body, bar.length - bar.centre))
+        ends.append(mark(mbs, items.MarkerBodyPosition, body, bar.length - bar.centre))
     mbs.AddObject(getattr(items, closure)(markerNumbers=ends, distance=2.0))
     return range(6)
 
@@ -82,36 +83,20 @@ def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Se
     for k, bar in enumerate(FOUR_BAR):
         place, speed = in_space(q[3 * k : 3 * k + 3]), in_space(v[3 * k : 3 * k + 3])
         node = mbs.AddNode(items.NodeRigidBodyRxyz(referenceCoordinates=place, initialVelocities=speed))
-        bodies.append(mbs.AddObject(body_in_space(items, bar, node)))
+        moments = [bar.inertia] * 3 + [0.0] * 3  # equal about all axes
+        bodies.append(mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody, bar.mass, moments, node)))
         weigh(mbs, items, bodies[k])
         parent, at = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
-        pins = [frame(mbs, items, parent, at), frame(mbs, items, bodies[k], -bar.centre)]
+        pins = [mark(mbs, items.MarkerBodyRigid, *end) for end in ((parent, at), (bodies[k], -bar.centre))]
         mbs.AddObject(items.ObjectJointGeneric(markerNumbers=pins, constrainedAxes=[1, 1, 1, 1, 1, 0]))
-    rod, rocker = FOUR_BAR[1], FOUR_BAR[2]
-    ends = [frame(mbs, items, bodies[1], rod.length - rod.centre), frame(mbs, items, bodies[2], rocker.length - rocker.centre)]
-    mbs.AddObject(close_in_space(items, closure, ends))
+    ends = [mark(mbs, items.MarkerBodyRigid, bodies[k], FOUR_BAR[k].length - FOUR_BAR[k].centre) for k in (1, 2)]  # rod, rocker
+    mbs.AddObject(getattr(items, closure)(markerNumbers=ends, constrainedAxes=SPATIAL[closure]))
     return [6 * k + at for k in range(len(FOUR_BAR)) for at in (0, 1, 5)]
-
-
-def close_in_space(items: Any, closure: str, ends: Sequence[Any]) -> Any:
-    """Return the joint that closes the four-bar; the rows of the plane's other directions would be redundant."""
-    if closure == "ObjectJointGeneric":
-        return items.ObjectJointGeneric(markerNumbers=ends, constrainedAxes=[1, 1, 0, 0, 0, 0])
-    return items.ObjectJointSpherical(markerNumbers=ends, constrainedAxes=[1, 1, 0])
 
 
 def in_space(x: Array) -> list[float]:
     """Return x, y, angle as the six coordinates of a body in space."""
     return [float(x[0]), float(x[1]), 0.0, 0.0, 0.0, float(x[2])]
-
-
-def body_in_space(items: Any, bar: Bar, node: Any) -> Any:
-    """Return a rigid body in space whose moments of inertia are equal."""
-    moments = [bar.inertia] * 3 + [0.0] * 3
-    try:
-        return items.ObjectRigidBody(mass=bar.mass, inertia=moments, nodeNumber=node)
-    except TypeError:
-        return items.ObjectRigidBody(physicsMass=bar.mass, physicsInertia=moments, nodeNumber=node)
 
 
 def weigh(mbs: Any, items: Any, body: Any) -> None:
@@ -120,14 +105,9 @@ def weigh(mbs: Any, items: Any, body: Any) -> None:
     mbs.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=[0.0, GRAVITY, 0.0]))
 
 
-def point(mbs: Any, items: Any, body: Any, at: float) -> Any:
-    """Add a marker of a point at `at` [m] along a bar, from its centre of mass."""
-    return mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
-
-
-def frame(mbs: Any, items: Any, body: Any, at: float) -> Any:
-    """Add a marker of a frame at `at` [m] along a bar, from its centre of mass."""
-    return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
+def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
+    """Add a marker of a kind, of a point or a frame, at `at` [m] along a bar, from its centre of mass."""
+    return mbs.AddMarker(kind(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
 
 
 def defaults() -> dict[str, str]:

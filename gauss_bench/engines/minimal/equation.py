@@ -39,7 +39,6 @@ from gauss_bench.terms import Array
 
 NEAR = 0.02  # [rad, m] largest distance of the expressions' random test points from the samples
 AXIS = 1e-14  # relative to a vector's length: a smaller component is the rounding error of a right angle
-NOTHING = Function((), (), ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,15 +137,6 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
         dropped=(),
         thresholds=np.array([size * x for (_, size), x in zip(guards, least, strict=True)]),
         acceleration=function(inputs, [a, roots_of_dyads], uses([*a, *roots_of_dyads])),
-        position_correction=NOTHING,
-        nearest_velocity=NOTHING,
-        correcting_thresholds=np.zeros(0),
-        directions=NOTHING,
-        direction_thresholds=np.zeros(0),
-        multipliers=NOTHING,
-        energy=NOTHING,
-        residual=NOTHING,
-        stabilized=None,
     )
     return Equation(way, tuple(signs), integrated, angles, program, function(inputs, [*motion.links(), a[:1]], None))
 

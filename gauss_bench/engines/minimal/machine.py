@@ -10,7 +10,7 @@ from gauss_bench.compiler.machine.graph import Array as Rows
 from gauss_bench.compiler.machine.graph import Compute, Graph, Load, Routine, Store, count_operations, inline, live, order, rewrite
 from gauss_bench.compiler.machine.native_code import Loaded, Single, Target
 from gauss_bench.compiler.machine.trigonometry import sincos
-from gauss_bench.compiler.stepping.programs import Adaptive, Course
+from gauss_bench.compiler.stepping.programs import Course, integrate
 from gauss_bench.compiler.stepping.rollout import adaptive, bodies, rollout
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.engines.minimal.equation import Equation
@@ -30,8 +30,8 @@ class Machine:
         self.equation, self.n, self.adaptive = equation, equation.program.n, integrator == "dop853"
         code = read_code(equation.program, "none")
         if self.adaptive:
-            self._adaptive = Adaptive(Loaded(lambda many: adaptive(code), TARGET))
-            self._adaptive.loaded.call(1)  # compiles
+            self._adaptive = Loaded(lambda many: adaptive(code), TARGET)
+            self._adaptive.call(1)  # compiles
         else:
             self._steps = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
             self._steps.call(1)  # compiles
@@ -64,7 +64,7 @@ class Machine:
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
         """Integrate adaptively over the times, as far as the dyads are open wide enough."""
-        return self._adaptive.run(y, np.zeros(0), times, tolerances)
+        return integrate(self._adaptive, y, np.zeros(0), times, tolerances)
 
 
 def compile_function(function: Function) -> Callable[[Array], list[Array]]:

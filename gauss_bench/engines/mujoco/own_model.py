@@ -58,7 +58,7 @@ def settings_as_they_stand(path: str) -> dict[str, Any]:
 
     model = mujoco.MjModel.from_xml_path(path)
     words = {int(getattr(mujoco.mjtIntegrator, value)): key for key, value in INTEGRATORS.items()}
-    names = [mujoco.mj_id2name(model, int(mujoco.mjtObj.mjOBJ_EQUALITY), k) or f"closure {k + 1}" for k in range(model.neq)]
+    names = [model.equality(k).name or f"closure {k + 1}" for k in range(model.neq)]
     return {
         "timestep": float(model.opt.timestep),
         "integrator": words[int(model.opt.integrator)],
@@ -220,24 +220,23 @@ def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
 
 def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
     """Return the element that a row of MuJoCo's constraints comes from, as a message names it, and what it does."""
-    objects = mujoco.mjtObj
 
-    def call(tag: str, sort: Any, k: int) -> str:
-        name = mujoco.mj_id2name(model, int(sort), k)
+    def call(tag: str, k: int) -> str:
+        name = getattr(model, tag)(k).name
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 
     rows = {
-        "FRICTION_DOF": ("joint", objects.mjOBJ_JOINT, "has frictionloss"),
-        "FRICTION_TENDON": ("tendon", objects.mjOBJ_TENDON, "has frictionloss"),
-        "LIMIT_JOINT": ("joint", objects.mjOBJ_JOINT, "is at the end of its range"),
-        "LIMIT_TENDON": ("tendon", objects.mjOBJ_TENDON, "is at the end of its range"),
+        "FRICTION_DOF": ("joint", "has frictionloss"),
+        "FRICTION_TENDON": ("tendon", "has frictionloss"),
+        "LIMIT_JOINT": ("joint", "is at the end of its range"),
+        "LIMIT_TENDON": ("tendon", "is at the end of its range"),
     }
-    for name, (tag, sort, does) in rows.items():
+    for name, (tag, does) in rows.items():
         if kind == int(getattr(mujoco.mjtConstraint, f"mjCNSTR_{name}")):
-            return f"{call(tag, sort, number)} {does}"
+            return f"{call(tag, number)} {does}"
     a, b = (int(x) for x in data.contact.geom[number])
-    bodies = [mujoco.mj_id2name(model, int(objects.mjOBJ_BODY), int(model.geom_bodyid[x])) or "the world" for x in (a, b)]
-    return f"{call('geom', objects.mjOBJ_GEOM, a)} of {bodies[0]} touches {call('geom', objects.mjOBJ_GEOM, b)} of {bodies[1]}"
+    bodies = [model.body(model.geom_bodyid[x]).name or "the world" for x in (a, b)]
+    return f"{call('geom', a)} of {bodies[0]} touches {call('geom', b)} of {bodies[1]}"
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:

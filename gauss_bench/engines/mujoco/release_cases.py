@@ -21,10 +21,8 @@ from gauss_bench.engines.bars import (
     RATIO,
     THREE_CRANKS,
     Bar,
-    accelerations_of,
-    angles_of,
+    accelerate_states,
     relative,
-    sum_up,
 )
 from gauss_bench.engines.mjcf.across_releases import disable
 from gauss_bench.terms import Array
@@ -81,18 +79,16 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
     named, _, solver = name.rpartition(", ")
     closure = CLOSURES[named]
-    bars = closure.bars
     model = mujoco.MjModel.from_xml_string(document(closure, solver))
     data: Any = mujoco.MjData(model)
     disable(mujoco, model, ["mjDSBL_WARMSTART"])
-    answers = []
-    for state, rates in zip(q, v, strict=True):
-        theta, w = angles_of(state, bars), angles_of(rates, bars)
-        data.qpos[:], data.qvel[:] = relative(theta, bars), relative(w, bars)
+
+    def solve(y: Array, dy: Array) -> Array:
+        data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)
-        a = accelerations_of(theta, w, sum_up(np.array(data.qacc), bars), bars)
-        answers.append(a[: q.shape[1]])
-    return np.array(answers)
+        return np.array(data.qacc)
+
+    return accelerate_states(solve, q, v, closure.bars)
 
 
 def document(closure: Closure, solver: str) -> str:

@@ -164,5 +164,4 @@ class PinocchioModel(OwnSteps, TreeModel):
         if (residual > SOLVED).any():
             k = int(np.argmax(residual > SOLVED))
             text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {residual[k]:.1e} of their size"
-            before = Trajectory(x.t[:k], x.q[:k], x.v[:k], x.a[:k], x.steps, x.evaluations, x.note)
-            raise RunFailure(Status.NOT_CONVERGED, text, before)
+            raise RunFailure(Status.NOT_CONVERGED, text, x[:k])

@@ -53,16 +53,30 @@ def compiler() -> str | None:
     return next(filter(None, map(shutil.which, COMPILERS)), None)
 
 
-def missing() -> str | None:
-    """Return the reason why the loop cannot be built on this machine, or None if it can."""
-    root = prefix()
+def find_tools() -> tuple[str, Path]:
+    """Return the compiler and the folder of Pinocchio's headers.
+
+    Raises:
+        RunFailure: the loop cannot be built on this machine.
+    """
+    root, program = prefix(), compiler()
     if root is None:
-        return f"{NOT_INSTALLED}: Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
-    if compiler() is None:
-        return f"{NOT_INSTALLED}: there is no C++ compiler ({', '.join(COMPILERS)})"
+        reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
+        raise RunFailure(Status.SKIP, f"{NOT_INSTALLED}: {reason}")
+    if program is None:
+        raise RunFailure(Status.SKIP, f"{NOT_INSTALLED}: there is no C++ compiler ({', '.join(COMPILERS)})")
     for path, reason in NEEDED.items():
         if not (root / path).is_file():
-            return f"{NOT_INSTALLED}: {reason}"
+            raise RunFailure(Status.SKIP, f"{NOT_INSTALLED}: {reason}")
+    return program, root
+
+
+def missing() -> str | None:
+    """Return the reason why the loop cannot be built on this machine, or None if it can."""
+    try:
+        find_tools()
+    except RunFailure as failure:
+        return str(failure)
     return None
 
 
@@ -86,8 +100,6 @@ def loop_library() -> bytes:
     Raises:
         RunFailure: it cannot be built on this machine, or was not built yet.
     """
-    if reason := missing():
-        raise RunFailure(Status.SKIP, reason)
     content = user_cache.load(_cache_name())
     if content is None:
         raise RunFailure(Status.SKIP, absent() or f"{NOT_INSTALLED}: its file in the cache is broken")
@@ -100,20 +112,17 @@ def build_loop() -> None:
     Raises:
         RunFailure: it cannot be built on this machine, the compiler rejects it, or it cannot be kept.
     """
-    if reason := missing():
-        raise RunFailure(Status.SKIP, reason)
-    folder = user_cache.is_trusted()
+    name, folder = _cache_name(), user_cache.is_trusted()
     if folder is None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
     with _hold_lock(folder / "pinocchio-loop.lock"):
-        name = _cache_name()
         if user_cache.load(name) is None and not user_cache.store(name, _compile()):
             raise RunFailure(Status.ERROR, f"{folder}: Pinocchio's compiled loop cannot be kept there")
 
 
 def _compile() -> bytes:
     """Return the content of a newly built library."""
-    program, root = _find_tools()
+    program, root = find_tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"
         try:
@@ -149,7 +158,7 @@ def _hold_lock(path: Path) -> Iterator[None]:
 
 def _cache_name() -> str:
     """Return the name of the loop in the cache: a hash of everything that it is built from."""
-    program, root = _find_tools()
+    program, root = find_tools()
     parts = [
         SOURCE.read_text(encoding="utf-8"),
         *command(program, root, Path(SOURCE.name), Path("loop.so")),  # without the folder of the package
@@ -166,18 +175,6 @@ def _describe_package(package: str) -> str:
         return f"{package} {version(package)}"
     except PackageNotFoundError:
         return package
-
-
-def _find_tools() -> tuple[str, Path]:
-    """Return the compiler and the folder of Pinocchio's headers.
-
-    Raises:
-        RunFailure: one of them is missing.
-    """
-    program, root = compiler(), prefix()
-    if program is None or root is None:
-        raise RunFailure(Status.SKIP, str(missing()))
-    return program, root
 
 
 @lru_cache

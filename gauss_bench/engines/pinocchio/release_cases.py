@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, HALVES, Bar, accelerations_of, angles_of, relative, sum_up
+from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, HALVES, Bar, accelerate_states
 from gauss_bench.engines.pinocchio.across_releases import corrector_of, find_algorithm, prepare
 from gauss_bench.terms import Array
 
@@ -37,12 +37,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
         solve = by_jacobian(pinocchio, model, joints)
     else:
         solve = by_constraint(pinocchio, model, joints, bars, contact, frame, algorithm)
-    answers = []
-    for state, rates in zip(q, v, strict=True):
-        theta, w = angles_of(state, bars), angles_of(rates, bars)
-        ddy = solve(relative(theta, bars), relative(w, bars))
-        answers.append(accelerations_of(theta, w, sum_up(ddy, bars), bars)[: q.shape[1]])
-    return np.array(answers)
+    return accelerate_states(solve, q, v, bars)
 
 
 Solve = Callable[[Array, Array], Array]
@@ -89,7 +84,6 @@ def by_constraint(
 
 def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
     """Return a function (y, dy) -> joint accelerations by forwardDynamics, from Pinocchio's Jacobians and bias accelerations."""
-    data = model.createData()
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     kind = pin.FrameType.OP_FRAME
     frames = [

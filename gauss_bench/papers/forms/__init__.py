@@ -6,5 +6,5 @@ A module for each chapter of the data files:
 - `link_units`, `loops`: Wang et al. 2010, on exact derivatives and on the motions of linkage files.
 - `points`: Men et al. 2009, on the shaper.
 
-A function NAME_off is a measure: it takes a form and returns its discrepancy, >= 0, the largest over all cases.
+A function NAME_off is a measure: it takes a form, and a case where the data file lists cases, and returns the discrepancy, >= 0.
 """

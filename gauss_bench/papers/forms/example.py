@@ -15,7 +15,7 @@ from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.papers import crank_slider
 from gauss_bench.papers.crank_motion import CrankMotion, motion_of
 from gauss_bench.papers.crank_slider import I1, I2, KEPT, L1, L2, M1, M2, ExampleState, Number, gradient, linkage, states
-from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems, worst
+from gauss_bench.papers.forms.problems import CRANK, Problem, crank_problems
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array, Terms
@@ -26,14 +26,9 @@ SHOWN = 0.5  # [s] over which integrators are compared: most of the first turn
 STEP = 1e-3  # [s] step size of the integrator that a reader might take
 
 
-def worst_state(off: Callable[[ExampleState], float]) -> float:
-    """Return the worst discrepancy over all states."""
-    return worst([off(s) for s in states()])
-
-
-def worst_moving_state(off: Callable[[ExampleState], float]) -> float:
-    """Return the worst discrepancy over all states except the start, which is at rest."""
-    return worst([off(s) for s in states()[1:]])
+def moving_states() -> tuple[ExampleState, ...]:
+    """Return all states except the start, which is at rest."""
+    return states()[1:]
 
 
 def mass_off(form: Callable[[], Array]) -> float:
@@ -47,33 +42,29 @@ def power_off(s: ExampleState, f: Array | float, a: Array) -> float:
     return float(abs(s.v @ (inertia + f - s.Q)) / (np.abs(s.v) @ (np.abs(inertia) + np.abs(s.Q))))
 
 
-def bias_off(f: float) -> float:
+def bias_off(f: float, s: ExampleState) -> float:
     """Measure eq. (20) with the same f in every row, by the power that is left over."""
-    return worst_moving_state(lambda s: power_off(s, f, s.a))
+    return power_off(s, f, s.a)
 
 
-def order_off(order: list[int]) -> float:
+def order_off(order: list[int], s: ExampleState) -> float:
     """Measure an order of the coordinates, by the power left over when accelerations are taken in this order."""
-    return worst_moving_state(lambda s: power_off(s, 0.0, s.a[order]))
+    return power_off(s, 0.0, s.a[order])
 
 
-def forces_off(form: Callable[[Array, Array], Array]) -> float:
-    return worst_state(lambda s: float(np.abs(form(s.q, s.v) - s.Q).max() / np.abs(s.Q).max()))
+def forces_off(form: Callable[[Array, Array], Array], s: ExampleState) -> float:
+    return float(np.abs(form(s.q, s.v) - s.Q).max() / np.abs(s.Q).max())
 
 
-def positions_off(form: Callable[[Number], Number]) -> float:
-    return worst_state(lambda s: float(np.abs(form(s.q)).max()) / DIMENSION)
+def positions_off(form: Callable[[Number], Number], s: ExampleState) -> float:
+    return float(np.abs(form(s.q)).max()) / DIMENSION
 
 
-def jacobian_off(form: Callable[[Number], Number]) -> float:
+def jacobian_off(form: Callable[[Number], Number], s: ExampleState) -> float:
     """Compare all entries of a Jacobian except (6, 6) with the derivatives of (21)."""
-
-    def off(s: ExampleState) -> float:
-        difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
-        difference[5, 5] = 0.0
-        return float(difference.max())
-
-    return worst_state(off)
+    difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
+    difference[5, 5] = 0.0
+    return float(difference.max())
 
 
 def entry(form: dict[str, Any], q: Array) -> float:
@@ -81,24 +72,18 @@ def entry(form: dict[str, Any], q: Array) -> float:
     return float(form.get("factor", 1) * L2 / 2 * getattr(np, form["of"])(q[form.get("angle", 5)]))
 
 
-def entry_off(form: dict[str, Any]) -> float:
+def entry_off(form: dict[str, Any], s: ExampleState) -> float:
     """Compare entry (6, 6) with the derivative of (21), relative to l2/2."""
-    return worst_state(lambda s: abs(entry(form, s.q) - gradient(crank_slider.residual, s.q)[5, 5]) / (L2 / 2))
+    return float(abs(entry(form, s.q) - gradient(crank_slider.residual, s.q)[5, 5]) / (L2 / 2))
 
 
-def row_off(squared: list[str], rows: list[int]) -> float:
-    """Return the residual of rows of J a = g, counted from 1, at reference motions.
+def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
+    """Return the residual of rows of J a = g, counted from 1, at a reference motion.
 
     J is taken from the derivatives of (21); g squares the rates that `squared` names.
     """
-    chosen = [row - 1 for row in rows]
-
-    def off(s: ExampleState) -> float:
-        true = gradient(crank_slider.residual, s.q) @ s.a
-        found = crank_slider.bias(s.q, getattr(s, *squared))
-        return float(np.abs(found - true)[chosen].max() / np.abs(s.a).max())
-
-    return worst_state(off)
+    off = crank_slider.bias(s.q, getattr(s, *squared)) - gradient(crank_slider.residual, s.q) @ s.a
+    return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
 
 
 def crank_with_entry(form: dict[str, Any]) -> float:
@@ -143,12 +128,12 @@ def crank_of(p: Problem) -> float:
     return float(lagrange(p.terms).a[CRANK])
 
 
-def inertias_off(bars: Sequence[float]) -> float:
-    return worst([abs(with_inertias(p, bars) / p.a[CRANK] - 1) for p in crank_problems()])
+def inertias_off(bars: Sequence[float], p: Problem) -> float:
+    return float(abs(with_inertias(p, bars) / p.a[CRANK] - 1))
 
 
-def gravity_off(gravity: float) -> float:
-    return worst([abs(with_gravity(p, gravity) / p.a[CRANK] - 1) for p in crank_problems()])
+def gravity_off(gravity: float, p: Problem) -> float:
+    return float(abs(with_gravity(p, gravity) / p.a[CRANK] - 1))
 
 
 def crank_with_inertias(bars: Sequence[float]) -> float:

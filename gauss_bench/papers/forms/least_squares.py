@@ -14,19 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.papers import crank_slider
+from gauss_bench.papers.audit import worst
 from gauss_bench.papers.crank_slider import Number, derivative, gradient
-from gauss_bench.papers.forms.problems import (
-    CRANK,
-    SEED,
-    Problem,
-    all_problems,
-    crank_problems,
-    in_millimetres,
-    random_problems,
-    relative,
-    solve_problem,
-    worst,
-)
+from gauss_bench.papers.forms.problems import CRANK, Problem, Trial, crank_problems, in_millimetres, relative, solve_problem
 from gauss_bench.terms import Array
 
 RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, the problems have 1e-4 or more
@@ -76,26 +66,22 @@ def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
     return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
 
 
-def stationary(form: Callable[[Problem, Number], Number]) -> float:
+def stationary(form: Callable[[Problem, Number], Number], p: Problem) -> float:
     """Return the slope of a form of Gauss's function at the true accelerations."""
-    return worst([slope(p, lambda a, p=p: form(p, a), p.a) for p in all_problems()])  # type: ignore[misc]
+    return slope(p, lambda a: form(p, a), p.a)
 
 
-def same_function(form: Callable[[Problem, Number], Number]) -> float:
+def same_function(form: Callable[[Problem, Number], Number], x: Trial) -> float:
     """Compare a form with Gauss's function at random accelerations."""
-    rng = np.random.default_rng(SEED)
-    pairs = [(p, rng.normal(size=p.n)) for p in random_problems()]
-    return worst([abs(float(form(p, a) / gauss_function(p, a)) - 1) for p, a in pairs])
+    a = x.rng.normal(size=x.p.n)
+    return abs(float(form(x.p, a) / gauss_function(x.p, a)) - 1)
 
 
-def stationary_with(form: Callable[[Problem, Number, Array], Number]) -> float:
+def stationary_with(form: Callable[[Problem, Number, Array], Number], x: Trial) -> float:
     """Return the slope of a form at the true accelerations, with random constraint forces that do work."""
-    rng, errors = np.random.default_rng(SEED), []
-    for p in random_problems():
-        extra = rng.normal(size=p.n)
-        true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
-        errors.append(slope(p, lambda a, p=p, extra=extra: form(p, a, extra), true))  # type: ignore[misc]
-    return worst(errors)
+    p, extra = x.p, x.rng.normal(size=x.p.n)
+    true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
+    return slope(p, lambda a: form(p, a, extra), true)
 
 
 Rate = Callable[[Number, Number], Number]
@@ -121,13 +107,10 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
     return [(slider, s.q, s.v, s.a) for s in crank_slider.states()[1:]] + [(blade, *turn)]
 
 
-def bias_left(form: Callable[[Rate, Array, Array], Array]) -> float:
-    """Compare a form of the right-hand side g with J a of the reference motions."""
-    errors = []
-    for rate, q, v, a in list_motions():
-        Ja = gradient(lambda x, rate=rate, q=q: rate(q, x), v) @ a  # type: ignore[misc]
-        errors.append(relative(form(rate, q, v), Ja))
-    return worst(errors)
+def bias_left(form: Callable[[Rate, Array, Array], Array], motion: tuple[Rate, Array, Array, Array]) -> float:
+    """Compare a form of the right-hand side g with J a of a reference motion."""
+    rate, q, v, a = motion
+    return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
 
 
 def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
@@ -135,14 +118,11 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
-def every_solution(form: Callable[[Problem, Array, Array], Array]) -> float:
+def every_solution(form: Callable[[Problem, Array, Array], Array], x: Trial) -> float:
     """Measure whether a form gives only solutions of J a = g, and with h = a every solution a."""
-    rng, errors = np.random.default_rng(SEED), []
-    for p in random_problems():
-        X = some_inverse(p.J, rng)
-        a = form(p, X, rng.normal(size=p.n))
-        errors += [np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)]
-    return worst(errors)
+    p, X = x.p, some_inverse(x.p.J, x.rng)
+    a = form(p, X, x.rng.normal(size=p.n))
+    return worst([np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)])
 
 
 Inverse = Callable[[Array, np.random.Generator], Array]
@@ -153,14 +133,12 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
-def contradicting_rows(form: Inverse) -> float:
+def contradicting_rows(form: Inverse, x: Trial) -> float:
     """Return the least-squares residual of (8) for redundant rows that contradict each other by a tenth of their size."""
-    rng, errors = np.random.default_rng(SEED), []
-    for p in (p for p in random_problems() if len(p.J) > p.rank):
-        noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
-        a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
-        errors.append(least_squares_residual(p.J, a, noisy.g))
-    return worst(errors)
+    p, rng = x.p, x.rng
+    noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
+    a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
+    return least_squares_residual(p.J, a, noisy.g)
 
 
 def matrix(p: Problem, exponent: float = 0.5) -> Array:
@@ -173,14 +151,14 @@ def vector(p: Problem, exponent: float = 0.5) -> Array:
     return -(power(p.M, exponent) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
 
 
-def matrix_off(exponent: float) -> float:
+def matrix_off(exponent: float, p: Problem) -> float:
     """Compare A with the factor of h when (8) is inserted into (2): M^(-1/2) M N."""
-    return worst([relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p)) for p in all_problems()])
+    return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
-def vector_off(exponent: float) -> float:
+def vector_off(exponent: float, p: Problem) -> float:
     """Compare b with the terms without h when (8) is inserted into (2): M^(-1/2) (M J^- g + f - Q)."""
-    return worst([relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g)) for p in all_problems()])
+    return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
 def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
@@ -189,8 +167,8 @@ def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Arr
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (pinv(A) @ b))
 
 
-def pair_off(exponents: tuple[float, float]) -> float:
-    return worst([relative(acceleration(p, exponents), p.a) for p in crank_problems()])
+def pair_off(exponents: tuple[float, float], p: Problem) -> float:
+    return relative(acceleration(p, exponents), p.a)
 
 
 def half_square(A: Array, b: Array, h: Array) -> float:
@@ -198,27 +176,20 @@ def half_square(A: Array, b: Array, h: Array) -> float:
     return float(r @ r / 2)
 
 
-def square_off(form: Callable[[Array, Array, Array], float]) -> float:
+def square_off(form: Callable[[Array, Array, Array], float], x: Trial) -> float:
     """Compare a form of |A h - b|^2 / 2 with Gauss's function of the accelerations that h gives."""
-    rng, errors = np.random.default_rng(SEED), []
-    for p in random_problems():
-        h = rng.normal(size=p.n)
-        G = gauss_function(p, general_solution(p, pinv(p.J), h))
-        errors.append(abs(form(matrix(p), vector(p), h) / float(G) - 1))
-    return worst(errors)
+    p, h = x.p, x.rng.normal(size=x.p.n)
+    G = gauss_function(p, general_solution(p, pinv(p.J), h))
+    return abs(form(matrix(p), vector(p), h) / float(G) - 1)
 
 
-def unit_dependence(acceleration_of: Callable[[Problem], Array]) -> float:
-    """Return the largest relative change of the crank's acceleration when lengths are given in millimetres."""
-    errors = []
-    for p in crank_problems():
-        metres, millimetres = acceleration_of(p)[CRANK], acceleration_of(in_millimetres(p))[CRANK]
-        errors.append(abs(millimetres / metres - 1))
-    return worst(errors)
+def unit_dependence(acceleration_of: Callable[[Problem], Array], p: Problem) -> float:
+    """Return the relative change of the crank's acceleration when lengths are given in millimetres."""
+    return float(abs(acceleration_of(in_millimetres(p))[CRANK] / acceleration_of(p)[CRANK] - 1))
 
 
-def pair_unit_dependence(exponents: tuple[float, float]) -> float:
-    return unit_dependence(lambda p: acceleration(p, exponents))
+def pair_unit_dependence(exponents: tuple[float, float], p: Problem) -> float:
+    return unit_dependence(lambda x: acceleration(x, exponents), p)
 
 
 def sides(A: Array, b: Array, h: Array) -> AB:
@@ -229,20 +200,17 @@ def normal_sides(A: Array, b: Array, h: Array) -> AB:
     return A.T @ A @ h, A.T @ b
 
 
-def sides_off(form: Callable[[Array, Array, Array], AB]) -> float:
+def sides_off(form: Callable[[Array, Array, Array], AB], p: Problem) -> float:
     """Return the difference of both sides of an equation at the minimum h = a."""
-    return worst([relative(*form(matrix(p), vector(p), p.a)) for p in all_problems()])
+    return relative(*form(matrix(p), vector(p), p.a))
 
 
-def minimum_missed(form: Inverse) -> float:
+def minimum_missed(form: Inverse, x: Trial) -> float:
     """Return the least-squares residual |A^T (A h - b)| of (12), with a form of the inverse of A and a random w."""
-    rng, errors = np.random.default_rng(SEED), []
-    for p in random_problems():
-        A, b = matrix(p), vector(p)
-        X = form(A, rng)
-        h = X @ b + (np.eye(p.n) - X @ A) @ rng.normal(size=p.n)
-        errors.append(least_squares_residual(A, h, b))
-    return worst(errors)
+    p, A, b = x.p, matrix(x.p), vector(x.p)
+    X = form(A, x.rng)
+    h = X @ b + (np.eye(p.n) - X @ A) @ x.rng.normal(size=p.n)
+    return least_squares_residual(A, h, b)
 
 
 def expand(p: Problem, w: Array) -> Array:
@@ -264,10 +232,9 @@ def bracket(p: Problem, w: Array) -> Array:
     return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
 
 
-def with_any_w(form: Callable[[Problem, Array], Array]) -> float:
-    """Compare the accelerations of a form with the reference, for random w ten times as large."""
-    rng = np.random.default_rng(SEED)
-    return worst([relative(form(p, 10 * np.abs(p.a).max() * rng.normal(size=p.n)), p.a) for p in all_problems()])
+def with_any_w(form: Callable[[Problem, Array], Array], x: Trial) -> float:
+    """Compare the accelerations of a form with the reference, for a random w ten times as large."""
+    return relative(form(x.p, 10 * np.abs(x.p.a).max() * x.rng.normal(size=x.p.n)), x.p.a)
 
 
 def crank_at_start(acceleration_of: Callable[[Problem], Array]) -> float:

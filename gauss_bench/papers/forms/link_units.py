@@ -14,8 +14,9 @@ import numpy as np
 
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, Element, Way
 from gauss_bench.linkage.load import load
+from gauss_bench.papers.audit import worst
 from gauss_bench.papers.crank_slider import TINY, Number
-from gauss_bench.papers.forms.problems import relative, worst
+from gauss_bench.papers.forms.problems import relative
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
@@ -98,38 +99,31 @@ def along(function: Callable[[Pose], Number], p: Pose, phi: float, s: float) -> 
     return np.asarray(function(replace(p, phi=p.phi + 1j * TINY * phi, s=p.s + 1j * TINY * s)).imag / TINY)
 
 
-def unit_off(form: Callable[[Pose], Units], kind: str) -> float:
+def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
     """Compare A of a form with the suite's own, and J and J' (if the form has it) with exact derivatives."""
-
-    def off(p: Pose) -> float:
-        A, J, *J_rate = form(p)
-        slopes = [along(lambda x: form(x)[0], p, *way) for way in ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]]
-        rate = along(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)
-        gaps = [A - own_vector(p, kind), J - np.stack(slopes, axis=1), *(x - rate for x in J_rate)]
-        return max(float(np.abs(gap).max()) for gap in gaps)
-
-    return worst([off(p) for p in poses()])
+    A, J, *J_rate = form(p)
+    slopes = [along(lambda x: form(x)[0], p, *way) for way in ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]]
+    rate = along(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)
+    gaps = [A - own_vector(p, kind), J - np.stack(slopes, axis=1), *(x - rate for x in J_rate)]
+    return worst([float(np.abs(gap).max()) for gap in gaps])
 
 
 def true_rate(p: Pose) -> Array:
     return along(lambda x: guide(x)[1], p, p.phi_rate, p.s_rate)
 
 
-def column_1_off(last: list[str]) -> float:
-    return worst([float(np.abs(column_1(p, *last) - true_rate(p)[:, 0]).max()) for p in poses()])
+def column_1_off(last: list[str], p: Pose) -> float:
+    return float(np.abs(column_1(p, *last) - true_rate(p)[:, 0]).max())
 
 
-def column_2_off(form: Callable[[Pose], Array]) -> float:
-    return worst([float(np.abs(form(p) - true_rate(p)[:, 1]).max()) for p in poses()])
+def column_2_off(form: Callable[[Pose], Array], p: Pose) -> float:
+    return float(np.abs(form(p) - true_rate(p)[:, 1]).max())
 
 
-def difference_off(factor: float) -> float:
+def difference_off(factor: float, p: Pose) -> float:
     """Compare `factor` (phi' - s') [sin phi; -cos phi] with the error of column 1 as printed."""
-    errors = []
-    for p in poses():
-        claimed = factor * (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
-        errors.append(float(np.abs(claimed - (true_rate(p)[:, 0] - column_1(p, "phi_rate"))).max()))
-    return worst(errors)
+    claimed = factor * (p.phi_rate - p.s_rate) * np.array([np.sin(p.phi), -np.cos(p.phi)])
+    return float(np.abs(claimed - (true_rate(p)[:, 0] - column_1(p, "phi_rate"))).max())
 
 
 @cache

@@ -16,7 +16,6 @@ from itertools import chain
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.link_units import MOVING
 from gauss_bench.kinematics.loop_equations import LoopEquations, Matrices
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
@@ -24,7 +23,8 @@ from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
 from gauss_bench.mechanism.motion_laws import rise
-from gauss_bench.papers.forms.problems import count_off, relative, worst
+from gauss_bench.papers.audit import worst
+from gauss_bench.papers.forms.problems import count_off, relative
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
@@ -69,8 +69,7 @@ def list_driven() -> tuple[DrivenLinkage, ...]:
 def turning(mechanism: Mechanism, t: float) -> DrivenLinkage:
     """Return a linkage at time t of its driven scenario."""
     q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
-    moved = replace(mechanism, q0=q)
-    equations = LoopEquations(moved, inputs_of(moved))
+    equations = LoopEquations(replace(mechanism, q0=q))
     slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
     rate, second = [], []
     for variable in equations.variables:
@@ -87,22 +86,19 @@ def velocities(m: Matrices, q_rate: Array) -> Array:
     return np.asarray(np.linalg.solve(m.J, -m.B @ q_rate))
 
 
-def velocities_off(form: Callable[[Matrices, Array], Array]) -> float:
-    return worst([relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns]) for t in list_driven()])
+def velocities_off(form: Callable[[Matrices, Array], Array], t: DrivenLinkage) -> float:
+    return relative(form(t.matrices, t.rate[t.unknowns :]), t.rate[: t.unknowns])
 
 
-def accelerations_off(last: list[str]) -> float:
+def accelerations_off(last: list[str], t: DrivenLinkage) -> float:
     """Return the largest relative error of angular accelerations by eq. (5); `last` names the matrix in its last term.
 
     Slides follow from the same rows.
     """
-    errors = []
-    for t in list_driven():
-        TU, m = t.unknowns, t.matrices
-        left = m.B @ t.second[TU:] + m.B_rate @ t.rate[TU:] + getattr(m, *last) @ t.rate[:TU]
-        angles = ~np.isnan(t.second[:TU])
-        errors.append(relative(np.linalg.solve(m.J, -left)[angles], t.second[:TU][angles]))
-    return worst(errors)
+    TU, m = t.unknowns, t.matrices
+    left = m.B @ t.second[TU:] + m.B_rate @ t.rate[TU:] + getattr(m, *last) @ t.rate[:TU]
+    angles = ~np.isnan(t.second[:TU])
+    return relative(np.linalg.solve(m.J, -left)[angles], t.second[:TU][angles])
 
 
 Parts = tuple[Array, Array]
@@ -126,33 +122,24 @@ def loops_of(t: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Arra
     return loops
 
 
-def assembly_off(form: Callable[..., Parts]) -> float:
+def assembly_off(form: Callable[..., Parts], t: DrivenLinkage) -> float:
     """Return the residual of (4) at the true rates, relative to its terms."""
-    errors = []
-    for t in list_driven():
-        for units, U, K in loops_of(t):
-            J, B = form(units, U, K)
-            both = np.hstack([J, B])
-            errors.append(float(np.abs(both @ t.rate).max() / (np.abs(both) @ np.abs(t.rate)).max()))
-    return worst(errors)
+    loops = [np.hstack(form(*loop)) for loop in loops_of(t)]  # J and B of each, side by side
+    return worst([float(np.abs(x @ t.rate).max() / (np.abs(x) @ np.abs(t.rate)).max()) for x in loops])
 
 
-def stack_off(transposed: bool) -> float:
+def stack_off(transposed: bool, t: DrivenLinkage) -> float:
     """Return the relative error of the velocities from (4), or the share of rows and columns that a stack has too many or too few.
 
     The blocks of the loops are stacked one below the other, or side by side and transposed.
     """
-    errors = []
-    for t in list_driven():
-        parts = [assemble(*loop) for loop in loops_of(t)]
-        J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
-        rows, columns = 2 * len(parts), t.unknowns
-        misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
-        if misfit:
-            errors.append(misfit / (2 * rows + columns + 1))
-        else:
-            errors.append(relative(np.linalg.lstsq(J, -B @ t.rate[columns:], rcond=None)[0], t.rate[:columns]))
-    return worst(errors)
+    parts = [assemble(*loop) for loop in loops_of(t)]
+    J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
+    rows, columns = 2 * len(parts), t.unknowns
+    misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
+    if misfit:
+        return misfit / (2 * rows + columns + 1)
+    return relative(np.linalg.lstsq(J, -B @ t.rate[columns:], rcond=None)[0], t.rate[:columns])
 
 
 def ones_off(form: list[list[str]]) -> float:
@@ -167,32 +154,30 @@ def ones_off(form: list[list[str]]) -> float:
     return 1 - float(np.mean(right))
 
 
-def columns_off(form: list[int]) -> float:
+def columns_off(form: list[int], t: DrivenLinkage) -> float:
     """Compare the number of columns of a unit with a claim: the multiples of its turning, guides and blocks that make the sum."""
     errors = []
-    for t in list_driven():
-        for p in chain.from_iterable(t.equations.ways):
-            kinds = [p.way.enter.kind, p.way.leave.kind]
-            guides = sum(kind in MOVING for kind in kinds)
-            unit = p.way.units(0.0, 0.0, t.x[p.slides], t.rate[p.slides])
-            errors.append(count_off(form, (int(p.way.turns), guides, kinds.count("block")), unit.J.shape[1]))
+    for p in chain.from_iterable(t.equations.ways):
+        kinds = [p.way.enter.kind, p.way.leave.kind]
+        guides = sum(kind in MOVING for kind in kinds)
+        unit = p.way.units(0.0, 0.0, t.x[p.slides], t.rate[p.slides])
+        errors.append(count_off(form, (int(p.way.turns), guides, kinds.count("block")), unit.J.shape[1]))
     return worst(errors)
 
 
 @cache
-def graphs() -> tuple[tuple[Mechanism, LinkageGraph], ...]:
+def graphs() -> tuple[LinkageGraph, ...]:
     mechanisms = [load(name) for name in built_in()]
-    return tuple((m, find_graph(m)) for m in mechanisms if m.joints and not m.knife_edges)
+    return tuple(find_graph(m) for m in mechanisms if m.joints and not m.knife_edges)
 
 
-def unknowns_off(form: list[int]) -> float:
+def counted() -> list[LoopEquations]:
+    return [LoopEquations(load(name, "driven")) for name in COUNTED]
+
+
+def unknowns_off(form: list[int], equations: LoopEquations) -> float:
     """Compare the number of unknowns with a claim: the multiples of loops and of redundant constraints that make the sum."""
-    errors = []
-    for name in COUNTED:
-        mechanism = load(name, "driven")
-        equations = LoopEquations(mechanism, inputs_of(mechanism))
-        errors.append(count_off(form, (len(equations.ways), mechanism.redundant), len(equations.unknown)))
-    return worst(errors)
+    return count_off(form, (len(equations.ways), equations.mechanism.redundant), len(equations.unknown))
 
 
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
@@ -201,17 +186,14 @@ def incidence(graph: LinkageGraph, oriented: bool) -> Array:
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
 
 
-def loop_count_off(form: list[int]) -> float:
+def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
     """Compare the number of loops with a claim: the multiples of pairs, of links and of one that make the sum.
 
     It is the dimension of the space of cycles, which is the number of pairs minus the rank of the incidence matrix.
     """
-    errors = []
-    for _, graph in graphs():
-        matrix = incidence(graph, oriented=True)
-        links, pairs = matrix.shape
-        errors.append(count_off(form, (pairs, links, 1), pairs - int(np.linalg.matrix_rank(matrix))))
-    return worst(errors)
+    matrix = incidence(graph, oriented=True)
+    links, pairs = matrix.shape
+    return count_off(form, (pairs, links, 1), pairs - int(np.linalg.matrix_rank(matrix)))
 
 
 def incidence_off(diagonal: bool) -> float:
@@ -220,7 +202,7 @@ def incidence_off(diagonal: bool) -> float:
     Its entries that are not zero belong to link i and joint j or, if they are to be on the diagonal, to link i and joint i.
     """
     wrong = entries = 0
-    for _, graph in graphs():
+    for graph in graphs():
         links = [*range(graph.links), GROUND]
         belongs = np.array([[float(i in pair.links) for pair in graph.pairs] for i in links])
         true = incidence(graph, oriented=False)
@@ -257,19 +239,19 @@ def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
     return np.array(J), np.array(J_rate), np.array(B), np.array(B_rate)
 
 
-def blocks_off(form: Callable[[Array, Array], Blocks]) -> float:
+def six_bars() -> list[DrivenLinkage]:
+    return [t for t in list_driven() if t.equations.mechanism.name == "six_bar"]
+
+
+def blocks_off(form: Callable[[Array, Array], Blocks], t: DrivenLinkage) -> float:
     """Return the largest difference from the suite's matrices, for the better of both senses of each loop."""
-    errors = []
-    for t in list_driven():
-        equations, m = t.equations, t.matrices
-        if equations.mechanism.name != "six_bar":
-            continue
-        names = [equations.column[i] for i in (0, 1, 2, 3)]
-        order = [*names[1:], len(equations.unknown) - 1]
-        printed = np.hstack(form(t.x[names], t.rate[names]))
-        own = np.hstack([m.J[:, order], m.J_rate[:, order], m.B, m.B_rate])
-        for rows in (slice(0, 2), slice(2, 4)):
-            errors.append(min(float(np.abs(printed[rows] - sense * own[rows]).max()) for sense in (1.0, -1.0)))
+    equations, m, errors = t.equations, t.matrices, []
+    names = [equations.column[i] for i in (0, 1, 2, 3)]
+    order = [*names[1:], len(equations.unknown) - 1]
+    printed = np.hstack(form(t.x[names], t.rate[names]))
+    own = np.hstack([m.J[:, order], m.J_rate[:, order], m.B, m.B_rate])
+    for rows in (slice(0, 2), slice(2, 4)):
+        errors.append(min(float(np.abs(printed[rows] - sense * own[rows]).max()) for sense in (1.0, -1.0)))
     return worst(errors)
 
 

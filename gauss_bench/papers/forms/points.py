@@ -13,13 +13,12 @@ from functools import cache
 import numpy as np
 
 from gauss_bench.kinematics.basins import basins
-from gauss_bench.kinematics.inputs import inputs_of
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import newton_raphson
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.papers.forms.problems import worst
+from gauss_bench.papers.audit import worst
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
 
@@ -86,8 +85,8 @@ def sides(x: Shaper) -> tuple[complex, complex]:
     return r1 + r2 - r3, x.lever * e3 + (x.C - x.B) - frame - slide
 
 
-def loops_off(form: Callable[[Shaper], tuple[complex, complex]]) -> float:
-    return worst([max(map(abs, form(x))) / x.lever for x in shapers()])
+def loops_off(form: Callable[[Shaper], tuple[complex, complex]], x: Shaper) -> float:
+    return max(map(abs, form(x))) / x.lever
 
 
 def lengths(x: Shaper) -> tuple[float, float]:
@@ -99,8 +98,8 @@ def lengths(x: Shaper) -> tuple[float, float]:
     )
 
 
-def lengths_off(form: Callable[[Shaper], tuple[float, float]]) -> float:
-    return worst([max(map(abs, form(x))) / x.lever**2 for x in shapers()])
+def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> float:
+    return max(map(abs, form(x))) / x.lever**2
 
 
 def basic_off(form: list[str]) -> float:
@@ -110,13 +109,10 @@ def basic_off(form: list[str]) -> float:
     return float(np.ptp(values) / np.ptp([x.C.real for x in shapers()]))
 
 
-def collinear_off(form: list[str]) -> float:
-    """Return the largest sine of the angle between three points that are claimed to be in line."""
-    errors = []
-    for x in shapers():
-        a, b, c = (getattr(x, name) for name in form)
-        errors.append(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
-    return worst(errors)
+def collinear_off(form: list[str], x: Shaper) -> float:
+    """Return the sine of the angle between three points that are claimed to be in line."""
+    a, b, c = (getattr(x, name) for name in form)
+    return float(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
 
 
 def quotient(O1: complex, A: complex, B: complex) -> float:
@@ -172,7 +168,7 @@ def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
 
 def from_before() -> float:
     """Return the largest distance [m] that an unknown point moves between two positions 5 degrees apart."""
-    model = PointModel(load_shaper(), inputs_of(load_shaper()))
+    model = PointModel(load_shaper())
     unknown = np.array([model.points.unknown_at(q) for q in turn_states()])
     return float(np.abs(unknown - np.roll(unknown, 1, axis=0)).max())
 
@@ -182,5 +178,5 @@ def starts_off(form: Callable[[], float]) -> float:
 
     A form returns how far [m] the starts are spread about the assembly.
     """
-    searches = basins(load_shaper(), inputs_of(load_shaper()), [form()], STARTS, SEED)
+    searches = basins(load_shaper(), [form()], STARTS, SEED)
     return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])

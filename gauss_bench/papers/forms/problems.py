@@ -10,6 +10,7 @@ which uses neither J nor lambda.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,6 +99,27 @@ def all_problems() -> tuple[Problem, ...]:
     return (*random_problems(), *crank_problems())
 
 
+class Trial(NamedTuple):
+    """A problem p, and the source of the random numbers with which it is tried; all trials of a list draw from one source."""
+
+    p: Problem
+    rng: np.random.Generator
+
+
+def random_trials() -> list[Trial]:
+    rng = np.random.default_rng(SEED)
+    return [Trial(p, rng) for p in random_problems()]
+
+
+def redundant_trials() -> list[Trial]:
+    return [x for x in random_trials() if len(x.p.J) > x.p.rank]
+
+
+def all_trials() -> list[Trial]:
+    rng = np.random.default_rng(SEED)
+    return [Trial(p, rng) for p in all_problems()]
+
+
 @cache
 def special_problems(kind: str) -> tuple[Problem, ...]:
     """Return random problems in which the Euclidean metric gives the right accelerations.
@@ -136,11 +158,6 @@ def in_millimetres(p: Problem) -> Problem:
 def relative(x: Array, true: Array) -> float:
     """Return the largest difference, relative to the largest reference value."""
     return float(np.abs(x - true).max() / np.abs(true).max())
-
-
-def worst(values: Sequence[float]) -> float:
-    """Return the largest value, or NaN if any is NaN, which fails every tolerance."""
-    return float(np.max(values))
 
 
 def count_off(factors: Sequence[int], numbers: Sequence[int], true: int) -> float:

@@ -15,20 +15,18 @@ import numpy as np
 
 from gauss_bench.formulations.gauss_pinv import gauss_pinv
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
+from gauss_bench.papers.audit import worst
 from gauss_bench.papers.forms.least_squares import pinv, power, projector
-from gauss_bench.papers.forms.problems import Problem, all_problems, count_off, relative, special_problems, worst
+from gauss_bench.papers.forms.problems import Problem, all_problems, count_off, relative, special_problems
 from gauss_bench.terms import Array
 
 Accelerations = Callable[[Problem], Array]
 
 
-def rank_off(form: list[int]) -> float:
+def rank_off(form: list[int], p: Problem) -> float:
     """Return the error of a claimed rank of N, a sum of multiples of n coordinates, m rows and their rank r."""
-    errors = []
-    for p in all_problems():
-        sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
-        errors.append(count_off(form, (p.n, len(p.J), p.rank), int((sizes > 0.5).sum())))
-    return worst(errors)
+    sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
+    return count_off(form, (p.n, len(p.J), p.rank), int((sizes > 0.5).sum()))
 
 
 def reverse_order(p: Problem) -> Array:
@@ -40,9 +38,9 @@ def normal_inverse(p: Problem) -> Array:
     return pinv(N @ p.M @ N) @ power(p.M, 0.5)
 
 
-def inverse_off(form: Accelerations) -> float:
+def inverse_off(form: Accelerations, p: Problem) -> float:
     """Compare a form with the Moore-Penrose inverse of A by its singular values."""
-    return worst([relative(form(p), pinv(power(p.M, 0.5) @ projector(p))) for p in all_problems()])
+    return relative(form(p), pinv(power(p.M, 0.5) @ projector(p)))
 
 
 def free_motion(p: Problem) -> Array:
@@ -62,10 +60,9 @@ def accelerations_off(form: Accelerations, on: str = "") -> float:
     return worst([relative(form(p), p.a) for p in (special_problems(on) if on else all_problems())])
 
 
-def constraints_off(form: Accelerations) -> float:
+def constraints_off(form: Accelerations, p: Problem) -> float:
     """Return the residual of (6) for a form's accelerations, relative to its terms."""
-    terms = [(np.abs(p.J) @ np.abs(form(p)), p.J @ form(p) - p.g) for p in all_problems()]
-    return worst([float(np.abs(r).max() / scale.max()) for scale, r in terms])
+    return float(np.abs(p.J @ form(p) - p.g).max() / (np.abs(p.J) @ np.abs(form(p))).max())
 
 
 def predict(p: Problem) -> Array:
@@ -73,11 +70,8 @@ def predict(p: Problem) -> Array:
     return -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
 
 
-def difference_off(factor: float) -> float:
+def difference_off(factor: float, p: Problem) -> float:
     """Compare `factor` times the predicted a_true - a_(16) with the true one, relative to the largest acceleration involved."""
-    errors = []
-    for p in all_problems():
-        wrong = euclidean(p)
-        scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())
-        errors.append(float(np.abs(factor * predict(p) - (p.a - wrong)).max() / scale))
-    return worst(errors)
+    wrong = euclidean(p)
+    scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())
+    return float(np.abs(factor * predict(p) - (p.a - wrong)).max() / scale)

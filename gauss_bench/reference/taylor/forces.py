@@ -12,6 +12,7 @@ on purpose: each kind of force is derived here a second time, or motions with it
 from collections.abc import Mapping
 from typing import Any
 
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import (
     GROUND,
     AxisSpringDamper,
@@ -25,7 +26,6 @@ from gauss_bench.mechanism.model import (
     SpringDamper,
     Torque,
 )
-from gauss_bench.mechanism.numbers import direction
 from gauss_bench.reference.taylor.arithmetic import Value, Vector, cross, dot, plus, scale_by
 from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
@@ -149,7 +149,7 @@ class Loads(Wrench):
 
     def _along(self, f: AxisSpringDamper) -> None:
         """Apply a spring and damper along an axis of a link."""
-        gap, u = self.gap(f.origin, f.point), self.turn(direction(f.angle), f.origin.link)
+        gap, u = self.gap(f.origin, f.point), self.turn(unit(f.angle), f.origin.link)
         d = self.value(gap)
         rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)
         self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
@@ -157,7 +157,7 @@ class Loads(Wrench):
     def _damp(self, joint: Joint, c: Any) -> None:
         """Apply the damping of a joint: a force along a slide, a torque about a pin."""
         if isinstance(joint, Prismatic):
-            u, speed = self.turn(direction(joint.angle), joint.guide.link), self.v.get(self.coordinates.slides[joint.name], 0)
+            u, speed = self.turn(unit(joint.angle), joint.guide.link), self.v.get(self.coordinates.slides[joint.name], 0)
             self.slide(joint.block, joint.guide, scale_by(-(self.of(c) * speed), u))
         else:
             speed = self._speed(joint.b.link) - self._speed(joint.a.link)

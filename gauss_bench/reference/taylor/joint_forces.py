@@ -11,12 +11,10 @@ Constraints are in the mechanism's order, two per joint, then drivers, then knif
 J^T lambda = Q - M a has more rows than unknowns; whether all of them hold checks the whole motion.
 """
 
-from typing import Any
-
 import numpy as np
 
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Prismatic, SlideDriver
-from gauss_bench.mechanism.numbers import direction
 from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Value, dot, vanishes
 from gauss_bench.reference.taylor.forces import Wrench
@@ -37,7 +35,7 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
     for joint in mechanism.joints:
         first, second = add_row(), add_row()
         if isinstance(joint, Prismatic):
-            first.slide(joint.block, joint.guide, first.turn(across(joint.angle), joint.guide.link))
+            first.slide(joint.block, joint.guide, first.turn(unit(joint.angle, across=True), joint.guide.link))
             second.twist(joint.block.link, joint.guide.link, 1)
         else:
             first.pull(joint.b, joint.a, (1, 0))
@@ -48,20 +46,15 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
             row.twist(driver.link, GROUND, 1)
         elif isinstance(driver, SlideDriver):
             slide = driver.joint
-            row.slide(slide.block, slide.guide, row.turn(direction(slide.angle), slide.guide.link))
+            row.slide(slide.block, slide.guide, row.turn(unit(slide.angle), slide.guide.link))
         else:
             d = row.value(row.gap(driver.a, driver.b))
             length = at.arithmetic.sqrt(dot(d, d))
             row.pull(driver.b, driver.a, (d[0] / length, d[1] / length))
     for edge in mechanism.knife_edges:
         row = add_row()
-        row.push(edge.point, row.turn(across(edge.angle), edge.point.link))
+        row.push(edge.point, row.turn(unit(edge.angle, across=True), edge.point.link))
     return [{j: x for j, x in enumerate(wrench.flat()) if not vanishes(x)} for wrench in wrenches]
-
-
-def across(angle: Any) -> Array:
-    u = direction(angle)
-    return np.array([-u[1], u[0]])
 
 
 def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps: float) -> tuple[Long, float]:

@@ -13,10 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, assert_never
 
-import numpy as np
-
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
-from gauss_bench.mechanism.numbers import direction
 from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Value, cross, dot, vanishes
 from gauss_bench.reference.taylor.moving_vectors import Instant, at_states
@@ -127,8 +125,7 @@ def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
     mechanism = coordinates.mechanism
     edges = []
     for edge in mechanism.knife_edges:
-        u = direction(edge.angle)
-        normal = coordinates.turn_vector(np.array([-u[1], u[0]]), edge.point.link)
+        normal = coordinates.turn_vector(unit(edge.angle, across=True), edge.point.link)
         edges.append((coordinates.angle[edge.point.link], coordinates.point(edge.point), normal))
     names = [f"joint {name}" for name, _ in coordinates.closures for _ in (0, 1)]
     names += [f"driver {d.name}" for d in mechanism.drivers] + [f"knife edge {e.name}" for e in mechanism.knife_edges]

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
-from gauss_bench.mechanism.numbers import direction
 from gauss_bench.terms import Array
 
 NONE = -1  # in place of the index of an angle: a vector in world axes; in place of that of a displacement: length 1
@@ -103,7 +103,7 @@ class LoopCoordinates:
         if step.joint is None:
             x = self.free[step.link]
             return VectorTerm(zero + 1, zero, NONE, x), VectorTerm(zero, zero + 1, NONE, x + 1)
-        first, second = ends(step.joint)
+        first, second = step.joint.ends
         along = self.along(step.joint) if isinstance(step.joint, Prismatic) else ()
         if second.link == step.link:  # the joint leads from its first point to its second, or backwards
             return merge([*self.point(first), *along], self.turn_vector(second.local, second.link))
@@ -111,14 +111,14 @@ class LoopCoordinates:
 
     def _gap(self, joint: Joint) -> Sum:
         """Return the vector from the first point of a joint to its second, minus the displacement along a slide."""
-        first, second = ends(joint)
+        first, second = joint.ends
         return merge(self.point(second), [*self.point(first), *(self.along(joint) if isinstance(joint, Prismatic) else ())])
 
     def turn_vector(self, vector: Any, link: int, length: int = NONE) -> Sum:
         """Return a vector (2,) of a link's frame, times a displacement, as a sum of one term."""
         if link == GROUND:
             return (VectorTerm(vector[0], vector[1], NONE, length),)
-        c, s = direction(self.turn[link])
+        c, s = unit(self.turn[link])
         return (VectorTerm(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], self.angle[link], length),)
 
     def point(self, point: Point) -> Sum:
@@ -128,9 +128,9 @@ class LoopCoordinates:
 
     def along(self, slide: Prismatic) -> Sum:
         """Return the vector from the guide point to the block point of a slide."""
-        u, guide = direction(slide.angle), slide.guide.link
-        across = slide.offset * np.array([-u[1], u[0]])
-        return merge([*self.turn_vector(u, guide, self.slides[slide.name]), *self.turn_vector(across, guide)])
+        u, guide = unit(slide.angle), slide.guide.link
+        aside = slide.offset * unit(slide.angle, across=True)
+        return merge([*self.turn_vector(u, guide, self.slides[slide.name]), *self.turn_vector(aside, guide)])
 
     def start(self, q: Array) -> Array:
         """Return the loop coordinates (n,) of an assembled state q (3 links,), in double precision."""
@@ -151,11 +151,6 @@ class LoopCoordinates:
         return x
 
 
-def ends(joint: Joint) -> tuple[Point, Point]:
-    """Return the two points of a joint: guide and block, or a and b."""
-    return (joint.guide, joint.block) if isinstance(joint, Prismatic) else (joint.a, joint.b)
-
-
 class TreeStep(NamedTuple):
     """A step of the spanning tree to a new link, by a joint of a link already reached, or without a joint from the ground."""
 
@@ -168,7 +163,7 @@ def spanning_tree(mechanism: Mechanism) -> list[TreeStep]:
     """Return the steps of the tree, breadth first from the ground; links that slides tie to a link come directly after it."""
     beside: dict[int, list[tuple[int, Joint]]] = {i: [] for i in range(GROUND, len(mechanism.links))}
     for joint in mechanism.joints:
-        a, b = (point.link for point in ends(joint))
+        a, b = (point.link for point in joint.ends)
         beside[a].append((b, joint))
         beside[b].append((a, joint))
     reached: set[int] = set()

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from gauss_bench.atomic import write_text
 from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
@@ -20,7 +21,6 @@ from gauss_bench.report.drawings.forces import attachments, force_parts
 from gauss_bench.report.drawings.lettering import box_of, distance, lettering
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.palette import BODY, BODY_EDGE, CRANK, CRANK_EDGE, INK, MUTED, PAPER, TRACE
-from gauss_bench.tables import write_text
 from gauss_bench.terms import Array
 
 WIDTH, LONGEST = 640.0, 500.0  # page width and largest drawing height [px]

@@ -16,7 +16,7 @@ from scipy.optimize import isotonic_regression
 from gauss_bench.report.palette import CONTROL, CRANK, CRANK_EDGE, CURVES, GRID, INK, MUTED
 from gauss_bench.report.plotting import STYLE
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Curve, Group, History, Told
+from gauss_bench.trajectory import Caption, Curve, Group, History
 
 WIDTH, PANEL, HEAD, FOOT = 6.0, 1.12, 0.38, 0.5  # [inch]: width; heights of a panel, its title, the time axis
 MORE, FEW = 0.13, 4  # [inch] of further height for each line beyond FEW
@@ -89,7 +89,7 @@ def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line,
     return tuple(Line(name, np.hypot(values[name, first], values[name, second]), i) for i, name in enumerate(names))
 
 
-def plot(history: History, told: Told, head: bool = True) -> Figure:
+def plot(history: History, told: Caption, head: bool = True) -> Figure:
     """Return the figure of a history with at least one sample.
 
     Args:
@@ -117,7 +117,7 @@ def plot(history: History, told: Told, head: bool = True) -> Figure:
     return figure
 
 
-def _draw_panel(axes: Axes, panel: Panel, t: Array, told: Told) -> None:
+def _draw_panel(axes: Axes, panel: Panel, t: Array, told: Caption) -> None:
     """Draw the lines of a panel with their names, and mark the part of the run that is not trusted or missing."""
     until, trusted = told.until, told.trusted
     sure = t <= (until if trusted is None else max(trusted, float(t[0])))

@@ -14,19 +14,19 @@ from gauss_bench.report.pages import make_environment
 from gauss_bench.report.palette import inline
 from gauss_bench.report.plotting import png, svg
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import History, Told, Trajectory
+from gauss_bench.trajectory import Caption, History, Trajectory
 
 RATE = 20.0  # [1/s] pictures of a GIF
 MOST = 160  # largest number of pictures of a GIF; a longer film runs faster
 
 
-def picture(kind: str, told: Told, history: History) -> bytes:
+def picture(kind: str, told: Caption, history: History) -> bytes:
     """Return the curves of a run as ".svg" or ".png"."""
     figure = plot(history, told)
     return svg(figure).encode() if kind.lower() == ".svg" else png(figure)
 
 
-def film(kind: str, told: Told, history: History, mechanism: Mechanism, trajectory: Trajectory) -> bytes:
+def film(kind: str, told: Caption, history: History, mechanism: Mechanism, trajectory: Trajectory) -> bytes:
     """Return the moving linkage, up to the time until which the run is trusted, as ".svg", ".gif" or ".html"."""
     count = len(trajectory.t) if told.trusted is None else int(np.searchsorted(trajectory.t, told.trusted, "right"))
     t, q = trajectory.t[:count], trajectory.q[:count]
@@ -58,7 +58,7 @@ def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
     return buffer.getvalue()
 
 
-def _page(told: Told, history: History, moving: str, t: Array) -> str:
+def _page(told: Caption, history: History, moving: str, t: Array) -> str:
     """Return a self-contained page with the moving linkage, its curves, and a line that marks the current time in them."""
     figure = plot(history, told, head=False)
     return (

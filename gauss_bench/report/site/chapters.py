@@ -5,11 +5,11 @@ from types import ModuleType
 from typing import Any
 
 from gauss_bench.report import sections as room
-from gauss_bench.report.content import AUTHORS, Chart, Finding, Section
+from gauss_bench.report.content import Chart, Finding, Section
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import bias, claim, field, kernel, limitations, papers, releases, reproduction
-from gauss_bench.report.site.page import Page, plain_page
+from gauss_bench.report.site.page import Page, plain_page, render
 
 PAPERS = (claim, papers, reproduction)
 TONES = ("bad", "warn", "", "good")  # of findings, in the order of their page
@@ -58,10 +58,10 @@ def releases_page(run: Run) -> Page | None:
 
 
 def method_page(run: Run) -> Page:
-    """Return the page on the method: limitations first, then every section without a page of its own."""
-    lead = "The limits of the figures, and how they were measured."
+    """Return the page on the method: its three ideas, limitations and biases, then every section without a page of its own."""
+    lead = "What is compared, what counts as true, what a time is, and where all of this ends."
     others = [x for x in parts_of(room) if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
-    return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), paragraphs=(AUTHORS,))
+    return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), opening=render("method.html"))
 
 
 def findings_page(findings: Sequence[Finding]) -> Page:

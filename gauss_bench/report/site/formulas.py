@@ -7,7 +7,8 @@ import re
 
 from markupsafe import Markup
 
-GREEK = {"th": "θ", "theta": "θ", "phi": "φ", "alpha": "\N{GREEK SMALL LETTER ALPHA}", "tau": "τ", "lambda": "λ", "pi": "π"}
+GREEK = {"th": "θ", "theta": "θ", "phi": "φ", "tau": "τ", "lambda": "λ", "pi": "π"}
+GREEK |= {"alpha": "\N{GREEK SMALL LETTER ALPHA}", "gamma": "\N{GREEK SMALL LETTER GAMMA}"}
 NAMES = {*GREEK, "sin", "cos", "diag", "rank", "sum"}
 WORD = re.compile(r"[A-Za-z]+")
 TOKEN = re.compile(r"(?P<number>\d+(?:\.\d+)?)|(?P<name>[A-Za-z]+)(?P<index>\d+[A-Z]?)?|(?P<space> +)|(?P<sign>.)")

@@ -157,6 +157,7 @@ ENVIRONMENT.filters |= {
     "sentences": lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x],
     "plain_text": lambda text: rich(text).striptags(),
     "tag": lambda tone: TAGS.get(tone, ""),
+    "mathml": mathml,
 }
 
 
@@ -165,7 +166,7 @@ def render(template: str, **context: Any) -> Markup:
     return Markup(ENVIRONMENT.get_template(template).render(context))
 
 
-PARTS = ("paragraphs", "sections", "findings", "back", "tables", "engines", "described", "entry", "found")
+PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "engines", "described", "entry", "found")
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:

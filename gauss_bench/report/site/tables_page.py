@@ -4,10 +4,11 @@ import lzma
 from collections.abc import Mapping
 from pathlib import Path
 
+from gauss_bench.atomic import write_bytes
 from gauss_bench.report.content import count, lay_out
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.site.page import ENVIRONMENT, Page, plain_page
-from gauss_bench.tables import TABLES, csv_text, digits_of, write_bytes, write_parquet
+from gauss_bench.tables import TABLES, csv_text, digits_of, write_parquet
 
 FOLDER = "tables"
 LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import vl_convert
 
+from gauss_bench.atomic import write_text
 from gauss_bench.report.content import Finding
 from gauss_bench.report.pages import facts
 from gauss_bench.report.palette import hues
@@ -26,7 +27,6 @@ from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.settings import scenarios
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.report.site.view import VIEW, view_page
-from gauss_bench.tables import write_text
 
 SITE, GUIDE = "site", "docs"  # the documentation, which `make docs` puts there
 SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "search.js")

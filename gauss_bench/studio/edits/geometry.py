@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from gauss_bench.linkage.closure import CLOSED, gauss_newton, joint_residual
+from gauss_bench.linkage.closure import CLOSED, gauss_newton
 from gauss_bench.linkage.references import items, sequence
 from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, round_digits, tail
 from gauss_bench.studio.errors import Refused
@@ -248,7 +248,7 @@ def set_length(d: Drawing, message: Message) -> None:
     if a not in points or b not in points or a == b:
         raise Refused(f"{name} has no length {a[:40]}-{b[:40]}", where, "a")
     if not SHORTEST <= length <= 1e5:
-        raise Refused("a length is between 1e-6 and 1e5 m", where, "value")
+        raise Refused("a length is at least 1e-6 m and at most 1e5 m", where, "value")
     along = points[b] - points[a]
     if abs(along) < SAME:
         raise Refused(f"{a} and {b} lie at one place of {name}", where)
@@ -262,14 +262,14 @@ def set_angle(d: Drawing, message: Message) -> None:
     if reading.mechanism is None or reading.joints is None or not reading.closed:
         raise Refused("a link is turned once the drawing assembles", (f"links.{name}",))
     body, turn = reading.mechanism.find_body(name)
-    q, close, k = reading.q, joint_residual(reading.joints), 3 * body + 2
+    q, joints, k = reading.q, reading.joints, 3 * body + 2
     first, row = float(q[k]), np.eye(len(q))[k]
     way = math.remainder(math.radians(degrees) - float(turn) - first, 2 * math.pi)
     for goal in np.linspace(first, first + way, max(1, math.ceil(abs(way) / TURN)) + 1)[1:]:
 
         def residual(x: Array, goal: float = goal) -> tuple[Array, Array]:
             """Return residual and Jacobian of the joints and of the link's angle against `goal`."""
-            F, J = close(x)
+            F, J = joints.residual(x)
             return np.append(F, x[k] - goal), np.vstack([J, row])
 
         q, error = gauss_newton(q, residual)

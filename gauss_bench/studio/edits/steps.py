@@ -130,7 +130,7 @@ def picture(session: Session, message: Message) -> None:
         raise Refused("a picture has a place and a size", field="picture")
     at, width, height = place(given.get("at")), number(given, "width"), number(given, "height")
     if not (1e-6 <= width <= 1e5 and 1e-6 <= height <= 1e5):
-        raise Refused("a picture is between 1e-6 and 1e5 m wide and high", field="width")
+        raise Refused("a picture is at least 1e-6 m and at most 1e5 m wide and high", field="width")
     url = given.get("url", session.picture and session.picture.url)
     if not isinstance(url, str) or not url.startswith(PICTURES):
         raise Refused("a picture is PNG, JPEG, WebP or GIF", field="picture")

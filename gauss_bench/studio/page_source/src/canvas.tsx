@@ -64,8 +64,8 @@ async function pull(mine: NonNullable<typeof drag>): Promise<void> {
     mine.waiting = true;
     try {
       const reply = (await ask("drag", { at, centres: showCentres.value })) as unknown as { poses: Poses; reached: boolean; ms: number; note: string | null; centres?: Centre[] };
-      const before = dragged.value ?? {};
-      const jump = Math.max(0, ...Object.entries(reply.poses).map(([name, p]) => (before[name] ? Math.abs(p[2] - before[name]![2]) : 0)));
+      const before = dragged.value ?? reply.poses;
+      const jump = Math.max(0, ...Object.entries(reply.poses).map(([name, p]) => Math.abs(p[2] - before[name]![2])));
       if (drag === mine)
         batch(() => {
           dragged.value = reply.poses;

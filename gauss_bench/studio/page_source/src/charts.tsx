@@ -19,6 +19,7 @@ export interface Chart {
   curves: Curve[];
 }
 
+const FLAT = 1e-9; // of its size: a curve that changes by less is level
 const SHOWN = 6; // curves of a chart: as many as there are colours
 
 const lengths = (list: ([number | null, number | null] | number | null)[] | null): Values =>
@@ -60,7 +61,8 @@ export function csv(now: Motion, list: Chart[]): string {
   return [columns.map(([head]) => cell(head)).join(","), ...rows, ""].join("\n");
 }
 
-/** Values are cut where they run away near a singular position: the 2nd and the 98th percentile and a margin bound the picture. */
+/** Values are cut where they run away near a singular position: the 2nd and the 98th percentile and a margin bound the picture.
+ *  What changes by rounding alone is level, on a scale from zero. */
 function bounds(curves: Curve[]): [number, number] {
   const all = curves.flatMap((c) => c.values.filter(isKnown)).sort((a, b) => a - b);
   const at = (share: number): number => all[Math.round(share * (all.length - 1))] ?? 0;
@@ -69,7 +71,8 @@ function bounds(curves: Curve[]): [number, number] {
   const wide = (outer - inner) * 2 + 1e-12;
   const from = low < inner - wide ? inner - wide / 4 : low;
   const to = high > outer + wide ? outer + wide / 4 : high;
-  const gap = to - from || Math.abs(to) || 1;
+  const gap = to - from;
+  if (gap <= FLAT * Math.max(Math.abs(from), Math.abs(to))) return [Math.min(0, 1.2 * from), Math.max(0, 1.2 * to) || (from < 0 ? 0 : 1)];
   return [Math.min(from, from > 0 && from < gap ? 0 : from), to + 0.06 * gap];
 }
 
@@ -82,6 +85,9 @@ function ticks(low: number, high: number, most: number, least = 0): number[] {
   const count = Math.floor(high / step + 1e-9) - first + 1;
   return Array.from({ length: Math.min(Math.max(count, 0), 2 * most + 2) }, (_, k) => Number(((first + k) * step).toPrecision(12)));
 }
+
+/** A round number with all of its digits, so that no two marks look alike. */
+const mark = (v: number): string => (v !== 0 && (Math.abs(v) >= 1e5 || Math.abs(v) < 1e-4) ? v.toExponential() : String(v));
 
 /** The value between two samples; null where one of them is missing. */
 function valueAt(values: Values, times: number[], at: number): number | null {
@@ -116,7 +122,7 @@ export function Plot({ chart, times, at, look, go }: Plotted): JSX.Element {
       });
       return d;
     };
-    const marks = ticks(low, high, 5, chart.log ? 1 : 0).map((v) => ({ y: y(v), text: chart.log ? `1e${v}` : figure(v) }));
+    const marks = ticks(low, high, 5, chart.log ? 1 : 0).map((v) => ({ y: y(v), text: chart.log ? `1e${v}` : mark(v) }));
     return { marks, zero: !chart.log && low < 0 && high > 0 ? y(0) : null, lines: scaled.map((c) => line(c.values)), scaled, y };
   }, [curves, times, chart.log]);
   const xs = useMemo(() => ticks(0, end, 4), [end]);
@@ -143,9 +149,9 @@ export function Plot({ chart, times, at, look, go }: Plotted): JSX.Element {
       </figcaption>
       <div class="plot">
         <div class="scale" aria-hidden="true">
-          {drawn.marks.map((mark) => (
-            <span key={mark.text} style={{ top: `${mark.y}%` }}>
-              {mark.text}
+          {drawn.marks.map(({ y, text }) => (
+            <span key={text} style={{ top: `${y}%` }}>
+              {text}
             </span>
           ))}
         </div>
@@ -170,7 +176,7 @@ export function Plot({ chart, times, at, look, go }: Plotted): JSX.Element {
           onPointerLeave={() => look(null)}
         >
           <svg viewBox="0 0 100 100" preserveAspectRatio="none" aria-hidden="true">
-            <path class="ticks" d={drawn.marks.map((mark) => `M0 ${mark.y}H100`).join("") + xs.map((t) => `M${(t / end) * 100} 0V100`).join("")} />
+            <path class="ticks" d={drawn.marks.map(({ y }) => `M0 ${y}H100`).join("") + xs.map((t) => `M${(t / end) * 100} 0V100`).join("")} />
             {drawn.zero !== null && <path class="zero" d={`M0 ${drawn.zero}H100`} />}
             {curves.map((c, k) => <path key={c.name} class={`curve-${c.hue % 6}`} d={drawn.lines[k]} />)}
             {drawn.scaled.map((c) => {

@@ -13,6 +13,7 @@ import { Sheet } from "./sheet";
 import { attempt, dialog, dragged, edit, hello, open, said, say, scene, touring } from "./state";
 import { TOOLS, choose, pictureScaled, tool } from "./tools";
 import { ask } from "./socket";
+import { retold } from "./units";
 import { fit, size, toWorld } from "./view";
 
 const close = (): void => void (dialog.value = "");
@@ -153,7 +154,7 @@ function Save(): JSX.Element {
             <input type="text" name="path" autofocus value={path} spellcheck={false} onInput={(e) => { setPath(e.currentTarget.value); setTaken(false); }} />
           </span>
         </label>
-        {fault && <p class="refusal" role="alert">{fault}</p>}
+        {fault && <p class="refusal" role="alert">{retold(fault)}</p>}
         <div class="row end">
           <button type="submit" class="strong">
             {taken ? "Replace the file" : "Save the file"}
@@ -217,7 +218,7 @@ function Export(): JSX.Element {
       </div>
       {link && <p class="note">{link.length} characters, copied.</p>}
       <h3>Download</h3>
-      {fault && <p class="refusal" role="alert">{fault}</p>}
+      {fault && <p class="refusal" role="alert">{retold(fault)}</p>}
       <ul class="kinds">
         {KINDS.filter(([kind]) => kind !== "webm" || canFilm).map(([kind, name, note]) => (
           <li key={kind}>
@@ -246,7 +247,7 @@ function Branches(): JSX.Element {
   return (
     <Sheet title="Other assemblies">
       <p class="note">The same links with the input held, put together otherwise. Point at one to see it, click to take it.</p>
-      {fault && <p class="refusal">{fault}</p>}
+      {fault && <p class="refusal">{retold(fault)}</p>}
       {!list && !fault && <p class="note">Looking for them …</p>}
       {list?.length === 0 && <p class="note">There is no other.</p>}
       <ul class="chips">

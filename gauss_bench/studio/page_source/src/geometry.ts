@@ -56,12 +56,14 @@ export function inside(at: XY, polygon: XY[]): boolean {
 /** A scene with its links where `poses` has them; links that `poses` does not name stay where the scene has them. */
 export class Placed {
   private readonly links: Map<string, Link>;
+  private readonly poses: Map<string, Pose>; // no plain object, which has a "constructor" although no link is called so
 
   constructor(
     readonly scene: Scene,
-    private readonly poses: Poses,
+    poses: Poses,
   ) {
     this.links = new Map(scene.links.map((link) => [link.name, link]));
+    this.poses = new Map(Object.entries(poses));
   }
 
   link(name: string): Link | undefined {
@@ -69,7 +71,7 @@ export class Placed {
   }
 
   pose(name: string): Pose {
-    return this.poses[name] ?? this.links.get(name)?.pose ?? [0, 0, 0];
+    return this.poses.get(name) ?? this.links.get(name)?.pose ?? [0, 0, 0];
   }
 
   /** The world place of "link.point" or "ground.point"; null where the scene has no such point. */
@@ -88,14 +90,14 @@ export class Placed {
   }
 
   pin(pin: Pin): XY {
-    const moved = pin.members.find((ref) => ref.startsWith("ground.")) ?? pin.members.find((ref) => ref.split(".")[0]! in this.poses);
+    const moved = pin.members.find((ref) => ref.startsWith("ground.")) ?? pin.members.find((ref) => this.poses.has(ref.split(".")[0]!));
     return (moved && this.point(moved)) || pin.at;
   }
 
   /** How far a link has turned from the scene's pose. */
   private turned(owner: string): number {
     const link = this.links.get(owner);
-    return link && owner in this.poses ? this.poses[owner]![2] - link.pose[2] : 0;
+    return link ? this.pose(owner)[2] - link.pose[2] : 0;
   }
 
   slide(slide: Slide): { at: XY; angle: number; block: XY } {
@@ -103,7 +105,7 @@ export class Placed {
     return {
       at: this.point(slide.guide) ?? slide.at,
       angle: slide.angle + this.turned(owner),
-      block: (slide.block.split(".")[0]! in this.poses && this.point(slide.block)) || slide.block_at,
+      block: (this.poses.has(slide.block.split(".")[0]!) && this.point(slide.block)) || slide.block_at,
     };
   }
 

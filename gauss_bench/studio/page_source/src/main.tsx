@@ -11,6 +11,7 @@ import { Timeline } from "./timeline";
 import { choose, picks, tool } from "./tools";
 import { Moving, Prompt, Tools, Top, ViewSwitches, paint } from "./top";
 import { Tour, begin, firstRun } from "./tour";
+import { retold } from "./units";
 import { toScreen, size } from "./view";
 import type { Problem, XY } from "./protocol";
 import "./studio.css";
@@ -44,7 +45,7 @@ function InPlace(): JSX.Element | null {
   const top = Math.max(8, Math.min(h - 120, (at?.[1] ?? 40) + 22));
   return (
     <button type="button" class={`inplace ${problem.level}`} style={{ left: `${left}px`, top: `${top}px` }} onClick={() => show(problem)}>
-      {problem.text}
+      <span>{retold(problem.text)}</span>
     </button>
   );
 }

@@ -7,6 +7,7 @@ import type { XY } from "./protocol";
 import { edit } from "./state";
 import { Refused, ask } from "./socket";
 import { choose, picks, posed, tool } from "./tools";
+import { retold } from "./units";
 import { toScreen } from "./view";
 
 interface FourBar {
@@ -86,7 +87,7 @@ export function PosesBar(): JSX.Element | null {
   const slides = now?.connections.filter((c) => c.slide_deg !== null).length ?? 0;
   return (
     <div class="picturebar posesbar" role="region" aria-label="Four-bar through three poses">
-      {refusal.value && <p class="refusal" role="alert">There is no such four-bar: {refusal.value}.</p>}
+      {refusal.value && <p class="refusal" role="alert">There is no such four-bar: {retold(refusal.value)}.</p>}
       {now && (
         <details open={innerWidth > NARROW}>
           <summary class={free ? "doubtful" : "good"}>{verdict(now)}</summary>

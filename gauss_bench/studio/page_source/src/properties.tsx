@@ -8,6 +8,7 @@ import type { Force, Link, Pin, Problem, Slide, XY } from "./protocol";
 import { dialog, edit, placed, scene, selection, sheet, showCentres } from "./state";
 import type { Picked } from "./state";
 import { remove } from "./tools";
+import { retold } from "./units";
 
 /** Gives a thing another name; it stays the one that is chosen. */
 async function rename(kind: "link" | "slide" | "force", old: string, to: string): Promise<void> {
@@ -203,7 +204,7 @@ export function Problems(): JSX.Element | null {
           <li key={i} class={problem.level}>
             <button type="button" onClick={() => show(problem)}>
               <span class="level">{{ error: "Error", warning: "Warning", hint: "Hint" }[problem.level]}</span>
-              {problem.text}
+              {retold(problem.text)}
               {problem.loop && <small>Loop {problem.loop.join(" – ")}</small>}
             </button>
           </li>

@@ -7,7 +7,7 @@ import { NumberField, hasRefused } from "./fields";
 import { Plot } from "./charts";
 import { Sheet } from "./sheet";
 import { attempt, clock, dialog, ghost, hello, motion, moving, play, playing, say } from "./state";
-import { amount, figure, inShown, shownUnit } from "./units";
+import { amount, figure, inShown, retold, shownUnit } from "./units";
 
 interface Run {
   engine: string;
@@ -149,7 +149,7 @@ export function Release(): JSX.Element {
         {runs.value.map((run) => (
           <li key={run.engine}>
             <b>{run.engine}</b> <span class={`verdict ${/^(ok|trusted|accurate)/.test(run.verdict) ? "good" : "doubtful"}`}>{verdictWord(run)}</span>
-            {run.reason && <small>{run.reason}</small>}
+            {run.reason && <small>{retold(run.reason)}</small>}
           </li>
         ))}
         {compared.value.map((c) => (
@@ -216,8 +216,8 @@ export function Recommend(): JSX.Element {
           </button>
         )}
       </div>
-      {!now.done && <p class="note" role="status">Measuring … {progress.value || now.note}</p>}
-      {now.done && now.note && <p class="note">{now.note}</p>}
+      {!now.done && <p class="note" role="status">Measuring … {retold(progress.value || now.note)}</p>}
+      {now.done && now.note && <p class="note">{retold(now.note)}</p>}
       <ol class="answers" aria-live="polite">
         {now.answers.filter((a) => a.status === "ok").map((a) => (
           <li key={a.engine}>
@@ -249,7 +249,7 @@ export function Recommend(): JSX.Element {
           <ul>
             {now.answers.filter((a) => a.status !== "ok").map((a) => (
               <li key={a.engine}>
-                <b>{a.engine}</b> <small>{a.message || a.status}</small>
+                <b>{a.engine}</b> <small>{retold(a.message || a.status)}</small>
               </li>
             ))}
           </ul>

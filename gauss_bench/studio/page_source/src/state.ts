@@ -1,7 +1,7 @@
 // What the page knows: the scene, what is chosen, what is shown over it. Every change of the linkage goes through `edit`.
 import { batch, computed, signal } from "@preact/signals";
 import { Placed } from "./geometry";
-import type { Event, Hello, Motion, Poses, Reply, Scene, XY } from "./protocol";
+import type { Event, Hello, Motion, Pose, Poses, Reply, Scene, XY } from "./protocol";
 import { Refused, ask, connect, listen } from "./socket";
 import { fit, view, within } from "./view";
 
@@ -77,13 +77,13 @@ export const sampled = (times: number[], at: number): [number, number] => {
 
 const interpolate = (times: number[], poses: Record<string, [number, number, number][]>, at: number): Poses => {
   const [i, share] = sampled(times, at);
-  const out: Poses = {};
-  for (const [name, list] of Object.entries(poses)) {
-    const a = list[i];
-    const b = list[i + 1] ?? a;
-    if (a && b) out[name] = [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])];
-  }
-  return out;
+  return Object.fromEntries(
+    Object.entries(poses).flatMap(([name, list]) => {
+      const a = list[i];
+      const b = list[i + 1] ?? a;
+      return a && b ? [[name, a.map((v, k) => v + share * (b[k]! - v)) as Pose]] : [];
+    }),
+  );
 };
 
 /** The poses on show: of the drag, else of the motion, else the scene's own. */
@@ -155,6 +155,7 @@ const leaving = (): boolean =>
 /** Another linkage is open: its motion is not here yet, and it is shown as a whole. */
 export function anew(): void {
   motion.value = null;
+  selection.value = [];
   clock.value = 0;
   show();
 }

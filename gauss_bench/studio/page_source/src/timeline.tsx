@@ -9,7 +9,7 @@ import { Sign } from "./icons";
 import type { Driver as DriverKind, Motion, Table } from "./protocol";
 import { choose } from "./tools";
 import { clock, dialog, edit, ghost, motion, motionNote, moving, pace, play, playing, refresh, scene, scrub, sheet, showCentres, still } from "./state";
-import { amount, figure } from "./units";
+import { amount, figure, retold } from "./units";
 
 const open = signal(innerWidth > 560);
 const off = signal<Set<string>>(new Set(["pins", "advantage"]));
@@ -222,8 +222,8 @@ export function Timeline(): JSX.Element {
           </button>
         )}
       </div>
-      {now?.limits && <p class="note doubt">{now.limits}</p>}
-      {motionNote.value && !now && <p class="note">{motionNote.value}</p>}
+      {now?.limits && <p class="note doubt">{retold(now.limits)}</p>}
+      {motionNote.value && !now && <p class="note">{retold(motionNote.value)}</p>}
       {open.value && list.length > 0 && (
         <>
           <div class="chips which" role="group" aria-label="Curves shown">

@@ -7,7 +7,7 @@ import { Sign } from "./icons";
 import { connected } from "./socket";
 import { copy, dialog, drawn, edit, ghost, lined, moving, said, scene, sheet, show } from "./state";
 import { TOOLS, choose, current, finish, picks, posed, tool } from "./tools";
-import { LENGTHS, length, measureIn } from "./units";
+import { LENGTHS, length, measureIn, retold } from "./units";
 import type { Length } from "./units";
 import { zoom } from "./view";
 
@@ -150,7 +150,7 @@ export function Prompt(): JSX.Element {
   const ask = posed.value ? "" : hand.asks[Math.min(picks.value.length, hand.asks.length - 1)];
   const word = said.value;
   const quiet = tool.value === "select" && !scene.value?.links.length ? "" : hand.id === "reshape" ? hand.help : "";
-  const text = word ? word.text : (ask ?? quiet);
+  const text = word ? retold(word.text) : (ask ?? quiet);
   return (
     <div class={`prompt${word?.level === "error" ? " refused" : ""}${text ? "" : " empty"}`}>
       <p role="status" aria-live="polite" data-testid="said">

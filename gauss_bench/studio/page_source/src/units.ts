@@ -83,6 +83,12 @@ export function figure(value: number | null | undefined, digits = 4): string {
   return size >= 1e5 || size < 1e-4 ? value.toExponential(digits - 2) : String(Number(value.toPrecision(digits)));
 }
 
+const IN_METRES = /(?<![\w.])(\d+(?:\.\d+)?(?:e[-+]?\d+)?) (m(?:\/s²?)?)(?![\w/²^·'"”])/g;
+
+/** A sentence of the server, whose lengths and speeds are in metres, in the unit that is shown. */
+export const retold = (text: string): string =>
+  length.value === "m" ? text : text.replace(IN_METRES, (_, number: string, unit: string) => amount(Number(number), unit));
+
 /** A value with its unit, as it is shown. */
 export const amount = (value: number | null, unit: string, digits = 4): string =>
   `${figure(value === null ? null : inShown(value, unit), digits)}${unit === "°" ? "°" : ` ${shownUnit(unit)}`}`;

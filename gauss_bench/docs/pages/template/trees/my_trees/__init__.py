@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from gauss_bench.engines.base import LibraryCall
-from gauss_bench.engines.shared import beyond_a_tree, closing_pins, joint_tree, unsteady, with_accelerations
+from gauss_bench.engines.base import Choice, LibraryCall
+from gauss_bench.engines.shared import beyond_a_tree, closing_pins, joint_tree, unsteady
+from gauss_bench.engines.tree_model import TreeModel
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.integrate.fixed_step import step_counts
 from gauss_bench.mechanism.model import Along, Angle, Distance, PointForce, loads
 from my_trees import library
 
@@ -28,7 +28,7 @@ for k in range(steps + 1):
 
 def call_library(mechanism, q, v):
     """Prepare a call of the library alone, at the state q, v (n,)."""
-    model = Model(mechanism, "default")
+    model = Model(mechanism, Choice())
     y, dy = model.tree.relative(q, v)
     return LibraryCall(lambda: library.solve(model.built, y, dy), model.acceleration(0.0, q, v))
 
@@ -56,7 +56,7 @@ class Trees:
         return None
 
     def build(self, mechanism, choice):
-        return Model(mechanism, choice.settings, choice)
+        return Model(mechanism, choice)
 
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     resizable = True
@@ -68,7 +68,7 @@ class Trees:
 
     def program(self, mechanism, choice):
         """Return the library's source, the numbers of this linkage, and a loop over its duration."""
-        model = Model(mechanism, choice.settings)
+        model = Model(mechanism, choice)
         steps = max(1, round(mechanism.duration / choice.step))
         numbers = {
             "tree": model.built,
@@ -80,13 +80,13 @@ class Trees:
         return inspect.getsource(library) + PROGRAM.format(**numbers, **way, method=choice.integrator, pull=model.options["pull"])
 
 
-class Model:
-    """A linkage in the library; q, v, a hold x, y [m] and angle [rad] of every link, y those of the tree."""
+class Model(TreeModel):
+    """A linkage in the library, in the coordinates y of a tree of joints; `TreeModel` translates states and samples."""
 
-    def __init__(self, mechanism, settings, choice=None):
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(settings)
-        self.tree = joint_tree(mechanism, self.options)
-        self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
+    library = "trees"
+
+    def __init__(self, mechanism, choice):
+        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.place = {b.link: b.at for b in self.tree.branches} | {-1: -1}  # link of the file -> link of the library
         self.built = self.describe()
 
@@ -124,24 +124,15 @@ class Model:
         """Return link and place of a point as the library takes them."""
         return self.place[point.link], complex(*point.local)
 
-    def acceleration(self, t, q, v):
-        y, dy = self.tree.relative(q, v)
-        return self.tree.absolute(y, dy, library.solve(self.built, y, dy, self.options["pull"])[0])[2]
-
-    def prepare(self, times, native=True):
-        self.times, self.y, self.steps = times, np.full((len(times), 2, self.tree.n), np.nan), 0
-        self.y[0] = self.y0, self.dy0
+    def tree_acceleration(self, t, y, dy):
+        return library.solve(self.built, y, dy, self.options["pull"])[0]
 
     def run(self):
-        for k, (count, h) in enumerate(step_counts(self.times, self.choice.step)):
-            state = self.y[k]
-            for _ in range(count):
-                state = library.step(self.built, self.choice.integrator, *state, h, self.options["pull"])
-            self.y[k + 1], self.steps = state, self.steps + count
-
-    def read(self):
-        q, v, _ = self.tree.absolute(self.y[:, 0], self.y[:, 1], np.zeros_like(self.y[:, 0]))
-        return with_accelerations(self.times, q, v, lambda k: self.acceleration(self.times[k], q[k], v[k]), self.steps)
+        state = self.y0, self.dy0
+        for part in self.plan:  # equal steps from one sample to the next
+            for _ in range(part.steps):
+                state = library.step(self.built, self.choice.integrator, *state, part.size, self.options["pull"])
+            self.y[part.row], self.dy[part.row] = state
 
     def joint_forces(self, t, q, v):
         """Return the forces of the pins that close loops (optional)."""
