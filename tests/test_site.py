@@ -258,7 +258,7 @@ def test_the_method_begins_with_what_is_compared_what_is_true_and_what_a_time_is
         assert text.count("<p>") == 1
         assert "<math>" in text
         assert 20 < len(Markup(text).striptags().split()) < 100
-    assert "<mi>γ</mi>" in sections[0][1]
+    assert "<mi>\N{GREEK SMALL LETTER GAMMA}</mi>" in sections[0][1]
 
 
 def test_an_axis_is_no_longer_than_its_data() -> None:
