@@ -8,15 +8,24 @@ BESIDE := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: bench publish report docs test test-all test-long fuzz check verify certificates lint drawings setup clean
+.PHONY: bench publish field report docs test test-all test-long fuzz check verify certificates lint drawings setup clean
 
 bench: setup           ## run the suite `quick`, write reports/local/, and tell what differs from what is published
 	$(BIN)/gauss-bench run --report --jobs $(JOBS) --against reports
 
-publish: setup         ## run the suite `full` and write reports/, from a committed tree alone
-	@changed=$$(git status --porcelain -- . ':!reports') && test -z "$$changed" || \
-	  { echo "publish: only what is committed is published; changed:" >&2; echo "$$changed" >&2; exit 2; }
-	$(BIN)/gauss-bench run --suite full --report --jobs $(JOBS) --out reports
+COMMITTED = @changed=$$(git status --porcelain -- . ':!reports') && test -z "$$changed" || \
+	  { echo "$@: only what is committed is published; changed:" >&2; echo "$$changed" >&2; exit 2; }
+
+publish: setup         ## run the suites `full` and `field` and write reports/, from a committed tree alone
+	$(COMMITTED)
+	$(BIN)/gauss-bench run --suite full --jobs $(JOBS) --out reports
+	$(MAKE) field
+
+field: setup           ## run the suite `field` alone into reports/field/, and write the pages of reports/ again, likewise
+	$(COMMITTED)
+	$(BIN)/gauss-bench run --suite field --jobs $(JOBS) --out reports/field
+	$(BIN)/python -m gauss_bench.report.field_run reports/field
+	$(BIN)/gauss-bench report --out reports
 	$(BIN)/python -m gauss_bench.report.pictures reports README.md
 	$(BIN)/python -m gauss_bench.report.citation reports CITATION.cff
 

@@ -330,10 +330,10 @@ def trusted_until(
     while bad - good > 1:
         middle = (good + bad) // 2
         until = slice(middle + 1)
-        part = trajectory.part(until)
+        part = trajectory[until]
         evidence = examine(evaluator, part, reference)
         if finer is not None:
-            halving, again = metrics.state_errors(evaluator.mechanism, part, finer), metrics.rate_gaps(finer.part(until))
+            halving, again = metrics.state_errors(evaluator.mechanism, part, finer), metrics.rate_gaps(finer.samples[until])
             evidence = replace(evidence, halving=halving, rates_again=again)
         good, bad = (middle, bad) if judge(evidence).valid else (good, middle)
     return float(trajectory.t[good])
@@ -343,7 +343,9 @@ def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, ada
     """Return advice on how to make an invalid run valid, or an empty text."""
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
-        return "no step mends accelerations that are another linkage's: look for another engine or setting"
+        smaller = "a tighter tolerance" if adaptive else f"a step smaller than {step:g} s"
+        mended = f"{smaller} mends accelerations that an engine takes from its steps"
+        return f"do not trust it; {mended}; else look for another engine or setting"
     if not subjects & {Subject.LOOPS, Subject.ENERGY, Subject.STIFFNESS, Subject.STEP}:
         return "do not trust it" if subjects & {Subject.START, Subject.RATES, Subject.REPETITION} else ""
     smaller = "ask for a tighter tolerance" if adaptive else f"take a step smaller than {step:g} s"

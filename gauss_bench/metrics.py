@@ -42,7 +42,7 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
     blocks = []
     h = evaluator.constraints.holonomic
     for start in range(0, len(trajectory.t), CHUNK):
-        part = trajectory.part(slice(start, start + CHUNK))
+        part = trajectory[start : start + CHUNK]
         rows = evaluator.constraints(part.t, part.q, part.v)
         velocity = (rows.J @ part.v[..., None])[..., 0] + rows.phi_t
         acceleration = (rows.J @ part.a[..., None])[..., 0] - rows.gamma
@@ -439,7 +439,7 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
     mine, both = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
         return np.full(len(mine), np.nan)
-    own, true = (joint_forces(evaluator, samples) for samples in (trajectory.part(mine), reference.part(both)))
+    own, true = (joint_forces(evaluator, samples) for samples in (trajectory[mine], reference.samples[both]))
     gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
     return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
 

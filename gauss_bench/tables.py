@@ -275,8 +275,8 @@ def round_bits(x: float) -> float:
     return math.ldexp(round(math.ldexp(mantissa, CURVE_BITS)), exponent - CURVE_BITS)
 
 
-def write_schema(folder: Path) -> None:
-    """Write the format of the tables in a folder, and the meaning of every column."""
+def write_schema(folder: Path, names: Iterable[str] = ()) -> None:
+    """Write the format of the tables in a folder, and the meaning of every column of these tables, or of all."""
     tables = {
         name: {
             "meaning": t.meaning,
@@ -284,7 +284,7 @@ def write_schema(folder: Path) -> None:
             "files": [str(Path(part) / f"{name}.{t.suffix}") for part in t.parts],
             "columns": [{k: x for k, x in asdict(c).items() if x} for c in t.columns],
         }
-        for name, t in TABLES.items()
+        for name, t in ((name, TABLES[name]) for name in names or TABLES)
     }
     write_text(folder / SCHEMA_FILE, json.dumps({"format": FORMAT, "tables": tables}, indent=1) + "\n")
 

@@ -66,10 +66,6 @@ class Samples:
     v: Array
     a: Array
 
-    def part(self, chosen: NDArray[Any] | slice) -> "Trajectory":
-        """Return some of the samples."""
-        return Trajectory(self.t[chosen], self.q[chosen], self.v[chosen], self.a[chosen], None)
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Samples):

@@ -60,6 +60,8 @@ FOREIGN: dict[str, str | tuple[str, ...]] = {
     "dartpy": "engines/dart/",
     "pydrake": "engines/drake/",
     "pybullet": "engines/bullet/",
+    "newton": "engines/newton/",
+    "warp": "engines/newton/",
     "heyoka": "reference/taylor/",
     "mpmath": "reference/exact.py",
     "llvmlite": "compiler/machine/native_code.py",

@@ -18,7 +18,7 @@ from matplotlib.textpath import TextPath
 from gauss_bench.atlas import survey as surveying
 from gauss_bench.atlas.chart import BAR, FAILED, chart, number, page, part
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, Axis, ladder, pendulum
-from gauss_bench.atlas.survey import Course, Reach, Way, axes, compare, reach, sentence, survey, ways
+from gauss_bench.atlas.survey import BUDGET, Course, Reach, Way, axes, compare, reach, sentence, survey, ways
 from gauss_bench.atlas.table import row, rows_of
 from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decide
 from gauss_bench.cli import main
@@ -229,7 +229,7 @@ def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.
 
     monkeypatch.setattr(surveying, "look_at", looked_at)
     with pytest.raises(KeyboardInterrupt):
-        survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], jobs=1, told=told.append)
+        survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], BUDGET, 1, told.append)
     assert len(begun) == 1
     assert told == ["1 ways along 2 axes"]
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.diagnosis.causes import Cause
+from gauss_bench.diagnosis.diagnosis import Case
 from gauss_bench.diagnosis.explanations import Explanation, candidates, explain, tell
 from gauss_bench.diagnosis.observations import Burst
 from gauss_bench.diagnosis.split import Closure, by_steps, closure_of, horizon_of, size, usable
@@ -96,6 +97,17 @@ def test_a_gap_grows_that_is_three_times_as_wide_at_the_end() -> None:
     closed = Closure((1.0,), 1.0, 3.0, False, "", 0.0, 0.0, 0.0)
     assert not closed.grows
     assert replace(closed, closure_late=3.01).grows
+
+
+@pytest.mark.parametrize(("order", "cause"), [(1.0, Cause.INTEGRATOR), (1.4, Cause.INTEGRATOR), (1.6, Cause.SOFTNESS)])
+def test_gaps_that_follow_forces_cause_no_error_that_falls_more_slowly_with_the_step(order: float, cause: Cause) -> None:
+    """A solver on velocities leaves gaps of the square of a step, beside an error of first order."""
+    gaps = Closure((1.6e-4, 4e-5, 1e-5), 1.6e-4, 1.6e-4, False, "D", 0.1, 0.95, 1e-6)
+    case = SimpleNamespace(closure=gaps, steps=SimpleNamespace(order=order), adaptive=False, by_step=1e-2, whole=1e-2)
+    case._find_stale_data, case._constraints_yield, case._name_hidden_fault = (lambda: None), (lambda: False), (lambda: "")
+    assert Case._explain_step_error(case).cause is cause  # type: ignore[arg-type]
+    assert not replace(gaps, closure=(1e-4,)).falls_faster(0.0)
+    assert not replace(gaps, closure=(0.0, 0.0)).falls_faster(0.0)
 
 
 def test_samples_are_usable_that_are_finite_and_not_opened_by_more_than_asked() -> None:

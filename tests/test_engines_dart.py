@@ -12,8 +12,9 @@ import pytest
 import gauss_bench
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.adapter import Dart
-from gauss_bench.engines.dart.given import EXPLICIT, IMPLICIT, GivenForces, on_one_joint
 from gauss_bench.engines.dart.messages import Messages
+from gauss_bench.engines.dart.translate import EXPLICIT, IMPLICIT, forces_of
+from gauss_bench.engines.given_forces import on_one_joint
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.engines.tree_loads import OnJoints
 from gauss_bench.linkage.load import load
@@ -38,7 +39,7 @@ def test_forces_that_dart_has_and_is_given_are_all_forces(joint_forces: str, rng
     """As generalised forces on the tree, at random states."""
     mechanism = everything()
     tree = spanning_tree(mechanism)
-    given = GivenForces(mechanism, tree, joint_forces)
+    given = forces_of(mechanism, tree, joint_forces)
     assert bool(given.own) == (joint_forces == IMPLICIT)
     whole = AppliedForces(replace(mechanism, gravity=np.zeros(2)))
     for _ in range(3):

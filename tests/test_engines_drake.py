@@ -13,7 +13,7 @@ import pytest
 import gauss_bench
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.adapter import Drake
-from gauss_bench.engines.drake.stepping import LENGTHS, SETTLING, extrapolate, settled_acceleration
+from gauss_bench.engines.drake.stepping import LENGTHS, SETTLING, settled_acceleration
 from gauss_bench.engines.drake.translate import Closure, branch_of, least_mass, refusal
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import load
@@ -141,12 +141,6 @@ def test_a_gap_moves_the_least_mass() -> None:
     """Two masses of 1 and 3 kg that move along x and y: the gap is their own place, and the lighter one is the least mass."""
     assert least_mass(np.eye(2), np.diag([1.0, 3.0])) == pytest.approx(1.0)
     assert least_mass(np.array([[1.0, -1.0], [0.0, 0.0]]), np.diag([1.0, 1.0])) == pytest.approx(0.5)  # a spring between two masses
-
-
-def test_a_polynomial_is_extrapolated_exactly() -> None:
-    lengths = np.array([0.4, 0.2, 0.1])
-    values = np.array([[7.0 + 3.0 * h - 2.0 * h * h, -1.0 + h] for h in lengths])
-    assert extrapolate(lengths, values) == pytest.approx([7.0, -1.0], abs=1e-12)
 
 
 @dataclass

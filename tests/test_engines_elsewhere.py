@@ -51,11 +51,15 @@ def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(tmp_path: 
     assert type(get("dart")).__name__ == "Sound"
 
 
+WORDS = {"newton": r"\bkamino\b|engines.newton"}  # where an engine has the name of laws and of methods
+
+
 def test_outside_its_room_one_line_of_python_names_an_engine() -> None:
     package = Path(gauss_bench.__file__).parent
     for name in ELSEWHERE:
         files = [p for p in package.rglob("*.py") if package / "engines" / name not in p.parents]
-        lines = [x for p in files for x in p.read_text("utf-8").splitlines() if re.search(rf"\b{name}\b", x, re.IGNORECASE)]
+        word = WORDS.get(name, rf"\b{name}\b")
+        lines = [x for p in files for x in p.read_text("utf-8").splitlines() if re.search(word, x, re.IGNORECASE)]
         assert len(lines) == 1
         assert "://" not in (package / "engines" / name / "requirements.txt").read_text("utf-8")
 
@@ -69,13 +73,12 @@ def adapter(name: str) -> Any:
 BODIES = "coordinates=bodies"
 REFUSED = [  # engine, linkage, scenario, settings -> words of the refusal; None: it is taken
     *((x, "sleigh", None, "", "knife edge") for x in ("bullet", "dart", "drake", "mjx", "opensim")),
-    *((x, "excavator", None, "", "not the length") for x in ("dart", "mjx", "opensim")),
+    *((x, "excavator", None, "", "not the length") for x in ("bullet", "dart", "mjx", "opensim")),
     *(("drake", x, y, "", "no joint that follows a law") for x, y in (("four_bar", "driven"), ("excavator", None))),
-    ("bullet", "excavator", None, "", "none for the length"),
     ("bullet", "crank_slider", "paper", BODIES, "no slide between free bodies (guide)"),
     ("bullet", "four_bar", "cycloid", BODIES, "none between free bodies"),
     ("bullet", "four_bar", "torque", BODIES, None),
-    ("mjx", "four_bar", "cycloid", "", "calls nothing at the stages of a step, as the motion law sine would need"),
+    ("mjx", "four_bar", "cycloid", "", "MJX is given no motion law sine here"),
     ("opensim", "four_bar", "cycloid", "", "no motion law sine"),
     *((x, "four_bar", "cycloid", "", None) for x in ("bullet", "dart")),
     *((x, "crank_slider", "paper", "", None) for x in ELSEWHERE),
@@ -94,7 +97,7 @@ def test_what_an_engine_cannot_have_is_refused_by_name(
 @pytest.mark.parametrize(
     ("engine", "refusal"),
     [
-        ("bullet", "Bullet has motors in the joints of its tree, and the driven angle is none"),
+        ("bullet", "Bullet prescribes coordinates of the tree of joints, and the driven angle is none"),
         ("dart", "DART prescribes coordinates of the tree of joints, and the driven angle is none"),
     ],
 )

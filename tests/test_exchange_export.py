@@ -24,6 +24,7 @@ from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
+from gauss_bench.engines.transcript import Script, python
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, OWNED, export_linkage
 from gauss_bench.exchange.text import (
@@ -35,7 +36,6 @@ from gauss_bench.exchange.text import (
     toml_string,
     xml_comment,
 )
-from gauss_bench.exchange.transcript import Script, python
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array

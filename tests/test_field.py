@@ -1,5 +1,6 @@
 """The field: the same questions to every engine, and a reason in place of each answer that there is not."""
 
+import json
 import math
 import os
 import struct
@@ -15,22 +16,36 @@ from gauss_bench.bench.measurements import field
 from gauss_bench.bench.measurements.search import space_of
 from gauss_bench.bench.runner import run as run_suite
 from gauss_bench.bench.sizes import required_by, size_of, size_of_folder
-from gauss_bench.engines import ELSEWHERE, FILE
+from gauss_bench.checksums import ChangedRows, checksum_of_run, read_checksums
+from gauss_bench.engines import ELSEWHERE, FILE, FOREIGN
 from gauss_bench.engines.installation import read_offered
 from gauss_bench.linkage.load import load
-from gauss_bench.report.content import lay_out
+from gauss_bench.report.build import build_report, read_run
+from gauss_bench.report.citation import renew
+from gauss_bench.report.content import Bullets, Table, Text, lay_out
+from gauss_bench.report.faults import faults_of, make_section
+from gauss_bench.report.field_run import READ, drop_unread
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field as shown
-from gauss_bench.report.site.engine import command_of, engine_page, engines_page, list_changes
+from gauss_bench.report.site.engine import (
+    command_of,
+    engine_page,
+    engines_page,
+    list_changes,
+    list_commands,
+    list_inexact,
+    runs_of_engines,
+)
 from gauss_bench.report.site.settings import Setting
 from gauss_bench.runs.offers import offer
 from gauss_bench.suites.read import of_engines, read_suite
 from gauss_bench.suites.schema import SameQuestions, Search, Suite
-from gauss_bench.tables import TABLES, row_of
+from gauss_bench.tables import TABLES, files_of, row_of, write_schema, write_table
 from gauss_bench.trajectory import Trajectory
 from tests.conftest import needs
 from tests.test_environments import python as python  # a fixture
 
+REPORTS = Path(__file__).parents[1] / "reports"
 PLACE = {"mechanism": "four_bar", "scenario": "torque"}
 PART = SameQuestions(
     linkages={"four_bar": "torque"},
@@ -191,8 +206,9 @@ def test_the_suite_asks_every_engine_within_twenty_minutes() -> None:
 METHOD = {"settings": "default", "integrator": "rk4", "stabilization": "none"}
 ASKED = PLACE | METHOD | {"step": 1e-3, "redundant": "parallelogram"}
 FORCES = {"force_error": 2e-3, "told_force_error": 4e-5}
+FIRST = {"start": 0.5, "size": 12.0, "size_of": "its environment"}
 FIELD = [
-    ASKED | {"engine": "good", "status": "ok", "same_bits": True, **FORCES, "start": 0.5, "size": 12.0},
+    ASKED | {"engine": "good", "status": "ok", "same_bits": True, **FORCES, **FIRST},
     ASKED | {"engine": "good", "settings": "tuned", "status": "ok", "same_bits": True, "start": 0.5, "size": 12.0},
     ASKED | {"engine": "dice", "status": "ok", "same_bits": False, "difference": 3e-10, "size_of": "a part of the suite"},
     ASKED | {"engine": "gone", "settings": "", "integrator": "", "status": "skip", "message": "the engine gone is not installed"},
@@ -207,7 +223,10 @@ CASES = [
     CASE | {"engine": "dice", "acceleration_error_median": 1e-12, "observed_order": 1.0, "length_error": 1e-4},
 ]
 WINNER = PLACE | METHOD | {"engine": "good", "required": "position", "unit": "m", "status": "ok", "step": 1e-3, "error": 1e-7}
-WINNERS = [WINNER | {"accuracy": 1e-4, "seconds": 2e-3}, WINNER | {"accuracy": 1e-6, "seconds": 5e-3}]
+WINNERS = [
+    WINNER | {"accuracy": 1e-4, "seconds": 2e-3, "seconds_low": 1.5e-3, "seconds_high": 2.5e-3},
+    WINNER | {"accuracy": 1e-6, "seconds": 5e-3, "seconds_low": 4e-3, "seconds_high": 6e-3},
+]
 
 
 @pytest.fixture
@@ -216,14 +235,14 @@ def run() -> Run:
     return Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()})
 
 
-def cells(run: Run) -> list[dict[str, tuple[str, str]]]:
-    """The lines of the table: head -> text and, of a dash, its reason."""
-    table = lay_out("field", shown.answers(run))
+def cells(table: Table) -> list[dict[str, tuple[str, str]]]:
+    """The lines of a table: head -> text and, of a dash, its reason."""
     return [dict(zip(table.head, ((cell.text, cell.why) for cell in line), strict=True)) for line in table.rows]
 
 
 def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
-    dice, gone, good, tuned = sorted(cells(run), key=lambda x: (x["engine"], x["settings"][0]))
+    asked = cells(lay_out("field", shown.answers(run)))
+    dice, gone, good, tuned = sorted(asked, key=lambda x: (x["engine"], x["settings"][0]))
     assert [x["engine"][0] for x in (dice, gone, good, tuned)] == ["dice", "gone", "good", "good"]
     expected = {
         "same model": "yes",
@@ -233,25 +252,45 @@ def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
         "joint forces [N]": "2.0e-03",
         "its own forces [N]": "4.0e-05",
         "repeats": "yes",
-        "time within 0.1 mm": "2.00 ms",
-        "time within 1e-6 m": "5.00 ms",
-        "start": "500 ms",
-        "size [MB]": "12",
     }
     assert {head: good[head][0] for head in expected} == expected
     assert tuned["same model"] == ("off by 1e-03", "")
-    assert tuned["order"] == ("-", "its errors at three steps have no order")
-    assert tuned["redundant rows [m]"] == ("-", "rows are redundant")
+    assert tuned["order"] == ("-", "no order")
+    assert tuned["redundant rows [m]"] == ("-", "cannot be modelled")
     assert tuned["joint forces [N]"] == ("-", "the forces are not determined")
-    assert tuned["its own forces [N]"] == ("-", "its adapter tells none")
-    for head in ("time within 0.1 mm", "start", "size [MB]"):
-        assert tuned[head] == ("-", "in the first row of this engine")
+    assert tuned["its own forces [N]"] == ("-", "none told")
     assert dice["repeats"] == ("no, 3e-10 apart", "")
+    for head in ("same model", "order", "error at 1 ms [m]", "repeats"):
+        assert gone[head] == ("-", "the engine gone is not installed")
+
+
+def test_an_engine_has_one_line_of_costs(run: Run) -> None:
+    table = lay_out("field_costs", shown.costs(run))
+    _, dice, gone = cells(table)
+    assert [cell.text for cell in table.rows[0]] == [
+        *("good", "2.00 ms", "1.50 ms..2.50 ms", "1.00", "5.00 ms", "4.00 ms..6.00 ms", "1.00"),
+        *("500 ms", "12"),
+    ]
     assert dice["time within 1e-6 m"] == ("-", "not searched in this run")
     assert dice["start"] == ("-", "not timed")
     assert dice["size [MB]"] == ("-", "a part of the suite")
-    for head in ("same model", "order", "error at 1 ms [m]", "repeats", "time within 0.1 mm", "start"):
+    for head in ("time within 0.1 mm", "start"):
         assert gone[head] == ("-", "the engine gone is not installed")
+
+
+def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest() -> None:
+    costs = {"own": 1e-3, "slow": 8e-3, "apart": 2.5e-3, "soft": math.nan}
+    winners = [WINNER | {"engine": x, "accuracy": 1e-4, "seconds": seconds} for x, seconds in costs.items()]
+    rows = {"field": [ASKED | {"engine": x, "status": "ok"} for x in costs], "search_winners": winners}
+    lines = shown.costs(Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()}))
+    assert [x["coarse_over"] for x in lines[:3]] == [1.0, 8.0, 2.5]
+    assert math.isnan(lines[3]["coarse_over"])
+    assert shown.compare_costs(lines, ["apart", "slow", "soft"], "coarse") == (
+        "To hold a tenth of a millimetre on four_bar, in multiples of the time of `own`, the fastest engine asked, it takes "
+        "`apart` 2.50 and `slow` 8.00; no setting of `soft` was found."
+    )
+    assert shown.compare_costs(lines, ["soft"], "coarse") == ""
+    assert shown.compare_costs(lines, ["apart"], "fine") == ""
 
 
 def test_the_finding_names_who_does_not_repeat_and_who_was_not_asked(run: Run) -> None:
@@ -276,6 +315,23 @@ def test_the_pages_of_engines_have_the_table_and_commands_to_paste(run: Run) -> 
     ]
     assert "another step" in engine_page(replace(run, accepted=tuple(kept)), "good").body
     assert "is not installed" in engine_page(run, "gone").body
+
+
+def test_an_engine_without_a_found_setting_has_the_command_of_a_case_as_shipped(run: Run) -> None:
+    ((words, command),) = list_commands(replace(run, tables={"results": run.results[5:]}), "dice")
+    assert words == "four_bar as shipped"
+    assert command == (
+        "gauss-bench simulate four_bar --scenario torque --engine dice --settings default --integrator rk4 --stabilization none "
+        "--step 0.001 --at 1"
+    )
+
+
+def test_a_setting_whose_accelerations_are_not_the_linkages_is_named_with_its_cause(run: Run) -> None:
+    said = "Under `tuned` the relative error of accelerations at given states is 1.0e-03 in the median, where 1e-06 counts as none"
+    assert list_inexact(run, "good") == [f"{said}."]
+    soft = replace(run, environment={"engines": {"good": {"soft": {"tuned": "its closures are springs"}}}})
+    assert list_inexact(soft, "good") == [f"{said}: its closures are springs."]
+    assert list_inexact(run, "dice") == []
     one = Setting(
         "four_bar", "torque", "mujoco", 'rigid,tree="least depth"', "rk4", "none", 1e-3, math.nan, 10.0, *[math.nan] * 3, False,
         1e-5, math.nan, 1.0,
@@ -284,6 +340,135 @@ def test_the_pages_of_engines_have_the_table_and_commands_to_paste(run: Run) -> 
         "gauss-bench simulate four_bar --scenario torque --engine mujoco --settings 'rigid,tree=\"least depth\"' "
         "--integrator rk4 --stabilization none --step 0.001 --at 1"
     )
+
+
+# The run beside another
+
+
+MACHINE = {
+    "suite": "field",
+    "date": "2026-05-04",
+    "commit": "fedcba987654",
+    "cpu": "a quiet machine",
+    "versions": {"gauss-bench": "1"},
+}
+HOME = {"good": {"version": "Good 3", "settings": {"default": {"knob": 7}}, "environment": "Python 3.12.1"}}
+VARIANT = PLACE | METHOD | {"engine": "good", "step": 1e-3, "status": "ok"}
+FAULT = """# Good 3: one is two
+
+**Seen with** Good 3, where `one()` is
+two.
+
+| call | value |
+| --- | ---: |
+| `one()` | 2 |
+
+- first
+  line
+- second
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A run of two engines, and beside it a run of the field that alone has the engine good."""
+    folder = tmp_path / "reports"
+    beside = folder / "field"
+    own = [CASE | {"engine": x, "length_error": 1e-7} for x in ("dice", "gauss")]
+    curve = [{k: CASE[k] for k in METHOD} | PLACE | {"engine": "good", "step": 1e-3, "t_end": 1.0, "t": 0.1}]
+    races = {"search_winners": WINNERS, "search_ladder": [VARIANT | {"position_error": 1e-7, "until": 1.0, "steps": 250.0}]}
+    races["search_times"] = [VARIANT | {"seconds": 2e-3}]
+    for place, tables, known in (
+        (folder, {"results": own}, {"suite": "full", "date": "2026-01-01", "commit": "0123456789ab", "cpu": "cpu", "versions": {}}),
+        (beside, {"field": FIELD, "results": CASES, "series": curve, **races}, MACHINE | {"engines": HOME}),
+    ):
+        for name, rows in tables.items():
+            write_table(name, rows, place)
+        write_schema(place)
+        (place / "environment.json").write_text(json.dumps(known))
+    (folder / "findings").mkdir()
+    (folder / "findings" / "good_one_is_two.md").write_text(FAULT)
+    return folder
+
+
+def texts(site: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in site.glob("*.html")}
+
+
+def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder: Path) -> None:
+    run = read_run(folder)
+    assert run.beside is not None
+    assert run.field_run is run.beside
+    assert [x.title for x in shown.findings(run)] == ["Runs that repeat", "Engines in environments of their own"]
+    assert list(runs_of_engines(run)) == ["dice", "gauss", "gone", "good"]
+    build_report(folder)
+    pages = texts(folder / "site")
+    assert "suite field, 2026-05-04, commit fedcba9876, a quiet machine" in pages["engines.html"]
+    assert "the suite <code>full</code>, whose times stand on the other pages" in pages["engines.html"]
+    assert all(f'href="engine-{x}.html"' in pages["engines.html"] for x in ("dice", "gauss", "gone", "good"))
+    good, own = pages["engine-good.html"], pages["engine-gauss.html"]
+    assert "<footer><p>suite field · 2026-05-04 · commit fedcba9876 · a quiet machine</p></footer>" in good
+    assert "<footer><p>suite full · 2026-01-01 · commit 0123456789 · cpu</p></footer>" in own
+    assert "It lives in an environment of its own: Python 3.12.1." in good
+    assert "gauss-bench engines install good" in good
+    assert "gauss-bench simulate four_bar --scenario torque --engine good" in good
+    assert "knob" in good
+    assert "Good 3: one is two" in good
+    assert "one is two" not in own
+    assert "suite field, 2026-05-04" in pages["cite.html"]
+    assert f"rows sha256:{run.beside.checksum}" in pages["cite.html"]
+    assert 'href="tables/field/field.csv"' in pages["data.html"]
+    assert (folder / "site" / "tables" / "field" / "results.csv").is_file()
+
+
+def test_pages_read_no_table_that_is_dropped(folder: Path) -> None:
+    build_report(folder)
+    before, kept = texts(folder / "site"), folder / "field"
+    drop_unread(kept)
+    assert not files_of("series", kept)
+    assert "series.parquet" not in read_checksums(kept)
+    assert json.loads((kept / "tables.json").read_text())["tables"].keys() == {*READ}
+    build_report(folder)
+    after = texts(folder / "site")
+    # the list of files and the checksum of the run say that a table is gone
+    assert {k: x for k, x in after.items() if k not in ("data.html", "cite.html")} == {
+        k: x for k, x in before.items() if k not in ("data.html", "cite.html")
+    }
+
+
+def test_a_changed_row_of_the_field_is_refused_and_the_citation_names_both_runs(folder: Path) -> None:
+    (folder / "environment.json").write_text(json.dumps(MACHINE | {"suite": "full", "commit": "0123456789ab"}))
+    text = renew("before\nidentifiers:\n  - type: other\nafter: 1\n", folder)
+    assert text.startswith("before\nidentifiers:\n  - type: other\n")
+    assert text.endswith("\nafter: 1\n")
+    for path, commit in (("reports", "0123456789ab"), ("reports/field", "fedcba987654")):
+        assert f"rows in {path}/, measured by commit {commit}" in text
+        assert f'value: "sha256:{checksum_of_run(read_checksums(folder.parent / path))}"' in text
+    table = folder / "field" / "field.csv"
+    table.write_text(table.read_text().replace("True", "False"))
+    with pytest.raises(ChangedRows, match=r"field/field\.csv: a row was changed"):
+        read_run(folder)
+
+
+def test_a_report_on_a_fault_becomes_a_section() -> None:
+    (section,) = faults_of({"good_one_is_two": FAULT, "goodness_x": "# other\n"}, "good")
+    assert (section.title, section.anchor) == ("Good 3: one is two", "good_one_is_two")
+    text, table, bullets = section.blocks
+    assert text == Text("**Seen with** Good 3, where `one()` is two.")
+    assert isinstance(table, Table)
+    assert (table.head, table.numeric) == (["call", "value"], [1])
+    assert [[cell.text for cell in row] for row in table.rows] == [["`one()`", "2"]]
+    assert bullets == Bullets(["first line", "second"])
+
+
+@pytest.mark.parametrize("path", sorted((REPORTS / "findings").glob("*.md")), ids=lambda x: x.stem)
+def test_every_published_fault_is_on_the_page_of_its_engine(path: Path) -> None:
+    assert path.stem.partition("_")[0] in {*FOREIGN, *ELSEWHERE}
+    section = make_section(path.stem, path.read_text(encoding="utf-8"))
+    tables = [x for x in section.blocks if isinstance(x, Table)]
+    assert all(all(x.head) and all(len(row) == len(x.head) for row in x.rows) for x in tables)
+    assert "](" not in path.read_text(encoding="utf-8")
+    assert path.with_suffix(".py").is_file()
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from gauss_bench.terms import Array
 
 
 def residual(mechanism: Mechanism, q: Array) -> float:
-    return float(np.abs(Curve(mechanism).rows(q)[0]).max()) if mechanism.dof == 1 else 0.0
+    return float(np.abs(Curve(mechanism).constraints.residual(q)[0]).max()) if mechanism.dof == 1 else 0.0
 
 
 def at(mechanism: Mechanism, q: Array, point: str) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.basic_coordinates import basic_motion
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.loop_equations import LoopEquations
@@ -255,12 +255,18 @@ def turned(mechanism: Mechanism, speed: float) -> Mechanism:
     return driven(mechanism, **{mechanism.links[0].name: constant(float(mechanism.q0[2]), speed)})
 
 
+def test_drivers_are_told_with_their_units() -> None:
+    mechanism = load("excavator", "dig")
+    told = describe_drivers(mechanism, {x.name: 0.5 for x in mechanism.drivers})
+    assert told == ", ".join(f"{x.name} = 0.5 m" for x in mechanism.drivers)
+
+
 @pytest.mark.parametrize("step", [0.01, 0.5])
 def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None:
     mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     times = np.arange(0.0, 2.0, step)
-    with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ .*limit of motion") as caught:
+    with pytest.raises(LimitOfMotion, match=r"bars stops at a = 1\.\d+ rad on the way .*limit of motion") as caught:
         loop_motion(turned(mechanism, 1.0), times)
     error = caught.value
     assert error.inputs["a"] == pytest.approx(limit, abs=2e-10)  # halving ends at 1e-10 rad

@@ -86,7 +86,8 @@ def test_a_crank_takes_any_order_one_way_round(angles: tuple[float, ...]) -> Non
     way = 1 if np.mod(angles[1] - angles[0], 2 * np.pi) < np.mod(angles[2] - angles[0], 2 * np.pi) else -1
     for lengths in (CRANK_ROCKER, DOUBLE_CRANK):
         found = drive(lengths, angles)
-        assert (found.fault, found.way) == ("", way)
+        assert (found.fault, np.sign(found.travel)) == ("", way)
+        assert found.travel == pytest.approx(way * np.mod(way * (angles[2] - angles[0]), 2 * np.pi))
 
 
 def test_poses_of_two_branches_are_said_to_be() -> None:
@@ -178,6 +179,13 @@ def test_the_studio_draws_it_as_one_step_that_takes_all_poses(tmp_path: Path) ->
     assert "three poses" in pen.refused("synthesize", poses=[[0, 0, 0]])
     assert "one" in pen.refused("synthesize", **(message | {"pivots": [[0, 0], [0, 0]]}))
     straight = {"poses": [[0, 0, 0], [0.1, 0, 20], [0.3, 0, 50]], "pins": [[0, 0], [0.2, 0]]}
-    pen.ask("synthesize", **straight)
-    assert len(pen.now["slides"]) == 1
+    (travel,) = (x["travel"] for x in pen.ask("four_bar", **straight)["drives"][:1])
+    made = pen.ask("synthesize", **straight)["made"]
+    (slide,) = pen.now["slides"]
     assert pen.now["status"]["dof"] == 1
+    pen.ask("drive", coordinate=slide["id"], law="sine", travel=travel, time=1.0)
+    moved = pen.ask("motion", samples=50)
+    assert moved["limits"] is None
+    coupler = [x.removeprefix("links.") for x in made if x.startswith("links.") and "block" not in x][-1]
+    turned = np.degrees(np.array(moved["poses"][coupler])[:, 2])
+    assert turned[-1] - turned[0] == pytest.approx(50, abs=1e-6), "driven as far as told, it is in the third pose"

@@ -9,6 +9,13 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 GIT = ["git", "-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"]
+FIELD = [
+    "run --suite field --jobs 2 --out reports/field",
+    "-m gauss_bench.report.field_run reports/field",  # keeps the tables that pages read
+    "report --out reports",
+    "-m gauss_bench.report.pictures reports README.md",  # whose table and pictures follow the rows
+    "-m gauss_bench.report.citation reports CITATION.cff",  # which names the rows
+]
 
 
 @pytest.fixture
@@ -41,17 +48,23 @@ def make(tree: Path, goal: str) -> tuple[int, str, str]:
 def test_a_clean_tree_is_published(tree: Path) -> None:
     code, called, _ = make(tree, "publish")
     assert code == 0
-    first, second, third = called.splitlines()
-    assert "--suite full" in first
-    assert first.split()[-2:] == ["--out", "reports"]
-    assert second == "-m gauss_bench.report.pictures reports README.md"  # whose table and pictures follow the rows
-    assert third == "-m gauss_bench.report.citation reports CITATION.cff"  # which names the rows
+    full, *others = called.splitlines()
+    assert "--suite full" in full
+    assert full.split()[-2:] == ["--out", "reports"]
+    assert others == FIELD
 
 
+def test_the_field_is_run_again_alone(tree: Path) -> None:
+    code, called, _ = make(tree, "field")
+    assert code == 0
+    assert called.splitlines() == FIELD
+
+
+@pytest.mark.parametrize("goal", ["publish", "field"])
 @pytest.mark.parametrize(("name", "published"), [("source.py", False), ("new.py", False), ("reports/page.md", True)])
-def test_a_tree_that_is_not_committed_is_not(tree: Path, name: str, published: bool) -> None:
+def test_a_tree_that_is_not_committed_is_not(tree: Path, name: str, published: bool, goal: str) -> None:
     (tree / name).write_text("b\n")
-    code, called, said = make(tree, "publish")
+    code, called, said = make(tree, goal)
     assert (code == 0) is published
     assert bool(called) is published
     assert published or name in said

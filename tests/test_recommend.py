@@ -709,3 +709,7 @@ def test_a_setting_is_said_with_each_word_once() -> None:
     assert format_setting("default", "rk4", "none") == "rk4"
     assert format_setting("tuned", "rk4", "projection") == "tuned, rk4, projection"
     assert format_setting("Newton/rk4", "rk4", "none") == "Newton/rk4"
+
+
+def test_a_time_without_a_reference_is_shortened_twice_to_a_quarter() -> None:
+    assert [*truths.shorten(8.0)] == [8.0, 2.0, 0.5]

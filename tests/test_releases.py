@@ -435,7 +435,11 @@ def answers_of(version: str, factor: float, **more: object) -> Answers:
 
 
 def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_path: Path) -> None:
-    answers = [answers_of("1.0", 1.5), answers_of("2.0", 1.0), Answers("3.0", status="skip", message="pip finds no wheel")]
+    answers = [
+        answers_of("1.0", 1.5),
+        answers_of("2.0", 1.0, left_out=9),
+        Answers("3.0", status="skip", message="pip finds no wheel"),
+    ]
     cost = Cost("1.0", "2.0", "four_bar", "default rk4", costs.STEP_TIME, 2e-6, 1.5, 1.4, 1.6, "slower")
     changed = replace(cost, version="2.0", other="1.0", ratio=0.67, low=0.6, high=0.7)
     for engine in ("twin", "other", "twin"):
@@ -448,6 +452,7 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
     assert "error against the truth 5.0e-01 -> 0.0e+00" in page
     assert "cost of a step: four_bar, default rk4 times 0.67 (0.60 to 0.70)" in page
     assert "twin 3.0: pip finds no wheel" in page
+    assert page.count("9 cases of 2.0 were not asked within the time") == 2  # of both engines
     shown = releases_page(Run({}, tables))
     assert shown is not None
     assert "twin 1.0 -&gt; 2.0" in shown.body
@@ -482,6 +487,13 @@ def test_every_probe_of_mujoco_is_its_model_at_rest() -> None:
         rest = slice(STATES, 2 * STATES)
         told = release_cases.ask_probe(f"{name}, CG", states.q[rest], states.v[rest])
         assert relative_difference(told, states.a[rest]) < 1e-3, name
+
+
+def test_figures_that_differ_by_nothing_are_told_as_equal_to_the_last_bit() -> None:
+    row = {"rounding": 56, "compared": 56, "largest_rounding": 0.0}
+    assert what_changed.describe_rounding(row) == "equal to the last bit: 56 of 56 figures"
+    said = what_changed.describe_rounding(row | {"largest_rounding": 1.4e-10})
+    assert said == "equal but for rounding: 56 of 56 figures, which differ by at most 1.4e-10"
 
 
 def test_an_engines_function_is_asked_in_its_environment(made: dict[str, Release]) -> None:

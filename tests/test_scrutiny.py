@@ -36,7 +36,7 @@ from gauss_bench.runs.scrutiny import (
     sample_spacing,
     turns,
 )
-from gauss_bench.trajectory import Status, Trajectory
+from gauss_bench.trajectory import Status, Trajectory, spread_evenly
 from tests.drawn_linkages import random_linkage
 from tests.fuzz.files import toml
 from tests.fuzz.mechanics import Mechanics
@@ -609,7 +609,8 @@ def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
             ["model", "loops"],
             False,
             False,
-            "no step mends accelerations that are another linkage's: look for another engine or setting",
+            "do not trust it; a step smaller than 0.001 s mends accelerations that an engine takes from its steps; "
+            "else look for another engine or setting",
         ),
         (["motion"], False, False, ""),
     ],
@@ -617,3 +618,9 @@ def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
 def test_what_mends_a_run_follows_from_what_is_wrong(subjects: list[str], stabilized: bool, adaptive: bool, said: str) -> None:
     objections = tuple(judge.Objection(judge.Subject(x), 1.0, 0.0, x) for x in subjects)
     assert judge.advice(objections, 1e-3, stabilized, adaptive) == said
+
+
+def test_samples_are_spread_evenly_from_the_first_to_the_last() -> None:
+    assert spread_evenly(5, 3).tolist() == [0, 2, 4]
+    assert spread_evenly(3, 20).tolist() == [0, 1, 2]
+    assert spread_evenly(0, 20).tolist() == []

@@ -29,11 +29,12 @@ from gauss_bench.report.build import all_findings, build_report, read_run
 from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
 from gauss_bench.report.palette import HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
+from gauss_bench.report.sections import field
 from gauss_bench.report.site import tables_page
 from gauss_bench.report.site.cards import CARDS, HOLDS
 from gauss_bench.report.site.chapters import method_page
 from gauss_bench.report.site.charts import over_time, points
-from gauss_bench.report.site.engine import explain_time
+from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
 from gauss_bench.report.site.first import pack
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
@@ -44,7 +45,19 @@ from gauss_bench.tables import TABLES, read_table
 from tests.conftest import DOCUMENTATION, needs
 
 REPORTS = Path(__file__).parents[1] / "reports"
-SHOWN = ("index", "linkage-eight_bar", "engine-mujoco", "papers", "kernel", "method", "findings", "data", "cite", "engines")
+SHOWN = (
+    "index",
+    "linkage-eight_bar",
+    "engine-mujoco",
+    "papers",
+    "kernel",
+    "method",
+    "findings",
+    "data",
+    "cite",
+    "engines",
+    "engine-bullet",
+)
 BOTH = ("index", "linkage-eight_bar", "papers")  # opened from a folder and under an address; of the others each in one way
 
 MOST_SECONDS = 30  # of processor time to build the site with its documentation
@@ -136,6 +149,27 @@ def test_a_race_at_the_same_accuracy_replaces_the_estimate(run: Run) -> None:
         assert one.settings == row.settings
 
 
+def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_environment_has_a_page(run: Run) -> None:
+    assert run.beside is not None
+    folder = REPORTS / "field"
+    times, rows = (
+        pd.read_csv(folder / place, keep_default_na=False, na_values=[""]) for place in ("times/search_winners.csv", "field.csv")
+    )
+    times = times[(times.required == "position") & times.seconds.notna()]
+    lines = {line["engine"]: line for line in field.costs(run)}
+    apart = {name for name, known in run.beside.environment["engines"].items() if known.get("environment")}
+    assert {"bullet", "dart", "drake", "mjx", "opensim"} <= apart < {*lines} == {*rows.engine}
+    for key, limit in field.ACCURACIES.items():
+        seconds = times[np.isclose(times.accuracy, limit, rtol=1e-6)].set_index("engine").seconds
+        assert {name: line[key] for name, line in lines.items() if math.isfinite(line[key])} == seconds.to_dict()
+    pages = runs_of_engines(run)
+    for name in apart:
+        assert pages[name] is run.beside
+        body = engine_page(run, name).body
+        assert re.search(rf"gauss-bench simulate \w+ --scenario torque --engine {name} --settings \S", body)
+        assert f"gauss-bench engines install {name}" in body
+
+
 # Colours
 
 
@@ -220,8 +254,8 @@ def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
     dashes = (Cell("-", why="no target"), Cell("-", why=long))
     made = str(page_table(Table("t", ("a", "b"), ((Cell(long), Cell("1")), (Cell("https://x.org/a"), Cell("")), dashes))))
     assert "<summary>not reached in 400 steps</summary>" in made
-    assert "<td><small>- not measured</small></td>" in made
-    assert "<td><small>- no target</small></td>" in made
+    assert "<td><small>- not measured</small>\n" in made
+    assert "<td><small>- no target</small><td>" in made
     assert "<td><details><summary>- not reached in 400 steps</summary>" in made
     assert '<a href="https://x.org/a">x.org</a>' in made
     assert 'td:nth-child(2)::before{content:"b"}' in made
@@ -310,10 +344,10 @@ def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path:
         assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque").body
 
 
-def test_a_table_of_more_numbers_than_huge_has_no_csv_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_of_more_numbers_than_huge_is_published_as_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = read_table("scaling", Path(__file__).parents[1] / "reports")
     numbers = len(rows) * len(TABLES["scaling"].columns)
-    for most, files in ((numbers, {"scaling.csv", "scaling.parquet"}), (numbers - 1, {"scaling.parquet"})):
+    for most, files in ((numbers, {"scaling.csv"}), (numbers - 1, {"scaling.parquet"})):
         monkeypatch.setattr(tables_page, "HUGE", most)
         (folder := tmp_path / str(most)).mkdir()
         assert {x.name for x in tables_page.write_data(folder, {"scaling": rows})} == files == {x.name for x in folder.iterdir()}
@@ -331,7 +365,7 @@ def test_a_dash_has_the_reason_of_its_column_or_of_the_run() -> None:
 @pytest.mark.slow
 def test_every_dash_of_the_published_tables_has_a_reason_that_somebody_wrote(out: Path) -> None:
     for page in (out / "site").glob("*.html"):
-        cells = re.findall(r"<td[^>]*>(.*?)</td>", page.read_text(encoding="utf-8"), re.DOTALL)
+        cells = re.findall(r"<td[^>]*>(.*?)(?=<td|<tr|</tbody>)", page.read_text(encoding="utf-8"), re.DOTALL)
         bare = [x for x in cells if Markup(x).striptags() in ("", "-", f"- {UNMEASURED}")]
         assert not bare, f"{page.name}: {bare[:3]}"
 
@@ -354,7 +388,8 @@ def test_sizes_and_addresses(out: Path) -> None:
         found = re.findall(r'\sid="([^"]+)"', text)
         assert len(found) == len(set(found)), f"{page.name}: {sorted({x for x in found if found.count(x) > 1})}"
     names = {p.name for p in (site / "tables").iterdir()}
-    assert {"results.csv.xz", "results.parquet", "scaling.csv"} <= names
+    assert {"results.csv.xz", "series.parquet", "scaling.csv"} <= names
+    assert "field.csv" in {p.name for p in (site / "tables" / "field").iterdir()}
 
 
 # In the browser
@@ -419,7 +454,15 @@ OPEN = """for (const x of document.querySelectorAll("main details")) x.open = tr
 for (const x of document.querySelectorAll("button.more")) x.click();"""  # everything that a reader can open
 LOOKS = [pytest.param(*look, False, marks=pytest.mark.slow) for look in ((390, "light"), (1440, "dark"))]
 LOOKS += [pytest.param(w, x, True, marks=pytest.mark.long) for w, x in product((390, 1440), ("light", "dark"))]
-KINDS = ("index", "linkage-eight_bar", "engine-mujoco", "findings", "search")  # looked at in each change; the others at length
+KINDS = (
+    "index",
+    "linkage-eight_bar",
+    "engine-mujoco",
+    "engine-dart",
+    "engines",
+    "findings",
+    "search",
+)  # looked at in each change; the others at length
 
 
 @pytest.mark.parametrize(("width", "scheme", "every"), LOOKS)

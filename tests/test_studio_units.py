@@ -110,6 +110,27 @@ def test_sentences_of_the_server_have_their_lengths_in_the_unit_that_is_shown(pa
 
 
 @pytest.mark.slow
+def test_what_a_dialog_asks_and_is_refused_is_said_in_the_dialog(page: Page) -> None:
+    page.template("four bar")
+    page.button("Release").click()
+    page.button("Which engine should I take?").click()
+    refusal = page.page.get_by_role("dialog").get_by_role("alert")
+    assert refusal.count() == 0
+    enter(page, "Position to within, m", "0")
+    page.button("Recommend").click()
+    refusal.wait_for()
+    assert refusal.inner_text() == "say what is required: a position, an angle or a force above 0"
+    page.button("Close").click()
+    page.button("Save").click()
+    assert refusal.count() == 0, "what another dialog was refused is over"
+    page.page.locator('dialog input[name="path"]').fill("six_bar")
+    page.button("Save the file").click()
+    refusal.wait_for()
+    assert "name of a built-in linkage" in refusal.inner_text()
+    page.button("Close").click()
+
+
+@pytest.mark.slow
 def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(page: Page) -> None:
     """Its speed changes by rounding alone, which is no curve."""
     page.template("four bar")

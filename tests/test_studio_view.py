@@ -135,3 +135,29 @@ def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(
     assert page.page.get_by_role("button", name="Undo", exact=True).is_disabled()
     assert not page.wrong
     page.page.close()
+
+
+@pytest.mark.slow
+def test_a_pin_whose_three_places_lie_on_a_line_slides_from_the_first_pose_to_the_third(browser: Any, address: str) -> None:  # noqa: F811
+    page = Page(browser, address)
+    page.begin()
+    page.button("Snap to the grid").click()
+    page.button("Poses").click()
+    along = [(-0.2, 0.0), (-0.1, 0.0), (0.05, 0.0)]  # of the first pin; the second one goes round
+    for at, far in zip(along, [(-0.1, 0.1), (0.04, 0.02), (0.19, -0.02)], strict=True):
+        page.page.mouse.click(*page.pixel(at))
+        page.page.mouse.click(*page.pixel(far))
+    bar = page.page.get_by_role("region", name="Four-bar through three poses")
+    bar.get_by_text("One pin goes along a line: it becomes a slide.").wait_for()
+    before = page.revision()
+    page.button("Make it the sketch").click()
+    page.changed(before)
+    page.until(lambda: page.status() == ("1", "1") and "slide" in page.page.locator("details.drive > summary").inner_text())
+    page.page.locator("[data-chart]").first.wait_for()
+    assert page.page.locator(".timeline .note").count() == 0, "it does not stop on its way"
+    page.page.get_by_label("Time", exact=True).focus()
+    page.page.keyboard.press("End")
+    places = lambda: [abs(complex(*x) - complex(*along[2])) for x in page.stands_at().values()]  # noqa: E731
+    page.until(lambda: min(places()) < 2 / page.scale())
+    assert not page.wrong
+    page.page.close()

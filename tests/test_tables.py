@@ -13,6 +13,7 @@ from gauss_bench import checksums, tables
 from gauss_bench.bench.gate import read_baseline
 from gauss_bench.cli import main
 from gauss_bench.report.build import build_report
+from gauss_bench.report.field_run import folders_of
 from gauss_bench.tables import FORMAT, KEY, TABLES, Table, TableError
 
 REPORTS = Path(__file__).parents[1] / "reports"
@@ -144,7 +145,9 @@ def test_published_files_are_small_and_read_completely() -> None:
     ignored = ("site", "local", ".run", "pictures", "findings")
     files = [path for path in REPORTS.rglob("*") if path.is_file() and path.relative_to(REPORTS).parts[0] not in ignored]
     assert sum(path.stat().st_size for path in files) < LIMIT
-    assert {path for path in files if path.name not in others} == {x for name in TABLES for x in tables.files_of(name, REPORTS)}
+    listed = {x for name in TABLES for folder in folders_of(REPORTS) for x in tables.files_of(name, folder)}
+    assert {path for path in files if path.name not in others} == listed
+    assert {x.parent.name for x in listed} == {"reports", "field", "times"}
     for name in TABLES:
         path = next(iter(tables.files_of(name, REPORTS)), REPORTS)
         if path.suffix == ".csv":

@@ -28,7 +28,7 @@ from gauss_bench.exchange.imports import import_file
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS
-from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, offer, offers_from_outside
+from gauss_bench.runs.offers import ChoiceError, check_budget, check_size, interpreter_of, offer, offers_from_outside
 from gauss_bench.runs.programs import ask_program, writes_programs
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import RunFailure
@@ -199,7 +199,7 @@ def export(
     check_size(usual.step, mechanism.duration)
     order = Order(linkage, mechanism, engine, kind)
     answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, usual.step, (), None)
-    told(f"{order.motion}: the model")
+    told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
     file = order.write(usual)  # what the kind cannot express is refused before anything is searched
     try:
         setting = choose_setting(order, usual, tuned, wanted, seconds, told)
@@ -208,10 +208,12 @@ def export(
     answer = replace_fields(answer, tuning=setting.tuning, step=setting.choice.step)
     remarks, warning = setting.remarks, ""
     if kind.is_program:
-        if engine == "c" and setting.choice != usual:  # the program that is measured is the one that is written
+        interpreter = None if kind.writer else interpreter_of(kind.engine)
+        alone = engine == "c" or interpreter is not None  # such a program is run itself
+        if alone and setting.choice != usual:  # the program that is measured is the one that is written
             file = order.write(setting.choice)
-        source = file.text if engine == "c" else ""
-        error = measure_program(linkage, mechanism, kind.engine, setting.choice, source, max(seconds, LIMIT), told)
+        source = file.text if alone else ""
+        error = measure_program(linkage, mechanism, kind.engine, setting.choice, source, max(seconds, LIMIT), told, interpreter)
         refused = name_missed(error, wanted) or ("" if error.is_valid or anyway else error.refusal)
         answer = replace_fields(answer, error=error, refused=refused)
         if refused:
@@ -250,11 +252,6 @@ class Order:
     mechanism: Mechanism
     name: str
     kind: Kind
-
-    @property
-    def motion(self) -> str:
-        """The linkage and its scenario in words."""
-        return f"{self.mechanism.name}, scenario {self.mechanism.scenario}"
 
     def write(self, choice: Choice, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
         """Return the file with a setting of the engine, and with a warning and remarks in its head.

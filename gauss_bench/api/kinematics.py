@@ -13,7 +13,7 @@ from gauss_bench.api.driven import free_at_start, load_with_drivers
 from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, observe_names, point_states
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
@@ -376,7 +376,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     if (loss := sweep.loss) is None:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
-    where = ", ".join(f"{name} = {value:.10g}" for name, value in loss.inputs.items())
+    where = describe_drivers(mechanism, loss.inputs)
     text = f"{mechanism.name} stops at {where} on the way to t = {times[loss.sample]:.6g} s: {loss.text}"
     reached = Trajectory(times, sweep.q, sweep.v, sweep.a, 0)[: loss.sample]
     raise kind(text, loss.inputs, float(times[loss.sample]), reached)

@@ -16,7 +16,19 @@ EXIT_CODES = (
     "Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or a faulty file, 70 a fault of gauss-bench "
     "itself, 74 stdout is closed or full, 130 interrupted."
 )
-VERBS: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("verbs.toml").read_text(encoding="utf-8"))
+
+
+def read_verbs() -> dict[str, dict[str, Any]]:
+    """Return the verbs of `verbs.toml`; an option that is a text stands for the shared option of that name."""
+    verbs: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("verbs.toml").read_text(encoding="utf-8"))
+    shared = verbs.pop("shared")
+    for verb in verbs.values():
+        options = verb.get("options", {})
+        options |= {names: shared[option] for names, option in options.items() if isinstance(option, str)}
+    return verbs
+
+
+VERBS = read_verbs()
 Verb = Callable[[argparse.Namespace], int]
 
 

@@ -1,10 +1,10 @@
 """The error of an exported program: the engine and setting that it holds are run, judged and compared with a reference.
 
-The program in C is compiled and run itself, if there is a compiler, because its arithmetic is its own.
+The program in C is compiled and run itself, if there is a compiler, because its arithmetic is its own. A program that an engine
+writes itself is run in the engine's environment, without this package.
 """
 
 import csv
-import io
 import subprocess
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,13 +21,14 @@ from gauss_bench.api.telling import Result, Told, nobody
 from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
-from gauss_bench.exchange.scripts import plan_steps
+from gauss_bench.engines.programs import coordinates, plan, rates
 from gauss_bench.exchange.to_c import TRIED
 from gauss_bench.judge import OFF_MOTION
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import state_errors
 from gauss_bench.runs.offers import check_affordable, offer
-from gauss_bench.runs.worker import Worker
+from gauss_bench.runs.programs import run_there
+from gauss_bench.runs.worker import Interpreter, Worker, WorkerFailure
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_evenly
 
 LIMIT = 60.0  # [s] for everything but the C compiler and its program, unless the user gives more
@@ -80,7 +81,11 @@ class ProgramError(Result):
     @property
     def refusal(self) -> str:
         """The sentence on a program that the judge refuses."""
-        more = "a larger --budget gives it more time, " if self.status == str(Status.TIMEOUT) else ""
+        hints = {
+            str(Status.TIMEOUT): "a larger --budget gives it more time, ",
+            str(Status.INVALID): "--position finds a setting that holds an accuracy, ",
+        }
+        more = hints.get(self.status, "")
         return f"{self.status} with {self.setting}: {self.message}; {more}--anyway writes it with a warning"
 
     @property
@@ -127,33 +132,41 @@ class Measured:
 
 
 class ProgramFailed(Exception):
-    """A program in C that stopped or failed; the message is its own."""
+    """A program that stopped or failed; the message is its own."""
 
 
 def measure_program(
-    linkage: str, mechanism: Mechanism, engine: str, choice: Choice, source: str, seconds: float, told: Told
+    linkage: str,
+    mechanism: Mechanism,
+    engine: str,
+    choice: Choice,
+    source: str,
+    seconds: float,
+    told: Told,
+    interpreter: Interpreter | None = None,
 ) -> ProgramError:
     """Run the engine and setting of a program as the program steps it, judge the run and compare it with a reference.
 
     Args:
         engine: whose run is judged.
-        source: of the program, if it is in C; else an empty text.
+        source: of the program, if it is run itself; else an empty text.
+        interpreter: under which it is run; None for a program in C.
         seconds: for the run, its repetition at half the step, and the reference.
 
     Raises:
         ChoiceError: the steps take longer than a quarter of the seconds.
     """
     end = mechanism.duration
-    steps, every = plan_steps(end, choice.step)
+    steps, every = plan(end, choice.step)
     choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
     rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # samples of a short motion that are close enough to be judged
-    if source:
+    if source and interpreter is None:
         engine = engine if offer(engine).usable else NUMPY
         check_affordable(choice.step, end, COMPILED_STEP, seconds / 4)
     told(f"measuring: {engine}, {end:g} s")
     setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
     run = simulate(linkage, engine, mechanism.scenario, *setting, rows, limit=seconds / 4, tolerance=choice.tolerance)
-    measured = run_program(run, source)
+    measured = run_program(run, source, interpreter, seconds)
     found, status, message = Compared("the run did not end"), measured.status, measured.message
     if measured.trajectory is not None and status is Status.OK:
         told("measuring: the reference")
@@ -180,13 +193,16 @@ def measure_program(
     )
 
 
-def run_program(run: Simulation, source: str) -> Measured:
-    """Return the suite's run of a program's setting, or the run of the program itself if it is in C and can be compiled here."""
+def run_program(run: Simulation, source: str, interpreter: Interpreter | None, seconds: float) -> Measured:
+    """Return the suite's run of a program's setting, or the run of the program itself if it can be run here, within the seconds."""
     what = f"the suite's run of {run.engine} with the same setting"
     if not source:
         return Measured(run.status, run.message, run.trajectory, what)
     try:
-        trajectory, missing = run_c(source, run.model.n)
+        if interpreter is None:
+            trajectory, missing = run_c(source, run.model.n)
+        else:
+            trajectory, missing = run_python(source, run.model, interpreter, seconds)
     except ProgramFailed as failure:
         return Measured(Status.ERROR, str(failure), None, what)
     if trajectory is None:
@@ -258,8 +274,41 @@ def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
             return None, f"{'the program' if what == built.name else what} took longer than {slow.timeout:g} s"
     if done.returncode:
         raise ProgramFailed(in_a_sentence(done.stderr) or f"the program ended with code {done.returncode}")
-    rows = np.array([*csv.reader(io.StringIO(done.stdout))][1:], dtype=float)
-    if not np.isfinite(rows).all():
+    return read_rows(done.stdout.splitlines()[1:], n), ""
+
+
+def run_python(source: str, mechanism: Mechanism, interpreter: Interpreter, seconds: float) -> tuple[Trajectory | None, str]:
+    """Run a program in Python alone under an interpreter; return its rows, or None and the reason why they cannot be read.
+
+    Raises:
+        ProgramFailed: it stopped before its end, or took longer than the seconds.
+    """
+    heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
+    try:
+        with Worker() as worker:  # its limit lies beyond that of the program, which counts waits for a processor
+            answer = worker.under(interpreter).call(run_there, (source, seconds), 2 * seconds)
+    except WorkerFailure as failure:
+        raise ProgramFailed(str(failure)) from failure
+    match answer:
+        case {"printed": str(text)} if heading in (lines := text.splitlines()):
+            rows = [x for x in lines[lines.index(heading) + 1 :] if "," in x]  # libraries print before, between and behind them
+            return read_rows(rows, mechanism.n), ""
+        case {"failed": str(reason)}:
+            raise ProgramFailed(reason)
+    return None, "the program prints no table of t, positions and velocities of the links"
+
+
+def read_rows(lines: list[str], n: int) -> Trajectory:
+    """Return rows of t, n positions and n velocities as a trajectory without accelerations.
+
+    Raises:
+        ProgramFailed: a row is none, or a number is not finite.
+    """
+    try:
+        rows = np.array([*csv.reader(lines)], dtype=float).reshape(-1, 1 + 2 * n)
+    except ValueError as error:
+        raise ProgramFailed(f"the program's rows are no numbers: {in_a_sentence(error)}") from error
+    if not (rows.size and np.isfinite(rows).all()):
         raise ProgramFailed("the program's numbers are not finite")
     t, q, v = rows[:, 0], rows[:, 1 : n + 1], rows[:, n + 1 :]
-    return Trajectory(t, q, v, np.zeros_like(q), 0), ""
+    return Trajectory(t, q, v, np.zeros_like(q), 0)

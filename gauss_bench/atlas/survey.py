@@ -80,7 +80,7 @@ class Reach:
     runs: int
 
 
-def ways(wanted: Sequence[str] | None = None) -> list[Way]:
+def ways(wanted: Sequence[str] | None) -> list[Way]:
     """Return the ways of the named engines, or of all engines of suites.
 
     Raises:
@@ -98,7 +98,7 @@ def ways(wanted: Sequence[str] | None = None) -> list[Way]:
     return usable
 
 
-def axes(wanted: Sequence[str] | None = None) -> list[Axis]:
+def axes(wanted: Sequence[str] | None) -> list[Axis]:
     """Return the axes of these names, or all.
 
     Raises:
@@ -210,9 +210,7 @@ def look_at(way: Way, axis: Axis, value: float, course: Course, worker: Worker, 
     return decide(mechanism, run_apart(request, mechanism, LIMIT, worker), reference)
 
 
-def survey(
-    chosen: Sequence[Way], along: Sequence[Axis], budget: float = BUDGET, jobs: int = 2, told: Told = lambda sentence: None
-) -> list[Reach]:
+def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: int, told: Told) -> list[Reach]:
     """Survey every way along every axis, in the order of both; `told` is called with the progress."""
     until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
     workers = threading.local()

@@ -16,6 +16,7 @@ from gauss_bench.bench.agreement import MEASURED
 from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.bench.subject import EVERY_STEP, PLAIN, STEP, Check, Subject
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs.apart import build_first
 from gauss_bench.runs.offers import offers
 from gauss_bench.runs.one_run import Asked, nothing
 from gauss_bench.runs.questions import accelerations, run_before
@@ -41,6 +42,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
     described = Check("describes itself", offer.usable, offer.reason)
     if not offer.usable:
         return [described]
+    build_first(name, offer.settings, told)
     worker = keep(name)  # which has described it already
     try:
         subject, checks = Subject(offer, worker, told), [described]

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -81,6 +81,15 @@ class Verdict:
         return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
+class Judged(NamedTuple):
+    """The outcome for a figure, and its value, limit and baseline in words."""
+
+    outcome: str
+    value: str
+    limit: str
+    baseline: str
+
+
 def facts(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
     """Return the gated figures in long form: one row per case and metric.
 
@@ -132,39 +141,39 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
         if len(ends) > 1 and key != status and not (key in here and key in there):
             continue
         values = [str(x[key]["value"]) if key in x else None for x in (here, there)]
-        outcome, value, limit, base = judge_figure(key, *values)
+        judged = judge_figure(key, *values)
         case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
-        cause = str(here[key].get("message", "")) if outcome == "fail" and key in here else ""
-        verdicts.append(Verdict(outcome, case, str(key[-1]), value, limit, base, cause))
+        cause = str(here[key].get("message", "")) if judged.outcome == "fail" and key in here else ""
+        verdicts.append(Verdict(judged.outcome, case, str(key[-1]), judged.value, judged.limit, judged.baseline, cause))
     return verdicts
 
 
-def judge_figure(key: Key, value: str | None, base: str | None) -> tuple[str, str, str, str]:
-    """Judge a figure against its baseline; return the outcome, and value, limit and baseline in words."""
+def judge_figure(key: Key, value: str | None, base: str | None) -> Judged:
+    """Judge a figure against its baseline."""
     metric, missing = key[-1], "none"
     if base is None or value is None:
         # an order exists only while errors are above their floor: its loss is reported, and does not fail
         outcome = "better" if metric == "observed_order" else "fail"
-        return outcome, value or missing, "present on both sides", base or missing
+        return Judged(outcome, value or missing, "present on both sides", base or missing)
     if metric in ("status", "valid"):
-        return "ok" if value == base else "fail", value, base, base
+        return Judged("ok" if value == base else "fail", value, base, base)
     x, b = float(value), float(base)
     if metric == "observed_order":
         low, high = b - ORDER_MARGIN, b + ORDER_FLATTERING
         if x > high:
-            return "fail", f"{x:.2f}", f"at most {high:.2f} without a reason", f"{b:.2f}"
+            return Judged("fail", f"{x:.2f}", f"at most {high:.2f} without a reason", f"{b:.2f}")
         outcome = "fail" if x < low else "better" if x > b + ORDER_MARGIN else "ok"
-        return outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}"
+        return Judged(outcome, f"{x:.2f}", f"at least {low:.2f}", f"{b:.2f}")
     if metric in TRUTHS:
         bar = TRUTH_MARGIN * (1 + abs(b))
-        return "fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base
+        return Judged("fail" if abs(x - b) > bar else "ok", value, f"{b:.12g} +- {bar:.1g}", base)
     rule, scatter = RULES[metric], SCATTERING.get(str(key[KEY.index("integrator")]), 1.0)
     factor, flattering = max(rule.factor, scatter), FLATTERING * scatter
     if x < b / flattering and b > flattering * rule.floor:
-        return "fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}"
+        return Judged("fail", f"{x:.3g}", f"at least {b / flattering:.3g} without a reason", f"{b:.3g}")
     limit = max(factor * b, rule.floor)
     outcome = "fail" if not x <= limit else "better" if x < b / factor and b > rule.floor else "ok"
-    return outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}"
+    return Judged(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
 
 
 def read_baseline(path: Path) -> pd.DataFrame:
@@ -198,7 +207,7 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
     for key, row in found.items():
         if key[:-1] in refused:
             continue
-        same = key in before and judge_figure(key, str(row["value"]), str(before[key]["value"]))[0] == "ok"
+        same = key in before and judge_figure(key, str(row["value"]), str(before[key]["value"])).outcome == "ok"
         rows.append(before[key] if same else row | {"accepted": stamp})
         changed += not same
     ordered = in_order(rows, [*FIGURE, "value", "accepted"]).to_dict("records")

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import document_of, load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
@@ -27,6 +28,7 @@ PROBE = str(FOLDER / "linkages" / "probe.toml")
 STATES, SEED = 8, 20261123
 REACH, SLOW, FAST = 0.4, 2.0, 6.0  # steps [m, rad] between states; least and largest velocities [m/s, rad/s] along free directions
 FLOOR = 0.05  # of the largest among the states: errors at states near equilibrium are relative to this share
+RESTING = 1e-9  # of the largest constraint force: a smaller one is rounding, and nothing holds its row
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
 FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
     "mass": ("masses", 1.3),
@@ -72,25 +74,41 @@ class Probe:
         return _share(np.array(left), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
-        """Return the smallest factor c in J a = c gamma + r f over the rows of J, by least squares over the states.
+        """Return the smallest share c of its velocity term that a row of J has in accelerations a (k, n), by least squares.
 
-        f are the constraint forces that the accelerations a (k, n) need. A row that gives way in proportion to its force has c = 1;
-        c is 0 for a row without its velocity term dJ/dt v. Rows without gamma are left out, and so are linkages with redundant
+        With f the constraint forces that the accelerations need, J a = gamma + (c - 1) g + r f over the states. A row that gives
+        way in proportion to its force has c = 1; c is 0 for a row without its velocity term g. That term depends on the coordinates
+        of an engine: g is gamma in absolute coordinates, and gamma - J a0 in those of a joint tree, where a0 are the accelerations
+        with which the tree moves if its coordinates keep their rates. Of these, the one that explains the row best is taken. Rows
+        without velocity terms are left out, those without forces (of springs, where loops are closed), and linkages with redundant
         rows, whose forces are not determined; the result is then 1.
         """
         if self.mechanism.redundant:
             return 1.0
-        evaluator = AbsoluteCoordinates(self.mechanism).evaluator
+        evaluator, trees = AbsoluteCoordinates(self.mechanism).evaluator, [spanning_tree(self.mechanism, x) for x in (False, True)]
         found = []
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
             terms = evaluator.terms(float(t), q, v)
             force = np.linalg.lstsq(terms.J.T, terms.M @ given - terms.Q, rcond=None)[0]
-            found.append((terms.J @ given, terms.gamma, force))
-        given, gamma, forces = (np.array(x) for x in zip(*found, strict=True))  # (k, m)
-        largest = np.abs(gamma).max(initial=0.0)
-        rows = [row for row in range(gamma.shape[1]) if np.abs(gamma[:, row]).max() > FLOOR * largest]
-        shares = [np.linalg.lstsq(np.column_stack([gamma[:, x], forces[:, x]]), given[:, x], rcond=None)[0][0] for x in rows]
+            states = [tree.relative(q, v) for tree in trees]
+            moved = [tree.absolute(*y, 0.0 * y[0])[2] for tree, y in zip(trees, states, strict=True)]
+            velocity = [terms.gamma, *(terms.gamma - terms.J @ a0 for a0 in moved)]
+            found.append((terms.J @ given - terms.gamma, force, velocity))
+        beside, forces, velocities = (np.array(x) for x in zip(*found, strict=True))  # (k, m), (k, m), (k, 3, m)
+        largest = np.abs(velocities[:, 0]).max(initial=0.0)
+        shares, strong = [], np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)
+        for row in np.flatnonzero(strong):
+            terms_of_row = [g for g in velocities[:, :, row].T if np.abs(g).max() > FLOOR * largest]
+            fits = [_fit(beside[:, row], np.column_stack([g, forces[:, row]])) for g in terms_of_row]
+            if fits:
+                shares.append(1.0 + min(fits)[1])
         return float(min(shares, default=1.0))
+
+
+def _fit(x: Array, columns: Array) -> tuple[float, float]:
+    """Return what least squares leave of x (k,) by columns (k, 2), rounded, and the factor of the first column."""
+    factors = np.linalg.lstsq(columns, x, rcond=None)[0]
+    return round(float(np.abs(x - columns @ factors).max()), 12), float(factors[0])
 
 
 def _share(errors: Array, sizes: Array) -> float:

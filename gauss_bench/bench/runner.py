@@ -129,8 +129,9 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def _describe_engine(offer: Offer) -> dict[str, Any]:
-    """Return version and settings of an engine, and the Python of the environment in which it lives, if that is its own."""
-    described: dict[str, Any] = {"version": offer.version, "settings": offer.settings}
+    """Return version and settings of an engine, why some are soft, and the Python of the environment that is its own."""
+    soft = {label: cause for label, cause in offer.soft.items() if label in offer.settings}
+    described: dict[str, Any] = {"version": offer.version, "settings": offer.settings} | ({"soft": soft} if soft else {})
     # without the path, which is of this machine
     return described | ({"environment": offer.environment.partition(" at ")[0]} if offer.environment else {})
 

@@ -455,8 +455,9 @@ class Case:
             return Answer(Cause.STALE, old.sentence, [old])
         c = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        # soft: gaps that follow the closing forces as a spring does, or accelerations that say so
-        gap_is_elastic = c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows
+        # soft: gaps that follow the closing forces as a spring does, or accelerations that say so. Solvers on velocities leave gaps
+        # that follow the forces too, of the square of a step, while the error of their steps is of first order.
+        gap_is_elastic = c.held > FOLLOWS and c.closure_share > NOTHING and not c.grows and not c.falls_faster(self.steps.order)
         if gap_is_elastic or self._constraints_yield():
             gap = f"the loops open by {c.closure[0]:.1e} (m, rad) at {c.closure_joint}"
             said = f"soft constraints, which these settings tie to the step: {gap}, following the force there"

@@ -209,16 +209,9 @@ def single_precision(state: State, *_: object) -> State:
 # faults in the samples
 
 
-def one_step_late(times: Array, step: float) -> Array:
-    return np.where(times > 0, times + step, times)
-
-
-def half_a_step_early(times: Array, step: float) -> Array:
-    return np.where(times > 0, times - step / 2, times)
-
-
-def stretch(times: Array, step: float) -> Array:
-    return times * 1.01
+def resample(times: Array, step: float, late: float = 0.0, rate: float = 1.0) -> Array:
+    """Sample `late` steps later and at `rate` times the times; the start stays."""
+    return np.where(times > 0, rate * times + late * step, times)
 
 
 def standing_still(trajectory: Trajectory, *_: object) -> Trajectory:
@@ -258,9 +251,10 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
     """Return the fault of one [[engine]] table of `planted.toml`."""
-    hooks: Any = {key: globals()[x] for key, x in spoils.items() if key != "alter"}
-    if "alter" in spoils:
-        hooks["linkage"] = partial(alter, **spoils["alter"])
+    # entries with numbers -> hook and function
+    numbers: dict[str, tuple[str, Callable[..., Any]]] = {"alter": ("linkage", alter), "resample": ("times", resample)}
+    hooks: Any = {key: globals()[x] for key, x in spoils.items() if key not in numbers}
+    hooks |= {hook: partial(function, **spoils[key]) for key, (hook, function) in numbers.items() if key in spoils}
     return Fault(name, sentence, Cause(cause), **hooks, where=(where[0], where[1]))
 
 

@@ -24,6 +24,7 @@ REGIME = 0.1  # [m, rad] larger errors no longer add up linearly, and their rati
 FEWEST = 5  # number of checkpoints that count in any case
 CONVERGES = 0.4  # order below which the runs do not converge
 STAYS = 0.75  # a gap is independent of the step if half the step leaves this share; an error of order 1 falls to a half
+HALF = 0.5  # order by which one that is clearly higher differs
 PERIODS = 3  # parts of a run: the first is "early", the last "late"
 GROWS = 3.0  # a gap grows if it is GROWS times larger late than early
 
@@ -99,6 +100,12 @@ class Closure:
     @property
     def grows(self) -> bool:
         return self.closure_late > GROWS * self.closure_early
+
+    def falls_faster(self, order: float) -> bool:
+        """Tell whether the gap falls with the step by a clearly higher order than an error, which it can then not cause."""
+        if len(self.closure) < 2 or self.closure[-2] == 0.0:
+            return False
+        return bool(self.closure[-1] < self.closure[-2] / 2.0 ** (order + HALF))
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:

@@ -44,6 +44,7 @@ ELSEWHERE = {  # adapters of this package whose library needs an environment of 
     "drake": "gauss_bench.engines.drake.adapter:Drake",
     "bullet": "gauss_bench.engines.bullet.adapter:Bullet",
     "mjx": "gauss_bench.engines.mjx.adapter:Mjx",
+    "newton": "gauss_bench.engines.newton.adapter:Newton",
 }
 COMPILED = ("gauss-native", "lagrange-native")
 OWN = ("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16")

@@ -67,6 +67,22 @@ def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
 
 
+def undriven(mechanism: Mechanism, tree: Tree, library: str, any_law: bool = True) -> str | None:
+    """Return the reason why an adapter that prescribes single tree coordinates cannot prescribe what is driven, or None if it can.
+
+    Args:
+        any_law: whether it is given every law; else only constant speeds.
+    """
+    for driver in mechanism.drivers:
+        if isinstance(driver, LengthDriver):
+            return f"{library} prescribes coordinates of joints, not the length {driver.name}"
+        if not any_law and driver.law.name != "constant":
+            return f"{library} is given no motion law {driver.law.name} here"
+    if None in driven_coordinates(mechanism, tree):
+        return f"{library} prescribes coordinates of the tree of joints, and the driven angle is none"
+    return None
+
+
 def drivers_by_coordinate(mechanism: Mechanism, tree: Tree) -> dict[int, AngleDriver | SlideDriver]:
     """Return index of a tree coordinate -> the driver that prescribes it; without drivers that do not prescribe just one."""
     pairs = zip(driven_coordinates(mechanism, tree), jointed(mechanism), strict=True)

@@ -107,13 +107,13 @@ def write_head(mechanism: Mechanism, remarks: tuple[str, ...], warning: str) -> 
     return head, tuple(missing)
 
 
-def export_program(mechanism: Mechanism, program: str, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
+def export_program(mechanism: Mechanism, program: str, remarks: tuple[str, ...], warning: str) -> Exported:
     """Return a program in Python that an engine wrote, below the head that every exported file has."""
     head, missing = write_head(mechanism, remarks, warning)
     return Exported(f"{python_comment(head)}\n{program}", missing)
 
 
-def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[str], refused: str, reason: str | None = None) -> str:
+def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[str], refused: str, reason: str | None) -> str:
     """Return the text that a module of this folder writes.
 
     Raises:

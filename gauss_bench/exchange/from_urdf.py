@@ -27,7 +27,7 @@ READ = {  # tag -> tags in it that are read
 }
 
 
-def from_urdf(root: Element, path: Path, close: Sequence[str] = ()) -> Spatial:
+def from_urdf(root: Element, path: Path, close: Sequence[str]) -> Spatial:
     """Return the mechanism of a document that `read_xml` has accepted; its root link is the world.
 
     Raises:

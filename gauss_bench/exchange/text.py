@@ -47,18 +47,13 @@ def toml_string(text: str) -> str:
     return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in plain) + '"'
 
 
-def heading(name: str) -> str:
-    """Return a name as the heading of a CSV column, without characters that would end the column."""
-    return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
-
-
 def unique(base: str, taken: Collection[str]) -> str:
     """Return the name, with a number after it if it is taken."""
     candidates = (f"{base}_{k}" for k in count(2))
     return base if base not in taken else next(name for name in candidates if name not in taken)
 
 
-def identifiers(names: Iterable[str], reserved: str = "") -> Mapping[str, str]:
+def identifiers(names: Iterable[str], reserved: str) -> Mapping[str, str]:
     """Return name -> identifier of C and Python: all are different, and none is one of the words in the text `reserved`."""
     by_name: dict[str, str] = {}
     taken = set(reserved.split())

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.exchange.scripts import coordinates, write_program
+from gauss_bench.engines.programs import coordinates, rates
+from gauss_bench.exchange.scripts import write_program
 from gauss_bench.exchange.text import C_WORDS, identifiers
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
@@ -35,7 +36,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     except KernelError as error:
         raise RunFailure(Status.SKIP, str(error)) from error
     names = coordinates(mechanism)
-    places = identifiers([*names, *coordinates(mechanism, ("vx", "vy", "omega"))], C_WORDS).values()
+    places = identifiers([*names, *rates(mechanism)], C_WORDS).values()
     given = {
         "places": list(places),
         "kernel": kernel.c_source(choice.integrator),

@@ -3,8 +3,8 @@
 from typing import Any
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.transcript import Script, name_laws, python
 from gauss_bench.exchange.scripts import write_program
-from gauss_bench.exchange.transcript import Script, name_laws, python
 from gauss_bench.mechanism.model import GROUND, AngleDriver, LengthDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
 

@@ -3,9 +3,9 @@
 from xml.etree.ElementTree import indent, tostring
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.transcript import name_laws
 from gauss_bench.engines.tree import turning
 from gauss_bench.exchange.scripts import write_program
-from gauss_bench.exchange.transcript import name_laws
 from gauss_bench.mechanism.model import Mechanism
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.transcript import Script, name_laws, python
 from gauss_bench.exchange.scripts import write_program
-from gauss_bench.exchange.transcript import Script, name_laws, python
 from gauss_bench.mechanism.model import GROUND, Along, Distance, Law, LengthDriver, Load, Mechanism, Point, PointForce, loads
 from gauss_bench.trajectory import RunFailure, Status
 

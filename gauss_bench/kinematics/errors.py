@@ -1,6 +1,9 @@
 """The exceptions that end a motion before its last time, raised by loop closure and by point equations alike."""
 
+from collections.abc import Mapping
 from typing import Any
+
+from gauss_bench.mechanism.model import Mechanism
 
 
 class MotionError(ArithmeticError):
@@ -23,3 +26,9 @@ class LimitOfMotion(MotionError):
 
 class SingularPosition(MotionError):
     """The Jacobian loses rank: the inputs do not determine how the motion continues."""
+
+
+def describe_drivers(mechanism: Mechanism, values: Mapping[str, float]) -> str:
+    """Return the values [rad, m] of the drivers of a mechanism in words, with their units."""
+    units = {x.name: x.coordinate.unit for x in mechanism.drivers}
+    return ", ".join(f"{name} = {value:.10g} {units[name]}" for name, value in values.items())

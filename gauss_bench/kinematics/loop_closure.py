@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
+from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition, describe_drivers
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.mechanism.close import walk
@@ -70,9 +70,9 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
         end = stopped if isinstance(stopped, _End) else _End(f"singular position, {stopped}", True, x)
         reached = _motion(equations, states, rates)
         values, time = equations.input_values(end.x), float(times[len(states)])
-        where = ", ".join(f"{name} = {value:.10g}" for name, value in values.items())
         kind = SingularPosition if end.singular else LimitOfMotion
-        raise kind(f"{mechanism.name} stops at {where} on the way to t = {time:.6g} s: {end}", values, time, reached) from end
+        text = f"{mechanism.name} stops at {describe_drivers(mechanism, values)} on the way to t = {time:.6g} s: {end}"
+        raise kind(text, values, time, reached) from end
     return _motion(equations, states, rates)
 
 

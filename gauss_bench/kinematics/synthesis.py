@@ -63,12 +63,12 @@ class Drive:
     Attributes:
         fault: "" if it does; "branch" if it does not get from pose to pose; "order" if it passes the third pose before the second.
         text: the sentence for the user.
-        way: 1 or -1 if the input grows or falls from pose to pose (1 counter-clockwise); 0 if there is a fault.
+        travel: of the input from the first to the third pose [rad, m], counter-clockwise or along the slide; 0 if there is a fault.
     """
 
     fault: str
     text: str
-    way: int = 0
+    travel: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
     for way, (second, third) in ways(driven, values):
         if 0 < way * second < way * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
             turning = {1: "counter-clockwise", -1: "clockwise"}[way] if driven.direction is None else "along it"
-            return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", way)
+            return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
     for _, passed in ways(driven, values):
         ends = min(0.0, *passed), max(0.0, *passed)
         if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):

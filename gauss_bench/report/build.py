@@ -5,12 +5,14 @@ Both take their content from `sections`, in the order of their PLACE. A section 
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from gauss_bench.atomic import write_text
 from gauss_bench.checksums import checksum_of_run, read_checksums, require_unchanged
 from gauss_bench.report import sections
 from gauss_bench.report.content import Finding
+from gauss_bench.report.field_run import folders_of
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run, sort_key
@@ -24,6 +26,7 @@ HEADING, TITLE = (
     "# Closed-loop planar linkages, engines side by side",
     "gauss_bench</title>",
 )  # texts by which pages of this suite are recognised
+FAULTS = "findings"  # folder beside the tables with reports on faults in engines' libraries
 
 
 class NoRun(BadInput, ValueError):
@@ -31,13 +34,19 @@ class NoRun(BadInput, ValueError):
 
 
 def read_run(folder: Path) -> Run:
-    """Read the rows and the environment of a run from a folder.
+    """Read the rows and the environment of a run from a folder, and those of the run of the suite `field` beside it.
 
     Raises:
         NoRun: the folder has no run.
         TableError: a file is damaged, or has a later format than this version reads.
         ChangedRows: a table is not as the run wrote it.
     """
+    run, *beside = map(read_one, folders_of(folder))
+    return replace(run, beside=beside[0]) if beside else run
+
+
+def read_one(folder: Path) -> Run:
+    """Read a run as `read_run`, without the run beside it."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
@@ -45,7 +54,8 @@ def read_run(folder: Path) -> Run:
     require_unchanged(folder)  # last, as the reader says more of a file that is damaged
     known = read_checksums(folder)
     checksum = checksum_of_run(known) if known else ""
-    return Run(read_environment(folder), tables, checksum, read_table("baseline", folder))
+    faults = {path.stem: path.read_text(encoding="utf-8") for path in sorted((folder / FAULTS).glob("*.md"))}
+    return Run(read_environment(folder), tables, checksum, read_table("baseline", folder), faults)
 
 
 def all_findings(run: Run) -> Iterator[Finding]:

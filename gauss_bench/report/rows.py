@@ -35,12 +35,21 @@ class Run:
     Attributes:
         checksum: of all its tables as they are stored; empty for a run without checksums.
         accepted: the figures of the accuracy gate that lie beside the run, each with the date and the reason of its last change.
+        faults: name of a report on a fault in an engine's library, ENGINE_WORDS -> its text in Markdown.
+        beside: the run of the suite `field` that is published beside this one.
     """
 
     environment: Mapping[str, Any] = field(default_factory=dict)
     tables: Mapping[str, tuple[Row, ...]] = field(default_factory=dict)
     checksum: str = ""
     accepted: tuple[Row, ...] = ()
+    faults: Mapping[str, str] = field(default_factory=dict)
+    beside: "Run | None" = None
+
+    @property
+    def field_run(self) -> "Run":
+        """The run that asked every engine the same questions: the one beside this one, or else this one."""
+        return self.beside or self
 
     def table(self, name: str) -> tuple[Row, ...]:
         """Return the rows of a table; none if the run did not fill it."""

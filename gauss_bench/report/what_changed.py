@@ -32,7 +32,7 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
         pair = {"engine": after["engine"], "before": before["version"], "after": after["version"]}
         found = [x for name in ("release_changes", "release_cost_changes") for x in tables[name] if pair.items() <= x.items()]
         heading = f"{pair['engine']} {pair['before']} -> {pair['after']}"
-        pages.append((heading, [*describe_quantities(found), describe_rounding(after)]))
+        pages.append((heading, [*describe_quantities(found), describe_rounding(after), *describe_left_out((before, after))]))
     return pages
 
 
@@ -101,10 +101,14 @@ def shorten(answer: str) -> str:
 
 def describe_rounding(after: Row) -> str:
     """Return a sentence on what is equal."""
-    return (
-        f"equal but for rounding: {int(after['rounding'])} of {int(after['compared'])} figures, "
-        f"which differ by at most {after['largest_rounding']:.1e}"
-    )
+    figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
+    off = after["largest_rounding"]
+    return f"equal but for rounding: {figures}, which differ by at most {off:.1e}" if off else f"equal to the last bit: {figures}"
+
+
+def describe_left_out(releases: Iterable[Row]) -> list[str]:
+    """Return a sentence for each release of which not all was asked."""
+    return [f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in releases if x["left_out"]]
 
 
 def place_of(row: Row) -> str:

@@ -3,6 +3,10 @@
 The process of an engine imports this file, and its environment may have numpy alone: nothing here imports more.
 """
 
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from gauss_bench.engines import get, not_installed
@@ -31,6 +35,25 @@ def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str
         return {"refused": in_a_sentence(failure)}
     except ImportError as error:
         return {"refused": f"{engine} is {not_installed(error)}"}
+
+
+def run_there(text: str, seconds: float) -> dict[str, Any]:
+    """Run a program alone under this interpreter; return {"printed": its output} or {"failed": why it did not end well}.
+
+    It sees the packages of the interpreter's environment and nothing else, as a user's process would.
+    """
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "linkage.py")
+        file.write_text(text, encoding="utf-8")
+        try:
+            command = [sys.executable, "-I", str(file)]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, cwd=folder, check=False)
+        except subprocess.TimeoutExpired:
+            return {"failed": f"the program took longer than {seconds:g} s"}
+    if done.returncode:
+        last = [*done.stderr.strip().splitlines(), f"the program ended with code {done.returncode}"]
+        return {"failed": in_a_sentence(last[-2] if len(last) > 1 else last[-1])}
+    return {"printed": done.stdout}
 
 
 def ask_program(worker: Worker, engine: str, mechanism: Mechanism, choice: Choice, limit: float) -> str:

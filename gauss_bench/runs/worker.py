@@ -179,7 +179,7 @@ class Worker:
         except TimeoutError as error:
             printed = self._last_words()
             self.stop()
-            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:g} s{printed}") from error
+            raise WorkerFailure(Status.TIMEOUT, f"no answer within {limit:.3g} s{printed}") from error
         except SpoiltAnswer as error:
             self.stop()
             raise WorkerFailure(Status.CRASHED, f"the process wrote into what is not its own: {error}") from error
@@ -286,22 +286,31 @@ class _Clock:
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
-        self.path, self.limit, self.longest = f"/proc/{pid}/schedstat", limit, min(longest, BACKSTOP * limit)
-        self.start, self.waited = time.monotonic(), self._waiting_time()
+        self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
+        self.start, self.before = time.monotonic(), self._waits()
+
+    def _waits(self) -> dict[int, float]:
+        """Return thread of the process -> seconds for which it has waited for a processor."""
+        waits = {}
+        with contextlib.suppress(OSError):
+            for thread in Path(f"/proc/{self.pid}/task").iterdir():
+                with contextlib.suppress(OSError, ValueError, IndexError):  # it may end meanwhile
+                    waits[int(thread.name)] = int((thread / "schedstat").read_text(encoding="ascii").split()[1]) * 1e-9
+        return waits
 
     def _waiting_time(self) -> float:
-        """Return the seconds that the process has waited for a processor."""
-        try:
-            with open(self.path, encoding="ascii") as file:
-                return int(file.read().split()[1]) * 1e-9
-        except (OSError, ValueError, IndexError):
-            return 0.0
+        """Return the seconds for which the process has waited for a processor since the start.
+
+        The first thread may sleep until another one is done, such as a compiler's, so the longest wait of the others counts too.
+        """
+        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in self._waits().items()}
+        return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
     def remaining(self) -> float:
         """Return the seconds that are left."""
         passed = time.monotonic() - self.start
         # the system counts waits by another clock than ours: they may seem to be negative, or longer than the time that passed
-        waited = min(max(0.0, self._waiting_time() - self.waited), passed)
+        waited = min(max(0.0, self._waiting_time()), passed)
         return min(self.limit - (passed - waited), self.longest - passed)
 
 

@@ -24,6 +24,7 @@ from gauss_bench.engines import require
 from gauss_bench.engines.authors import read_settings
 from gauss_bench.linkage.load import load
 from gauss_bench.report.build import build_report, refuse_pages_of_others
+from gauss_bench.report.field_run import folders_of
 from gauss_bench.runs.apart import build_first, is_unaltered
 from gauss_bench.runs.offers import ChoiceError, check_budget, offers
 from gauss_bench.suites.read import join_entries, of_engines, read_suite, restrict, scenario_of
@@ -151,7 +152,8 @@ def format_run(tables: Tables, folder: Path) -> str:
 def report(options: Namespace, told: Told) -> Answer[list[Path]] | Answer[Changes]:
     """Write the report of a run, or list its differences from another run."""
     if options.publish:
-        check_publishable(options.out)
+        for folder in folders_of(options.out):
+            check_publishable(folder)
     if options.against:
         folders = options.out, options.against
         accuracy, (compared, moved) = differences(*folders), compare_times(*folders)

@@ -20,7 +20,8 @@ import numpy as np
 
 from gauss_bench.engines.bullet.bodies import BodyWorld
 from gauss_bench.engines.bullet.joints import TreeWorld
-from gauss_bench.engines.bullet.translate import BodyForces, JointForces
+from gauss_bench.engines.bullet.translate import BodyForces
+from gauss_bench.engines.given_forces import GivenForces
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
@@ -39,7 +40,7 @@ class Accelerations:
         laws: index of a driven joint -> its law.
     """
 
-    def __init__(self, world: TreeWorld | BodyWorld, forces: JointForces | BodyForces, laws: Mapping[int, MotionLaw]):
+    def __init__(self, world: TreeWorld | BodyWorld, forces: GivenForces | BodyForces, laws: Mapping[int, MotionLaw]):
         self.world, self.forces, self.laws = world, forces, laws
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:

@@ -18,7 +18,9 @@ from gauss_bench.engines.base import Choice, Model, sample_arrays
 from gauss_bench.engines.bullet.accelerations import CONVERGED, Accelerations
 from gauss_bench.engines.bullet.bodies import BodyWorld
 from gauss_bench.engines.bullet.joints import TreeWorld
-from gauss_bench.engines.bullet.translate import BodyForces, JointForces, joint_forces, refusal
+from gauss_bench.engines.bullet.program import write
+from gauss_bench.engines.bullet.translate import BodyForces, joint_forces, refusal
+from gauss_bench.engines.given_forces import GivenForces
 from gauss_bench.engines.shared import drivers_by_coordinate, finite_acceleration, joint_tree, require_agreement, size
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
@@ -64,10 +66,13 @@ class Bullet:
         of_bodies = VARIANTS.options(choice.settings)["coordinates"] == "bodies"
         return BodyModel(mechanism, choice) if of_bodies else JointModel(mechanism, choice)
 
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        return write(mechanism, choice, VARIANTS)
+
 
 def step_through(
     world: TreeWorld | BodyWorld,
-    forces: JointForces | BodyForces,
+    forces: GivenForces | BodyForces,
     laws: Mapping[int, MotionLaw],
     plan: Sequence[Stretch],
     samples: tuple[Array, Array],

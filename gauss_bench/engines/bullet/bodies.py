@@ -26,10 +26,10 @@ class BodyWorld(World):
             a, b = ((ground if point.link == GROUND else self.bodies[point.link], -1) for point in (pin.a, pin.b))
             self._close(a, b, spatial(pin.a.local), spatial(pin.b.local))
 
-    def _add_body(self, mass: float, inertia: float) -> int:
+    def _add_body(self, mass: float, inertia: float) -> Any:
         """Add a rigid body without a shape, and return Bullet's number of it."""
         pybullet = self.pybullet
-        body = int(self._call(pybullet.createMultiBody, baseMass=mass, baseCollisionShapeIndex=NO_SHAPE, useMaximalCoordinates=1))
+        body = self._call(pybullet.createMultiBody, baseMass=mass, baseCollisionShapeIndex=NO_SHAPE, useMaximalCoordinates=1)
         if mass:
             self._call(pybullet.changeDynamics, body, -1, mass=mass, localInertiaDiagonal=[inertia] * 3)
             self._free_from_limits(body)

@@ -78,14 +78,14 @@ class TreeWorld(World):
         for k in self.all:
             self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
         for a, b in self.pins if closed else ():
-            near, far = (self.body, self._carrier(a.link)), (self.body, self._carrier(b.link))
+            near, far = (self.body, self.carrier(a.link)), (self.body, self.carrier(b.link))
             self._close(near, far, self._pivot(a), self._pivot(b))
         # bound once, because a run calls them at every step
         joints = {"bodyUniqueId": self.body, "jointIndices": self.all, "physicsClientId": self.client}
         self._push = partial(pybullet.setJointMotorControlArray, controlMode=pybullet.TORQUE_CONTROL, **joints)
         self._read = partial(pybullet.getJointStates, **joints)
 
-    def _add_body(self) -> int:
+    def _add_body(self) -> Any:
         """Add the tree to the world, with masses and inertias, and return Bullet's number of it."""
         pybullet, joints, count = self.pybullet, self.joints, len(self.joints)
         kinds = [pybullet.JOINT_REVOLUTE if x.turns else pybullet.JOINT_PRISMATIC for x in joints]
@@ -108,14 +108,14 @@ class TreeWorld(World):
         for k, joint in enumerate(joints):
             inertia = [joint.inertia] * 3  # only the moment about the third axis acts
             self._call(pybullet.changeDynamics, body, k, mass=joint.mass, localInertiaDiagonal=inertia)
-        return int(body)
+        return body
 
     def damp(self, coefficients: Array) -> None:
         """Set the damping (n,) of the joints [N s/m, N m s/rad]."""
         for k, c in enumerate(coefficients):
             self._call(self.pybullet.changeDynamics, self.body, k, jointDamping=float(c))
 
-    def _carrier(self, link: int) -> int:
+    def carrier(self, link: int) -> int:
         """Return Bullet's index of a link, -1 for the ground."""
         if link == GROUND:
             return -1
@@ -153,7 +153,7 @@ class TreeWorld(World):
 
     def _place(self, point: Point) -> Array:
         """Return where a point is (2,) [m], by Bullet's own kinematics."""
-        link, pivot = self._carrier(point.link), self._pivot(point)
+        link, pivot = self.carrier(point.link), self._pivot(point)
         if link < 0:
             return np.array(pivot[:2])
         centre, turn, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)

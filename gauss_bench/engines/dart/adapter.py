@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.dart.given import GivenForces
 from gauss_bench.engines.dart.messages import Messages
-from gauss_bench.engines.dart.translate import Builder, Built, refusal, select_pgs
-from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree
+from gauss_bench.engines.dart.program import write
+from gauss_bench.engines.dart.translate import Builder, Built, forces_of, select_pgs
+from gauss_bench.engines.shared import beyond_a_tree, drivers_by_coordinate, joint_tree, undriven
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
@@ -49,16 +49,20 @@ class Dart:
         return f"DART {dartpy.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        return beyond_a_tree(mechanism, "DART") or refusal(mechanism, joint_tree(mechanism, VARIANTS.options(choice.settings)))
+        tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
+        return beyond_a_tree(mechanism, "DART") or undriven(mechanism, tree, "DART")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         options = VARIANTS.options(choice.settings)
-        forces = GivenForces(mechanism, joint_tree(mechanism, options), options["joint_forces"])
-        told = ["motion laws"] * bool(mechanism.drivers) + ["forces that are none of DART's own"] * forces.change
+        forces = forces_of(mechanism, joint_tree(mechanism, options), options["joint_forces"])
+        told = ["motion laws"] * bool(mechanism.drivers) + ["forces that are none of DART's own"] * (not forces.are_constant)
         return f"{' and '.join(told)}, once a step" if told else ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DartModel":
         return DartModel(mechanism, choice)
+
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        return write(mechanism, choice, VARIANTS.options(choice.settings))
 
 
 class DartModel(TreeModel):
@@ -75,7 +79,7 @@ class DartModel(TreeModel):
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.dartpy: Any = dartpy
-        self.forces = GivenForces(mechanism, self.tree, self.options["joint_forces"])
+        self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
             opened = self._build(whole=False)
@@ -159,7 +163,7 @@ class DartModel(TreeModel):
         Raises:
             RunFailure: DART prints a message.
         """
-        built, changing = self.moving, self.forces.change or bool(self.laws)
+        built, changing = self.moving, not self.forces.are_constant or bool(self.laws)
         step = built.world.step
         for begin, count, size, last, row in self.plan:
             built.world.setTimeStep(size)

@@ -1,7 +1,7 @@
 """A linkage as a DART world: links hang in a skeleton of joints, and a ball constraint closes each pin that the tree leaves open.
 
 The tree coordinates y are also DART's, in DART's order. Frames of links lie at their centres of mass. Springs and dampers on one
-coordinate are DART's own, unless a setting wants them explicit; `given.py` computes all other forces. A driven joint has DART's
+coordinate are DART's own, unless a setting wants them explicit; all other forces are given to it. A driven joint has DART's
 actuator for velocities.
 """
 
@@ -10,22 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.dart.given import GivenForces
-from gauss_bench.engines.shared import closing_pins, driven_coordinates, drivers_by_coordinate, spatial
+from gauss_bench.engines.given_forces import GivenForces, on_one_joint
+from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, spatial
 from gauss_bench.engines.tree import Branch, Tree
-from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point
+from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 OUT_OF_PLANE = [0.0, 0.0, 1.0]
 
 
-def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
-    """Return the reason why DART cannot prescribe what is driven, or None if it can."""
-    if None in driven_coordinates(mechanism, tree):
-        return "DART prescribes coordinates of the tree of joints, and the driven angle is none"
-    length = next((x.name for x in mechanism.drivers if isinstance(x, LengthDriver)), None)
-    return f"DART prescribes coordinates of joints, not the length {length}" if length else None
+IMPLICIT, EXPLICIT = "implicit", "explicit"  # values of the knob `joint_forces`
+
+
+def forces_of(mechanism: Mechanism, tree: Tree, joint_forces: str) -> GivenForces:
+    """Return the forces of a mechanism: DART has springs and dampers of one joint coordinate, and treats them implicitly."""
+    return GivenForces(mechanism, tree, lambda load: joint_forces == IMPLICIT and on_one_joint(load))
 
 
 @dataclass(eq=False)
@@ -136,7 +136,8 @@ class Builder:
             "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
             "free": self.skeleton.createPlanarJointAndBodyNodePair,
         }
-        joint, body = create[b.kind](self.bodies.get(b.parent))
+        pair = create[b.kind](self.bodies.get(b.parent))
+        joint, body = pair[0], pair[1]
         joint.setName(f"joint{b.at}")
         body.setName(f"link{b.link}")
         if b.kind == "free":
@@ -148,7 +149,7 @@ class Builder:
         link = self.mechanism.links[b.link]
         body.setInertia(self.dartpy.dynamics.Inertia(link.mass, np.zeros(3), link.inertia * np.eye(3)))
         self.bodies[b.link] = body
-        for k in range(joint.getNumDofs()):
+        for k in range(3 if b.kind == "free" else 1):
             self.coordinates[b.at + k] = joint, k
 
     def _frame(self, origin: Array, angle: float = 0.0) -> Any:
@@ -161,12 +162,9 @@ class Builder:
 
     def _add_springs(self) -> None:
         """Add the springs and dampers of joints; those on one coordinate become one, with the mean of their rest positions."""
-        n = self.tree.n
-        stiffness, damping, preload = np.zeros(n), np.zeros(n), np.zeros(n)
+        stiffness, preload, damping = np.zeros(self.tree.n), np.zeros(self.tree.n), self.forces.joint_damping
         for load in self.forces.own:
-            along = np.abs(load.row)  # at most one entry
-            stiffness += load.k * along
-            damping += load.c * along
+            stiffness += load.k * np.abs(load.row)  # which has at most one entry
             preload += load.k * (load.rest - load.constant) * load.row
         for at, (joint, k) in self.coordinates.items():
             joint.setDampingCoefficient(k, damping[at])

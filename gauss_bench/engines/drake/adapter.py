@@ -10,15 +10,19 @@ motion appear after some periods of the bushing.
 The generated tree is compared with the suite's own terms before it is used, at states at which loops are open.
 """
 
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.drake.program import write
 from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
-from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, Library, gaps, refusal
+from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, gaps, load_library, refusal
 from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
+from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
@@ -49,7 +53,7 @@ class Drake:
     def version(self) -> str:
         from importlib.metadata import version
 
-        Library()  # fails where the installation is broken
+        load_library()  # fails where the installation is broken
         return f"Drake {version('drake')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
@@ -67,6 +71,18 @@ class Drake:
     def build(self, mechanism: Mechanism, choice: Choice) -> "DrakeModel":
         return DrakeModel(mechanism, choice)
 
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        options = VARIANTS.options(choice.settings)
+        tree = joint_tree(mechanism, options)
+        accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if choice.integrator in Drake.adaptive else None
+        return write(mechanism, tree, choice, choose_closure(tree, options), SCHEMES.get(choice.integrator, ""), accuracy)
+
+
+def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
+    """Return the closure of a tree's open pins under some settings."""
+    kind = options["closure"] if tree.closures else OPEN
+    return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
+
 
 class DrakeModel(TreeModel):
     """A mechanism in Drake under one choice.
@@ -82,12 +98,11 @@ class DrakeModel(TreeModel):
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
-        self.drake = Library()
+        self.drake = load_library()
         self.builder = Builder(self.drake, mechanism, self.tree)
         opened = Stepper(self._build(0.0, Closure()))
         verify(mechanism, self.tree, lambda y, dy: self._describe(opened, y, dy), AGREEMENT)
-        kind = self.options["closure"] if self.tree.closures else OPEN
-        self.closure = Closure(kind, self.options["bushing_period_s"], self.options["bushing_damping_ratio"])
+        self.closure = choose_closure(self.tree, self.options)
         self.runners: dict[float, Runner] = {}
         self.steppers: dict[float, list[Stepper]] = {}
         self.continuous: ContinuousRunner | None = None

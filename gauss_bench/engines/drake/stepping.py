@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.drake.translate import Built, Library
+from gauss_bench.engines.drake.translate import Built
 from gauss_bench.engines.shared import size
+from gauss_bench.engines.tree_model import extrapolate
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -44,7 +45,7 @@ class Stepper:
 class Runner:
     """A simulation of a discrete plant, whose steps have one length."""
 
-    def __init__(self, drake: Library, built: Built):
+    def __init__(self, drake: Any, built: Built):
         self.built = built
         self.simulator: Any = drake.analysis.Simulator(built.system)
         self.root = self.simulator.get_mutable_context()
@@ -69,7 +70,7 @@ class Runner:
 class ContinuousRunner(Runner):
     """A simulation of a continuous plant by one of Drake's integrators."""
 
-    def set_integrator(self, drake: Library, scheme: str, accuracy: float | None) -> None:
+    def set_integrator(self, drake: Any, scheme: str, accuracy: float | None) -> None:
         """Set the integrator; with an accuracy it chooses its steps."""
         self.integrator: Any = drake.analysis.ResetIntegratorFromFlags(self.simulator, scheme, LONGEST_STEP)
         self.takes_equal_steps = accuracy is None
@@ -122,14 +123,7 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
 def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
     """Return the acceleration (n,) at a tree state y, dy (n,), and its largest change if the shortest steps are left out."""
     pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in steppers]
-    changes = np.array([2 * last - before for before, last in pairs])  # (lengths, n)
-    lengths = np.array([stepper.length for stepper in steppers])
+    changes = [2 * last - before for before, last in pairs]
+    lengths = [stepper.length for stepper in steppers]
     found = extrapolate(lengths, changes)
     return found, float(np.abs(found - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
-
-
-def extrapolate(lengths: Array, values: Array) -> Array:
-    """Return the value (n,) at 0 of the polynomial through values (k, n) at k lengths."""
-    powers = np.vander(lengths / lengths[0], increasing=True)  # of lengths over the first: those in seconds are tiny
-    coefficients = np.linalg.solve(powers, values)
-    return np.asarray(coefficients[0])

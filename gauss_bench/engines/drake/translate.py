@@ -18,14 +18,17 @@ the world holds those points instead.
 """
 
 from dataclasses import dataclass
+from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, spatial
+from gauss_bench.engines.shared import closing_pins, open_tree, spatial
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, sort_loads
-from gauss_bench.mechanism.coordinates import rotate
+from gauss_bench.mechanism.coordinates import rotate, velocity
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, Point, PointForce
 from gauss_bench.terms import Array
 
@@ -89,24 +92,24 @@ class Closure:
         return mass * frequency**2, 2 * self.damping_ratio * mass * frequency
 
 
-class Library:
-    """The parts of pydrake that are used here; all of pydrake takes some seconds to import."""
+MODULES = {  # the parts of pydrake that are used here; all of it takes some seconds to import
+    "value": "pydrake.common.value",  # without it ports of forces take no values
+    "math": "pydrake.math",
+    "vectors": "pydrake.multibody.math",
+    "plant": "pydrake.multibody.plant",
+    "tree": "pydrake.multibody.tree",
+    "analysis": "pydrake.systems.analysis",
+    "framework": "pydrake.systems.framework",
+}
 
-    def __init__(self) -> None:
-        import pydrake.common.value
-        import pydrake.math
-        import pydrake.multibody.math
-        import pydrake.multibody.plant
-        import pydrake.multibody.tree
-        import pydrake.systems.analysis
-        import pydrake.systems.framework
 
-        self.math: Any = pydrake.math
-        self.vectors: Any = pydrake.multibody.math
-        self.plant: Any = pydrake.multibody.plant
-        self.tree: Any = pydrake.multibody.tree
-        self.analysis: Any = pydrake.systems.analysis
-        self.framework: Any = pydrake.systems.framework
+def load_library() -> Any:
+    """Return Drake: an object with the modules of MODULES.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    return SimpleNamespace(**{name: import_module(module) for name, module in MODULES.items()})
 
 
 @dataclass(eq=False)
@@ -115,15 +118,17 @@ class Built:
 
     Attributes:
         plant: Drake's MultibodyPlant; system: the plant itself, or a diagram that also holds propellers.
+        bodies: of Drake, in the order of the links.
         order: (n,) index in Drake's coordinates of each tree coordinate.
         pins: for each closing pin the frame of Drake's body and the point in it, of both sides.
-        motors: (n,) constant generalised forces, in Drake's order.
+        motors: (n,) constant generalised forces on the tree coordinates.
         winds: constant forces at points, as Drake's ExternallyAppliedSpatialForce; they enter at `wind_port`.
         thrusts: (propellers,) forces of the propellers [N]; they enter at `thrust_port`.
     """
 
     plant: Any
     system: Any
+    bodies: list[Any]
     order: Any
     pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
     motors: Array
@@ -135,21 +140,29 @@ class Built:
     def connect(self, root: Any) -> Any:
         """Set the constant forces in a context of the system, and return the plant's context in it."""
         context = self.plant.GetMyMutableContextFromRoot(root)
-        self.plant.get_applied_generalized_force_input_port().FixValue(context, self.motors)
+        self.plant.get_applied_generalized_force_input_port().FixValue(context, self._ordered(self.motors))
+        self.set_forces_at_points(root)
+        return context
+
+    def set_forces_at_points(self, root: Any) -> None:
+        """Set the constant forces at points in a context of the system."""
         if self.winds:
             owner = self.wind_port.get_system()
             self.wind_port.FixValue(owner.GetMyMutableContextFromRoot(root), self.winds)
         if len(self.thrusts):
             owner = self.thrust_port.get_system()
             self.thrust_port.FixValue(owner.GetMyMutableContextFromRoot(root), self.thrusts)
-        return context
+
+    def _ordered(self, x: Array) -> Array:
+        """Return values (n,) of the tree coordinates in Drake's order."""
+        ordered = np.empty_like(x)
+        ordered[self.order] = x
+        return ordered
 
     def set_state(self, context: Any, y: Array, dy: Array) -> None:
         """Set the tree state y, dy (n,) in a context of the plant."""
-        place, speed = np.empty_like(y), np.empty_like(dy)
-        place[self.order], speed[self.order] = y, dy
-        self.plant.SetPositions(context, place)
-        self.plant.SetVelocities(context, speed)
+        self.plant.SetPositions(context, self._ordered(y))
+        self.plant.SetVelocities(context, self._ordered(dy))
 
     def state(self, context: Any) -> tuple[Array, Array]:
         """Return the tree state y, dy (n,) of a context of the plant."""
@@ -164,35 +177,33 @@ class Built:
 class Builder:
     """Builds plants of a mechanism."""
 
-    def __init__(self, drake: Library, mechanism: Mechanism, tree: Tree):
+    def __init__(self, drake: Any, mechanism: Mechanism, tree: Tree):
         self.drake, self.mechanism, self.tree = drake, mechanism, tree
 
-    def build(self, step: float, closure: Closure, approximation: str = "") -> Built:
-        """Return a plant that takes steps of a length [s], or a continuous plant if it is 0.
-
-        Args:
-            approximation: name of a member of Drake's DiscreteContactApproximation; empty for Drake's own.
-        """
+    def build(self, step: float, closure: Closure) -> Built:
+        """Return a plant that takes steps of a length [s], or a continuous plant if it is 0."""
         self.plant = self.drake.plant.MultibodyPlant(step)
         if step:
             # Trap: by default accelerations are those of the step before, and zero before the first step.
             self.plant.SetUseSampledOutputPorts(False)
-            if approximation:
-                kind = getattr(self.drake.plant.DiscreteContactApproximation, approximation)
-                self.plant.set_discrete_contact_approximation(kind)
         self.plant.mutable_gravity_field().set_gravity_vector(spatial(self.mechanism.gravity))
         self.bodies: dict[int, Any] = {GROUND: self.plant.world_body()}
+        self.frames = 0
         for i, link in enumerate(self.mechanism.links):
             # only the last moment of inertia acts; three equal ones are those of a possible body
             inertia = self.drake.tree.UnitInertia.TriaxiallySymmetric(link.inertia / link.mass)
             self.bodies[i] = self._add_body(f"link{i}", self.drake.tree.SpatialInertia(link.mass, np.zeros(3), inertia))
         self.joints = {b.at: self._add_joint(b) for b in self.tree.branches}
+        self.dampings = {b.at: np.zeros(3 if b.kind == "free" else 1) for b in self.tree.branches}
         self.winds: list[tuple[int, Array, Array]] = []
         self.thrusts: list[tuple[int, Array, Array]] = []
         self.forces = np.zeros(self.tree.n)
         turns = turning(self.tree)
         for load in sort_loads(self.mechanism, self.tree):
             self._add_load(load, turns)
+        for at, damping in self.dampings.items():
+            if damping.any():
+                self.joints[at].set_default_damping_vector(damping)
         pins = [((self._frame(a), self._vector(a)), (self._frame(b), self._vector(b))) for a, b in closing_pins(self.tree)]
         if closure.kind == BALL:
             self._add_balls()
@@ -203,17 +214,15 @@ class Builder:
 
     def _connect(self, pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]) -> Built:
         """Return the finalised plant with the systems around it that its forces need."""
-        order = np.zeros(self.tree.n, dtype=int)
-        for b in self.tree.branches:
-            count = self.joints[b.at].num_positions()
-            order[b.at : b.at + count] = self.joints[b.at].position_start() + np.arange(count)
-        motors = np.zeros(self.tree.n)
-        motors[order] = self.forces
+        order = np.array(
+            [self.joints[at].position_start() + k for at in sorted(self.joints) for k in range(len(self.dampings[at]))]
+        )
+        bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
         winds = [self._spatial_force(*wind) for wind in self.winds]
         thrusts = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
         port = self.plant.get_applied_spatial_force_input_port()
         if not self.thrusts:
-            return Built(self.plant, self.plant, order, pins, motors, winds, thrusts, port)
+            return Built(self.plant, self.plant, bodies, order, pins, self.forces, winds, thrusts, port)
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
         propellers = builder.AddSystem(self.drake.plant.Propeller([self._propeller(*thrust) for thrust in self.thrusts]))
@@ -222,7 +231,7 @@ class Builder:
         builder.Connect(propellers.get_spatial_forces_output_port(), both.get_input_port(0))
         builder.Connect(both.get_output_port(), port)
         system, thrust_port = builder.Build(), propellers.get_command_input_port()
-        return Built(self.plant, system, order, pins, motors, winds, thrusts, both.get_input_port(1), thrust_port)
+        return Built(self.plant, system, bodies, order, pins, self.forces, winds, thrusts, both.get_input_port(1), thrust_port)
 
     def _add_body(self, name: str, inertia: Any) -> Any:
         return self.plant.AddRigidBody(name, inertia)
@@ -237,8 +246,8 @@ class Builder:
     def _offset(self, link: int, at: Array, turn: float = 0.0) -> Any:
         """Return a frame fixed in a link at a point (2,) [m], turned by an angle [rad]."""
         pose = self._pose(at, turn)
-        name = f"frame{self.plant.num_frames()}"
-        return self.plant.AddFrame(self.drake.tree.FixedOffsetFrame(name, self.bodies[link].body_frame(), pose))
+        self.frames += 1
+        return self.plant.AddFrame(self.drake.tree.FixedOffsetFrame(f"frame{self.frames}", self.bodies[link].body_frame(), pose))
 
     def _pose(self, at: Array, turn: float) -> Any:
         math = self.drake.math
@@ -273,9 +282,7 @@ class Builder:
         for at in np.flatnonzero(load.row).tolist():
             branch = branch_of(self.tree, at)
             joint = self.joints[branch.at]
-            damping = np.array(joint.default_damping_vector())
-            damping[at - branch.at] += load.c
-            joint.set_default_damping_vector(damping)
+            self.dampings[branch.at][at - branch.at] += load.c
             if load.k:
                 rest = float((load.rest - load.constant) * load.row[at])
                 spring = tree.PrismaticSpring if branch.kind == "prismatic" else tree.RevoluteSpring
@@ -323,17 +330,14 @@ class Builder:
 
     def _pin_masses(self) -> list[float]:
         """List for each closing pin the mass [kg] that its gap moves at the start, in the direction in which it is least."""
-        opened = Builder(self.drake, self.mechanism, self.tree).build(0.0, Closure())
-        context = opened.connect(opened.system.CreateDefaultContext())
-        opened.set_state(context, *self.tree.relative(self.mechanism.q0, self.mechanism.v0))
-        masses = opened.plant.CalcMassMatrix(context)
-        return [least_mass(self._rows(opened, context, *b) - self._rows(opened, context, *a), masses) for a, b in opened.pins]
-
-    def _rows(self, built: Built, context: Any, frame: Any, point: Array) -> Array:
-        """Return the rows (2, n), in Drake's coordinates, of a point's velocity in the plane."""
-        world, speeds = built.plant.world_frame(), self.drake.tree.JacobianWrtVariable.kV
-        rows = built.plant.CalcJacobianTranslationalVelocity(context, speeds, frame, point, world, world)
-        return np.array(rows[:2])
+        tree, count = self.tree, self.tree.n
+        y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
+        own = open_tree(Evaluator(self.mechanism), tree, y, dy)
+        # the links' speeds (n, 3 links) if one tree rate is 1 and all others are 0
+        speeds = tree.absolute(np.tile(y, (count, 1)), np.eye(count), np.zeros((count, count)))[1]
+        q = np.tile(own.q, (count, 1))
+        rows = [velocity(q, speeds, b) - velocity(q, speeds, a) for a, b in closing_pins(tree)]  # each (n, 2)
+        return [least_mass(J.T, own.mass) for J in rows]
 
 
 def least_mass(J: Array, M: Array) -> float:

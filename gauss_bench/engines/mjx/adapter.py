@@ -13,23 +13,22 @@ Accelerations at rest agree, those at a speed do not, and errors of a motion fal
 """
 
 from pathlib import Path
-from typing import Any
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
-from gauss_bench.engines.mjcf.drives import find_drives, set_armatures
 from gauss_bench.engines.mjcf.forces import native_forces
-from gauss_bench.engines.mjcf.settings import configure
+from gauss_bench.engines.mjx.compiled import INTEGRATORS, compile_model
+from gauss_bench.engines.mjx.program import write
 from gauss_bench.engines.mjx.xla import Device, load_libraries
-from gauss_bench.engines.shared import beyond_a_tree, driven_coordinates, joint_tree, unsteady
+from gauss_bench.engines.shared import beyond_a_tree, joint_tree, undriven, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.mechanism.model import LengthDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 VARIANTS = read_variants(Path(__file__).parent)
-INTEGRATORS = {"rk4": "mjINT_RK4", "euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
+
 AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
 
 
@@ -53,16 +52,10 @@ class Mjx:
         return f"mujoco-mjx {version('mujoco-mjx')} (mujoco {version('mujoco')}, jax {version('jax')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        if reason := beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX"):
-            return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
-        if None in driven_coordinates(mechanism, tree):
-            return "MJX needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
-        for driver in mechanism.drivers:
-            if isinstance(driver, LengthDriver):
-                return f"MJX prescribes coordinates of joints here, not the length {driver.name}"
-            if driver.law.name != "constant":
-                return f"MJX calls nothing at the stages of a step, as the motion law {driver.law.name} would need"
+        of_joints = beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX")
+        if reason := of_joints or undriven(mechanism, tree, "MJX", any_law=False):  # it calls nothing at the stages of a step
+            return reason
         try:
             native_forces(mechanism, tree)
         except RunFailure as failure:
@@ -74,6 +67,9 @@ class Mjx:
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "MjxModel":
         return MjxModel(mechanism, choice)
+
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        return write(mechanism, choice, VARIANTS.options(choice.settings))
 
 
 class MjxModel(TreeModel):
@@ -92,27 +88,18 @@ class MjxModel(TreeModel):
         self.libraries = load_libraries()
         try:
             self.draft = Draft(self.libraries.mujoco, mechanism, self.tree)
-            self.device = Device(self.libraries, self._compile(choice.step, driven=False), self.draft.torque)
+            self.device = Device(
+                self.libraries, compile_model(self.libraries.mujoco, self, choice.step, driven=False)[0], self.draft.torque
+            )
         except (ValueError, NotImplementedError) as error:
             raise RunFailure(Status.ERROR, f"MJX cannot take the model: {error}") from error
         self.bodies = [self.draft.bodies[i].id for i in range(len(mechanism.links))]
         verify(mechanism, self.tree, self.describe, AGREEMENT)
         self._size(choice.step)
 
-    def _compile(self, step: float, driven: bool = True) -> Any:
-        """Return MuJoCo's model for steps of `step` [s]; `driven` is false for one without the armatures of drives."""
-        mujoco, model = self.libraries.mujoco, self.draft.spec.compile()
-        share = float(self.options["armature_of_a_driven_hinge_over_inertia"])
-        if driven and (drives := find_drives(model, self.draft, self.mechanism, self.tree, share)):
-            set_armatures(mujoco, model, drives)  # the second rate of their laws is zero, so that no force belongs to them
-        configure(mujoco, model, self.options, step)
-        model.opt.timestep = step
-        model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[self.choice.integrator or "rk4"])
-        return model
-
     def _size(self, step: float) -> None:
         """Put the numbers for steps of `step` [s] on the device: those of closures may depend on it."""
-        self.device.set(self._compile(step))
+        self.device.set(compile_model(self.libraries.mujoco, self, step)[0])
         self.sized = step
 
     def describe(self, y: Array, dy: Array) -> OpenModel:

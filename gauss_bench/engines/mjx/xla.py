@@ -88,12 +88,16 @@ def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], C
 
     Lists are passed because MJX's own classes take some milliseconds to pass, at every call.
     """
-    flatten, unflatten = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten
+    flatten, unflatten, over = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
 
     def take_steps(model: list[Any], state: list[Any], count: Any) -> list[Any]:
         whole, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
-        end = jax.lax.fori_loop(0, count, lambda _, x: mjx.step(whole, x), start)
-        return list(flatten(end))
+
+        def take_step(_: Any, old: Any) -> Any:
+            # Trap: where there are tendons MJX returns integers of another size, and JAX's loop refuses a state that changes
+            return over(lambda new, kept: new.astype(kept.dtype), mjx.step(whole, old), old)
+
+        return list(flatten(jax.lax.fori_loop(0, count, take_step, start)))
 
     def terms(model: list[Any], state: list[Any]) -> tuple[Any, ...]:
         whole = unflatten(shapes.model, model)

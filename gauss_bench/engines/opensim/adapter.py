@@ -13,6 +13,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.forces import JointForces
+from gauss_bench.engines.opensim.program import write
 from gauss_bench.engines.opensim.translate import Builder, Built, gaps, refusal
 from gauss_bench.engines.shared import beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -25,6 +26,7 @@ VARIANTS = read_variants(Path(__file__).parent)
 ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
 METHODS = {"rk_merson": "RungeKuttaMerson", "rk3": "RungeKutta3", "verlet": "Verlet", "semi_explicit_euler2": "SemiExplicitEuler2"}
 METHODS |= {f"rk_merson{ADAPTIVE}": "RungeKuttaMerson", f"rk3{ADAPTIVE}": "RungeKutta3"}
+MEMBER = "IntegratorMethod_"  # beginning of the names of methods in OpenSim's Manager
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 
 
@@ -59,6 +61,12 @@ class OpenSim:
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "OpenSimModel":
         return OpenSimModel(mechanism, choice)
+
+    def program(self, mechanism: Mechanism, choice: Choice) -> str:
+        options, method = VARIANTS.options(choice.settings), choice.integrator or OpenSim.integrators[0]
+        accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if method in OpenSim.adaptive else None
+        member = f"{MEMBER}{METHODS[method]}"
+        return write(mechanism, joint_tree(mechanism, options), choice, options, member, accuracy)
 
 
 class OpenSimModel(TreeModel):
@@ -125,7 +133,7 @@ class OpenSimModel(TreeModel):
         manager, method = self.opensim.Manager(self.built.model), self.choice.integrator or "rk_merson"
         manager.setWriteToStorage(recorded)
         manager.setPerformAnalyses(False)
-        manager.setIntegratorMethod(getattr(self.opensim.Manager, f"IntegratorMethod_{METHODS[method]}"))
+        manager.setIntegratorMethod(getattr(self.opensim.Manager, f"{MEMBER}{METHODS[method]}"))
         self.chooses_steps, accuracy = method in OpenSim.adaptive, self.options["accuracy"]
         if self.chooses_steps:
             accuracy, _ = self.choice.tolerances(accuracy, 0.0)

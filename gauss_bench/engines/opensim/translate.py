@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, driven_coordinates, drivers_by_coordinate, spatial
+from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, spatial, undriven
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, sort_loads
 from gauss_bench.mechanism.coordinates import rotate
-from gauss_bench.mechanism.model import GROUND, Distance, Law, LengthDriver, Mechanism, PointForce
+from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, PointForce
 from gauss_bench.terms import Array
 
 FAR = 1e9  # [rad, m] end of a coordinate's range: OpenSim's own ends at some turns
@@ -28,13 +28,8 @@ FAR = 1e9  # [rad, m] end of a coordinate's range: OpenSim's own ends at some tu
 
 def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     """Return the reason why OpenSim's elements cannot express a driver or a force, or None if they can."""
-    if None in driven_coordinates(mechanism, tree):
-        return "OpenSim prescribes coordinates of the tree of joints, and the driven angle is none"
-    for driver in mechanism.drivers:
-        if isinstance(driver, LengthDriver):
-            return f"OpenSim prescribes coordinates of joints, not the length {driver.name}"
-        if driver.law.name != "constant":
-            return f"OpenSim is given no motion law {driver.law.name} here"
+    if reason := undriven(mechanism, tree, "OpenSim", any_law=False):
+        return reason
     turns = turning(tree)
     refusals = (load_refusal(load, turns) for load in sort_loads(mechanism, tree))
     return next(filter(None, refusals), None)
@@ -62,6 +57,7 @@ class Built:
     Attributes:
         model, coordinates: of OpenSim; start: a state of the model, from which others are copied.
         pins: for each closing pin, OpenSim's body and the point in it, of both sides.
+        bodies: of OpenSim, in the order of the links.
         elements: Python's references to joints and forces, without which OpenSim would lose them.
     """
 
@@ -69,6 +65,7 @@ class Built:
     coordinates: list[Any]
     start: Any
     pins: list[tuple[tuple[Any, Any], tuple[Any, Any]]]
+    bodies: list[Any]
     elements: list[Any]
 
 
@@ -108,7 +105,8 @@ class Builder:
             motor.overrideActuation(start, True)
             motor.setOverrideActuation(start, force)
         coordinates = [self.model.getCoordinateSet().get(f"y{k}") for k in range(self.tree.n)]
-        return Built(self.model, coordinates, start, pins, [self.bodies, self.coordinates, self.elements])
+        bodies = [self.bodies[i] for i in range(len(mechanism.links))]
+        return Built(self.model, coordinates, start, pins, bodies, [self.coordinates, self.elements])
 
     def _vector(self, x: Any) -> Any:
         return self.opensim.Vec3(*spatial(x))

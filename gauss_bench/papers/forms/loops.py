@@ -138,7 +138,7 @@ def stack_off(transposed: bool, t: DrivenLinkage) -> float:
     rows, columns = 2 * len(parts), t.unknowns
     misfit = abs(J.shape[0] - rows) + abs(J.shape[1] - columns) + abs(B.shape[0] - rows) + abs(B.shape[1] - 1)
     if misfit:
-        return misfit / (2 * rows + columns + 1)
+        return float(misfit / (2 * rows + columns + 1))
     return relative(np.linalg.lstsq(J, -B @ t.rate[columns:], rcond=None)[0], t.rate[:columns])
 
 

@@ -13,9 +13,10 @@ def section(run: Run) -> Section:
     return Section("Settings", "settings", blocks_of("settings", list(list_options(run))))
 
 
-def list_options(run: Run) -> Iterator[Row]:
-    """Yield a row for each option of each setting of each engine."""
-    for name, engine in sorted(run.environment.get("engines", {}).items()):
+def list_options(run: Run, only: str = "") -> Iterator[Row]:
+    """Yield a row for each option of each setting of each engine, or of one engine."""
+    engines = run.environment.get("engines", {})
+    for name, engine in sorted((k, x) for k, x in engines.items() if only in ("", k)):
         place = {"engine": name, "version": engine.get("version", "")}
         for label, options in sorted(engine.get("settings", {}).items()):
             for option, value in sorted(options.items()) or [("", "no options")]:

@@ -2,16 +2,30 @@
 
 import math
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import geometric_mean
+from typing import Any
 
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.content import Table, count, error_text, itemise, lay_out, limit_text, ratio_text
+from gauss_bench.report.faults import faults_of
 from gauss_bench.report.first_table import FIRST
+from gauss_bench.report.pages import facts
 from gauss_bench.report.reaches import engines_of
-from gauss_bench.report.rows import Row, Run, group_by, has_ended, is_known, number, setting_words, with_number
+from gauss_bench.report.rows import (
+    SAME_ACCELERATION,
+    Row,
+    Run,
+    group_by,
+    has_ended,
+    is_known,
+    number,
+    setting_words,
+    with_number,
+)
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
+from gauss_bench.report.sections.settings import list_options
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.settings import (
     POSITIONS,
@@ -28,7 +42,7 @@ from gauss_bench.report.site.settings import (
     scenarios,
 )
 
-TABLED = sorted({*POSITIONS[1::2], USUAL}, reverse=True)  # [m] accuracies in the table of an engine's best settings
+TABLED = sorted({*POSITIONS[1::2], USUAL, FIRST}, reverse=True)  # [m] accuracies in the table of an engine's best settings
 
 
 def engine_names(run: Run) -> list[str]:
@@ -37,23 +51,40 @@ def engine_names(run: Run) -> list[str]:
     return sorted({r["engine"] for r in rows} - {""})
 
 
+def runs_of_engines(run: Run) -> dict[str, Run]:
+    """Return engine -> the run with its rows, sorted by name: the run of the suite `field` for engines that only this one has."""
+    runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
+    return dict(sorted(runs.items()))
+
+
 def engine_page(run: Run, name: str) -> Page:
-    """Return the page of an engine; its tables appear as far as the run has their rows."""
+    """Return the page of an engine; its tables appear as far as its run has their rows."""
+    whole, run = run, runs_of_engines(run).get(name, run)
     rows = [r for r in run.results if r["engine"] == name]
     installed = run.environment.get("engines", {}).get(name, {})
     version = installed.get("version") if isinstance(installed, dict) else ""
+    asked = field.answers(whole, name)
     body = render(
         "engine.html",
-        asked=lay_out("field", field.answers(run, name), title="In the field"),
+        name=name,
+        asked=lay_out("field", asked, title="Its answers"),
+        costs=lay_out("field_costs", field.costs(whole, name), title="Its costs"),
+        apart=field.describe_run(whole) if asked and run is not whole.field_run else "",
+        home=describe_home(name, installed),
+        settings=lay_out("settings", list_options(run, name), title="Its settings in full", folded=True)
+        if run is not whole
+        else None,
         commands=list_commands(run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
         bests=bests(run, name),
         races=list_races(run, name),
         why=explain_time(run, name),
         broken=list_failures(run, name),
-        atlas=atlas_table([r for r in run.table("atlas") if r["engine"] == name]),
+        faults=faults_of(whole.faults, name),
+        atlas=atlas_table([r for r in whole.table("atlas") if r["engine"] == name]),
         owned=lay_out("search_owned", list_owned([r for r in run.table("search_owned") if r["engine"] == name])),
-        history=lay_out("engine_history", list_changes([r for r in run.accepted if r["engine"] == name])),
+        releases=sum(r["engine"] == name for r in whole.table("releases")),
+        history=lay_out("engine_history", list_changes([r for r in whole.accepted if r["engine"] == name])),
         knobs=lay_out("engine_knobs", [r for r in run.table("search_knobs") if r["engine"] == name]),
     )
     wrong = "A negative control, wrong on purpose: it must never pass."
@@ -62,17 +93,35 @@ def engine_page(run: Run, name: str) -> Page:
         if any(r["control"] for r in rows)
         else f"{version or name}: as shipped, as set here, and with the best settings found."
     )
-    return Page(f"engine-{file_name(name)}", name, lead, body)
+    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(run)))
+
+
+def describe_home(name: str, installed: Mapping[str, Any]) -> str:
+    """Return in words in which environment an engine lives; empty for one that shares the environment of the suite."""
+    if not installed.get("environment"):
+        return ""
+    return (
+        f"It lives in an environment of its own: {installed['environment']}. `gauss-bench engines install {name}` installs it; "
+        "`gauss-bench engines` shows its licence and size."
+    )
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
-    """Return the engine's cheapest setting within TABLED accuracies, as commands to paste, each with a sentence."""
+    """Return the engine's cheapest setting within TABLED accuracies, as commands to paste, each with a sentence.
+
+    An engine of which no setting was found has that of a case as shipped.
+    """
     commands = []
     for linkage, scenario in scenarios(run).items():
         for position in TABLED:
             one = cheapest_stored(run, linkage, position).get(name)
             if one is not None:
                 commands.append((f"{linkage} within {limit_text(position)} m", command_of(one, scenario)))
+    if not commands:
+        shipped = [r for r in run.results if r["engine"] == name and r["settings"] == "default"]
+        for row in shipped[-1:]:
+            one = make_setting(row, until=row["t_end"])
+            commands.append((f"{row['mechanism']} as shipped", command_of(one, row["scenario"])))
     return list({command: (words, command) for words, command in reversed(commands)}.values())[::-1]
 
 
@@ -118,10 +167,18 @@ def bests(run: Run, name: str) -> Table:
 
 
 def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
-    """Return the engine's multiple within FIRST as steps times time of a step, in a sentence and linkage by linkage."""
+    """Return the engine's multiple as steps times time of a step, in a sentence and linkage by linkage.
+
+    It is that within FIRST, or within USUAL for an engine that holds FIRST nowhere.
+    """
+    return next(filter(None, (explain_time_within(run, name, position) for position in (FIRST, USUAL))), None)
+
+
+def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
+    """Return `explain_time` of an accuracy [m]; None if the engine has no timed setting that holds it."""
     lines: list[Row] = []
     for linkage in scenarios(run):
-        timed = [x for x in fastest_first(run, linkage, FIRST) if x.steps > 0]
+        timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]
         for one in timed:
             if one.engine == name:
                 best = timed[0]
@@ -133,8 +190,9 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
     # geometric means, unlike medians, keep the identity time = steps * time per step
     time, steps, each = (geometric_mean(x[k] for x in lines) for k in ("time", "steps", "each"))
     sentence = (
-        f"To hold {limit_text(FIRST)} m on {count(len(lines), 'linkage')} it takes {ratio_text(time)} times as long as the fastest "
-        f"engine there: {ratio_text(steps)} times as many steps, and {ratio_text(each)} times the time of a step (geometric means)."
+        f"To hold {limit_text(position)} m on {count(len(lines), 'linkage')} it takes {ratio_text(time)} times as long as the "
+        f"fastest engine there: {ratio_text(steps)} times as many steps, and {ratio_text(each)} times the time of a step (means "
+        "are geometric)."
     )
     cause = "number of steps" if steps > each else "time of a step"
     reason = f"Most of this comes from the {cause}." if time > 1.05 else "It is the fastest."
@@ -190,9 +248,25 @@ def list_failures(run: Run, name: str) -> list[str]:
     skips = (r for r in (*run.results, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
     skipped = sorted({r["message"] for r in skips} - {""})
     sentences += [f"Not modelled: {x}." for x in skipped[:4]]
-    sentences = sentences or ["No case of this run failed."]
+    sentences = [*(sentences or ["No case of this run failed."]), *list_inexact(run, name)]
     if not any(r["engine"] == name for r in run.table("atlas")):
         sentences.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
+    return sentences
+
+
+def list_inexact(run: Run, name: str) -> list[str]:
+    """Return a sentence for each setting under which accelerations are not those of the linkage, with the cause if it is known."""
+    causes = run.environment.get("engines", {}).get(name, {}).get("soft", {})
+    rows = with_number((r for r in run.results if r["engine"] == name), "acceleration_error_median")
+    sentences = []
+    for settings, some in group_by(rows, "settings").items():
+        off = max(r["acceleration_error_median"] for r in some)
+        if off > SAME_ACCELERATION:
+            cause = f": {causes[settings]}" if settings in causes else ""
+            sentences.append(
+                f"Under `{settings}` the relative error of accelerations at given states is {error_text(off)} in the median, where "
+                f"{SAME_ACCELERATION:.0e} counts as none{cause}."
+            )
     return sentences
 
 
@@ -214,12 +288,13 @@ def atlas_table(rows: Sequence[Row]) -> Table:
 def engines_page(run: Run) -> Page:
     """Return the page that lists all engines."""
     lines = []
-    for name in engine_names(run):
-        rows = [r for r in run.results if r["engine"] == name]
+    for name, known in runs_of_engines(run).items():
+        rows = [r for r in known.results if r["engine"] == name]
         valid = sum(bool(r["valid"]) for r in rows)
-        absent = [r["message"] for r in run.table("field") if r["engine"] == name and r["message"]]
+        absent = [r["message"] for r in known.table("field") if r["engine"] == name and r["message"]]
         words = f"{valid} of {count(len(rows), 'case')} valid" if rows else next(iter(absent), "searched alone")
+        words += " (suite `field`)" if rows and known is not run else ""
         lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
     lead = "Each engine as shipped, as set here, and with the best settings found."
-    table = field.section(run)
-    return plain_page("engines", "Engines", lead, "Engines", engines=lines, sections=[table] if table else [])
+    asked = field.section(run)
+    return plain_page("engines", "Engines", lead, "Engines", engines=lines, sections=[asked] if asked else [])

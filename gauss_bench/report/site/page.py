@@ -35,6 +35,7 @@ class Page:
         scripts: further scripts that it needs.
         later: name -> data that a script loads only on demand.
         group: its group in the table of contents; empty for pages that are only linked from others.
+        facts: of the run of its rows; empty for that of the site.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Page:
     group: str = ""
     scripts: tuple[str, ...] = ()
     later: Mapping[str, Any] = field(default_factory=dict)
+    facts: tuple[str, ...] = ()
 
     @property
     def file(self) -> str:

@@ -3,59 +3,72 @@
 import lzma
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from gauss_bench.atomic import write_bytes
 from gauss_bench.report.content import count, lay_out
+from gauss_bench.report.field_run import FOLDER as BESIDE
+from gauss_bench.report.pages import facts as list_facts
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.site.page import ENVIRONMENT, Page, plain_page
 from gauss_bench.tables import TABLES, csv_text, digits_of, write_parquet
 
 FOLDER = "tables"
 LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed
-HUGE = 150_000  # numbers and words: a larger table is published as Parquet alone, to keep the site below 8 MB
+HUGE = 150_000  # numbers and words: a larger table is published as Parquet
 PACKED = [
     {"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 4, "pb": 0}
 ]  # parameters for text, whose bytes are not aligned
 
 
 def write_data(folder: Path, tables: Mapping[str, tuple[Row, ...]]) -> list[Path]:
-    """Write every table with rows as Parquet, and as CSV unless it is huge; equal rows give equal bytes."""
+    """Write every table with rows in one file, as `data_file` names it; equal rows give equal bytes."""
     paths = []
     for name, rows in tables.items():
-        columns = TABLES[name].columns
-        for file in data_files(name, rows):
-            paths.append(folder / file)
-            if file.endswith(".parquet"):
-                write_parquet(name, columns, rows, folder / file)
-            else:
-                text = csv_text(columns, rows, digits_of(name)).encode()
-                write_bytes(folder / file, lzma.compress(text, filters=PACKED) if file.endswith(".xz") else text)
+        if not rows:
+            continue
+        columns, path = TABLES[name].columns, folder / data_file(name, rows)
+        paths.append(path)
+        if path.suffix == ".parquet":
+            write_parquet(name, columns, rows, path)
+        else:
+            text = csv_text(columns, rows, digits_of(name)).encode()
+            write_bytes(path, lzma.compress(text, filters=PACKED) if path.suffix == ".xz" else text)
     return paths
 
 
-def data_files(name: str, rows: tuple[Row, ...]) -> list[str]:
-    """Return the names of a table's files: CSV, compressed if large, none if huge, and Parquet; none for a table without rows."""
+def data_file(name: str, rows: tuple[Row, ...]) -> str:
+    """Return the name of a table's file: CSV, compressed if the table is large, or Parquet if it is huge."""
     size = len(rows) * len(TABLES[name].columns)
-    if size == 0:
-        return []
-    csv = [] if size > HUGE else [f"{name}.csv.xz" if size > LARGE else f"{name}.csv"]
-    return [*csv, f"{name}.parquet"]
+    return f"{name}.parquet" if size > HUGE else f"{name}.csv.xz" if size > LARGE else f"{name}.csv"
 
 
-def data_page(tables: Mapping[str, tuple[Row, ...]]) -> Page:
-    """Return the page with every table, its columns, units and meanings."""
+def data_page(run: Run) -> Page:
+    """Return the page with every table, its columns, units and meanings; those of the run beside it stand together."""
     described = []
-    for name, rows in sorted(tables.items()):
-        links = [(f"{FOLDER}/{file}", "Parquet" if file.endswith(".parquet") else "CSV") for file in data_files(name, rows)]
-        if links:
-            columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
-            words = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}."
-            described.append({"name": name, "said": words, "files": links, "columns": lay_out("columns", columns, name=name)})
+    for name, rows in sorted(run.tables.items()):
+        if rows:
+            file = data_file(name, rows)
+            kind = "Parquet" if file.endswith(".parquet") else "CSV"
+            described.append(describe_table(name, rows) | {"files": [(f"{FOLDER}/{file}", kind)]})
+    if run.beside:
+        files = {name: f"{FOLDER}/{BESIDE}/{data_file(name, rows)}" for name, rows in run.beside.tables.items() if rows}
+        words = "All tables of its run, whose columns are those of the tables of the same names:"
+        links = [(file, name) for name, file in sorted(files.items())]
+        described.append(describe_table("field", run.beside.table("field"), words) | {"files": links})
     lead = "All tables of this site, with the meaning of each column."
     return plain_page("data", "Data", lead, "Data", described=described)
 
 
+def describe_table(name: str, rows: tuple[Row, ...], words: str = "") -> dict[str, Any]:
+    """Return name, meaning and columns of a table for the data page."""
+    columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
+    said = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}. {words}"
+    return {"name": name, "said": said.strip(), "columns": lay_out("columns", columns, name=name)}
+
+
 CITED = "Quote a number of this site with its commit, date and processor, because costs hold for that machine alone."
+FIELD_CITED = "The field, and the engines that no other page has, are of a run of their own: {}, rows sha256:{}."
 
 
 def cite_page(run: Run) -> Page:
@@ -66,4 +79,5 @@ def cite_page(run: Run) -> Page:
     facts["checksum"] = run.checksum
     entry = ENVIRONMENT.get_template("citation.txt").render(facts, dirty=known.get("dirty"), cpu=known.get("cpu", ""))
     lead = "How to cite these results, so that a reader can find the same rows."
-    return plain_page("cite", "Cite", lead, "Cite", paragraphs=(CITED,), entry=entry)
+    others = [FIELD_CITED.format(", ".join(list_facts(run.beside)), run.beside.checksum)] if run.beside else []
+    return plain_page("cite", "Cite", lead, "Cite", paragraphs=(CITED, *others), entry=entry)

@@ -14,12 +14,13 @@ import vl_convert
 
 from gauss_bench.atomic import write_text
 from gauss_bench.report.content import Finding
+from gauss_bench.report.field_run import FOLDER as BESIDE
 from gauss_bench.report.pages import facts
 from gauss_bench.report.palette import hues
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page, releases_page
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE
-from gauss_bench.report.site.engine import engine_names, engine_page, engines_page
+from gauss_bench.report.site.engine import engine_page, engines_page, runs_of_engines
 from gauss_bench.report.site.first import Programs, first_page
 from gauss_bench.report.site.linkage import linkage_page, rows_page
 from gauss_bench.report.site.page import Page, document, script_text
@@ -51,7 +52,7 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
     pages.append(search_page(pages, folder / GUIDE))
     texts = asset_files()
     for page in pages:
-        texts[page.file] = document(page, pages, facts(run), guide)
+        texts[page.file] = document(page, pages, page.facts or facts(run), guide)
         data = {page.name: dict(page.data)} if page.data else {}
         if page.data.get("charts"):
             data[page.name] |= {"config": GRAMMAR["config"]}
@@ -59,7 +60,9 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
             texts[f"data/{name}.js"] = f"site.put({script_text(content)});\n"
     for name, text in texts.items():
         write_text(folder / name, text)
-    return [*(folder / name for name in texts), *write_data(folder / FOLDER, run.tables)]
+    tables = write_data(folder / FOLDER, run.tables)
+    tables += write_data(folder / FOLDER / BESIDE, run.beside.tables) if run.beside else []
+    return [*(folder / name for name in texts), *tables]
 
 
 def asset_files() -> dict[str, str]:
@@ -85,13 +88,13 @@ def all_pages(run: Run, findings: Sequence[Finding], programs: Programs | None) 
         *(linkage_page(run, name, scenario) for name, scenario in names.items()),
         *(rows_page(run, name) for name in names),
         engines_page(run),
-        *(engine_page(run, name) for name in engine_names(run)),
+        *(engine_page(run, name) for name in runs_of_engines(run)),
         papers_page(run),
         kernel_page(run),
         releases_page(run),
         method_page(run),
         findings_page(findings),
-        data_page(run.tables),
+        data_page(run),
         cite_page(run),
     ]
     return [page for page in pages if page is not None]

@@ -50,7 +50,7 @@ def describe_four_bar(message: Message) -> dict[str, Any]:
     found, _ = find_four_bar(message)
     return {
         "connections": [describe_connection(x) for x in found.connections],
-        "drives": [{"fault": x.fault, "text": x.text, "way": x.way} for x in found.drives],
+        "drives": [{"fault": x.fault, "text": x.text, "travel": x.travel} for x in found.drives],
     }
 
 

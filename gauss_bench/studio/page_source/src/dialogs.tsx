@@ -13,7 +13,6 @@ import { Sheet } from "./sheet";
 import { attempt, dialog, dragged, edit, hello, open, said, say, scene, touring } from "./state";
 import { TOOLS, choose, pictureScaled, tool } from "./tools";
 import { ask } from "./socket";
-import { retold } from "./units";
 import { fit, size, toWorld } from "./view";
 
 const close = (): void => void (dialog.value = "");
@@ -127,7 +126,6 @@ function Open(): JSX.Element {
 function Save(): JSX.Element {
   const [path, setPath] = useState(`${scene.value?.name || "linkage"}.toml`);
   const [taken, setTaken] = useState(false);
-  const [fault, setFault] = useState("");
   const write = async (replace: boolean): Promise<void> => {
     const reply = await edit("save", { path, ...(replace ? { replace: true } : {}) });
     if (reply) {
@@ -136,7 +134,6 @@ function Save(): JSX.Element {
       close();
       return;
     }
-    setFault(said.value?.text ?? "");
     setTaken(said.value?.field === "replace");
   };
   return (
@@ -154,7 +151,6 @@ function Save(): JSX.Element {
             <input type="text" name="path" autofocus value={path} spellcheck={false} onInput={(e) => { setPath(e.currentTarget.value); setTaken(false); }} />
           </span>
         </label>
-        {fault && <p class="refusal" role="alert">{retold(fault)}</p>}
         <div class="row end">
           <button type="submit" class="strong">
             {taken ? "Replace the file" : "Save the file"}
@@ -181,19 +177,17 @@ const KINDS: [string, string, string][] = [
 function Export(): JSX.Element {
   const [link, setLink] = useState("");
   const [busy, setBusy] = useState("");
-  const [fault, setFault] = useState("");
   const take = async (kind: string): Promise<void> => {
     setBusy(kind);
-    setFault("");
     if (kind === "webm") {
-      const found = await film().catch((error: unknown) => setFault(String((error as Error).message ?? error)));
+      const found = await film().catch((error: unknown) => say(String((error as Error).message ?? error), "error"));
       setBusy("");
       if (found) download(`${scene.value?.name || "linkage"}.webm`, found, "video/webm");
       return;
     }
     const reply = await attempt("export", { kind });
     setBusy("");
-    if (!reply) return setFault(said.value?.text ?? "");
+    if (!reply) return;
     const name = String(reply.name ?? `linkage.${kind}`);
     if (typeof reply.base64 === "string") download(name, Uint8Array.from(atob(reply.base64), (c) => c.charCodeAt(0)), "application/octet-stream");
     else download(name, String(reply.text ?? ""), "text/plain");
@@ -218,7 +212,6 @@ function Export(): JSX.Element {
       </div>
       {link && <p class="note">{link.length} characters, copied.</p>}
       <h3>Download</h3>
-      {fault && <p class="refusal" role="alert">{retold(fault)}</p>}
       <ul class="kinds">
         {KINDS.filter(([kind]) => kind !== "webm" || canFilm).map(([kind, name, note]) => (
           <li key={kind}>
@@ -235,20 +228,17 @@ function Export(): JSX.Element {
 
 function Branches(): JSX.Element {
   const [list, setList] = useState<{ name: string; poses: Poses }[] | null>(null);
-  const [fault, setFault] = useState("");
   useEffect(() => {
     void (async () => {
       const reply = await attempt("branches");
       if (reply) setList((reply as unknown as { branches: { name: string; poses: Poses }[] }).branches ?? []);
-      else setFault("The other assemblies were not found: the line below the drawing says why.");
     })();
     return () => void (dragged.value = null);
   }, []);
   return (
     <Sheet title="Other assemblies">
       <p class="note">The same links with the input held, put together otherwise. Point at one to see it, click to take it.</p>
-      {fault && <p class="refusal">{retold(fault)}</p>}
-      {!list && !fault && <p class="note">Looking for them …</p>}
+      {!list && said.value?.level !== "error" && <p class="note">Looking for them …</p>}
       {list?.length === 0 && <p class="note">There is no other.</p>}
       <ul class="chips">
         {list?.map((branch, index) => (

@@ -12,7 +12,7 @@ import { toScreen } from "./view";
 
 interface FourBar {
   connections: { places: XY[]; pivot: XY; slide_deg: number | null }[];
-  drives: { fault: string; text: string; way: number }[];
+  drives: { fault: string; text: string; travel: number }[];
 }
 
 const NARROW = 760; // pixels: in a narrower window the sentences are folded, so that they do not cover the drawing
@@ -72,7 +72,8 @@ async function draw(drive: boolean): Promise<void> {
   const driven = now.drives.findIndex((d) => !d.fault);
   const part = parts[driven + 1]; // the coupler was made first
   if (drive && driven >= 0 && part) {
-    const law = part.startsWith("links.") ? { law: "constant", speed: now.drives[driven]!.way * 2 * Math.PI } : {};
+    const { travel } = now.drives[driven]!; // a bar turns on, a slide goes as far as the third pose
+    const law = part.startsWith("links.") ? { law: "constant", speed: Math.sign(travel) * 2 * Math.PI } : { law: "sine", travel, time: 1 };
     await edit("drive", { coordinate: part.slice(part.indexOf(".") + 1), ...law, continues: true });
   }
   choose("select");
@@ -92,7 +93,7 @@ export function PosesBar(): JSX.Element | null {
         <details open={innerWidth > NARROW}>
           <summary class={free ? "doubtful" : "good"}>{verdict(now)}</summary>
           <ul>
-            {slides > 0 && <li>{slides === 1 ? "One pin goes" : "Both pins go"} along a line: it becomes a slide.</li>}
+            {slides > 0 && <li>{slides === 1 ? "One pin goes along a line: it becomes a slide." : "Both pins go along lines: they become slides."}</li>}
             {now.drives.map((d) => <li key={d.text} class={d.fault ? "doubtful" : "good"}>{d.text}</li>)}
           </ul>
         </details>

@@ -1,13 +1,15 @@
-// What lies over the page: a dialog with a title, which ends with Esc, its cross, or a click beside it.
+// What lies over the page: a dialog with a title, which ends with Esc, its cross, or a click beside it, and says what is refused.
 import type { ComponentChildren, JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { Sign } from "./icons";
-import { dialog } from "./state";
+import { dialog, said } from "./state";
+import { retold } from "./units";
 
 export function Sheet({ title, children, wide }: { title: string; children: ComponentChildren; wide?: boolean }): JSX.Element {
   const ref = useRef<HTMLDialogElement>(null);
   useEffect(() => {
     if (!ref.current!.open) ref.current!.showModal();
+    if (said.value?.field !== "replace") said.value = null; // a refused save is why its dialog opens
   }, []);
   return (
     <dialog
@@ -23,6 +25,11 @@ export function Sheet({ title, children, wide }: { title: string; children: Comp
           <Sign of="close" />
         </button>
       </header>
+      {said.value?.level === "error" && (
+        <p class="refusal" role="alert">
+          {retold(said.value.text)}
+        </p>
+      )}
       <div class="inner" tabIndex={-1}>
         {children}
       </div>

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.exchange.text import python_comment
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.trajectory import in_a_sentence
 
 
 class Script:
@@ -41,7 +41,7 @@ class Script:
         return StandIn(self, source)
 
     def comment(self, text: str) -> None:
-        self.lines.append(python_comment([text]).rstrip("\n"))
+        self.lines.append(f"# {in_a_sentence(text)}")
 
     def record_call(self, source: str, text: str) -> "StandIn":
         """Record a call `text` of the function `source`, and return the stand-in for its result."""
@@ -79,8 +79,17 @@ class StandIn:
         arguments = [*map(python, positional), *(f"{key}={python(x)}" for key, x in named.items())]
         return self._script.record_call(self._source, f"{self._source}({', '.join(arguments)})")
 
+    def __getitem__(self, index: Any) -> "StandIn":
+        return StandIn(self._script, f"{self._source}[{python(index)}]")
+
+    def __add__(self, other: Any) -> "StandIn":
+        return StandIn(self._script, f"{self._source} + {python(other)}")
+
     def __mul__(self, other: Any) -> "StandIn":
         return StandIn(self._script, f"{self._source} * {python(other)}")
+
+    def __rtruediv__(self, other: Any) -> "StandIn":
+        return StandIn(self._script, f"{python(other)} / {self._source}")
 
     def __repr__(self) -> str:
         return self._source

@@ -1,0 +1,73 @@
+"""A program for Bullet: the calls by which the tree of joints is made, and a step from Python for each step of a run."""
+
+from typing import Any
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.bullet.joints import TreeWorld
+from gauss_bench.engines.bullet.translate import joint_forces
+from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.shared import drivers_by_coordinate, joint_tree
+from gauss_bench.engines.transcript import Script, name_laws
+from gauss_bench.engines.variants import Variants
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.trajectory import RunFailure, Status
+
+RECORDED = ("setPhysicsEngineParameter", "setGravity", "changeDynamics", "setJointMotorControl2", "resetJointState", "setTimeStep")
+STATEMENTS = {
+    "connect": "client",
+    "createMultiBody": "body",
+    "createConstraint": "closure_",
+    "changeConstraint": "",
+    **dict.fromkeys(RECORDED, ""),
+}
+RUN = """    joints = range(len(Y0))
+
+    def state():
+        states = pybullet.getJointStates(body, joints, physicsClientId=client)
+        return np.array([x[0] for x in states]), np.array([x[1] for x in states])
+
+    for k in range(1, steps + 1):
+        y, dy = state()
+        for joint, law in LAWS:  # at this rate the joint is where the law has it at the end of the step
+            rate = {"targetVelocity": (law(k * step)[0] - y[joint]) / step, "velocityGain": 1.0, "force": 1e9 / step}
+            pybullet.setJointMotorControl2(body, joint, pybullet.VELOCITY_CONTROL, **rate, physicsClientId=client)
+        forces = (CONSTANT - STIFFNESS @ y - DAMPING @ dy).tolist()  # Bullet forgets them after every step
+        pybullet.setJointMotorControlArray(body, joints, pybullet.TORQUE_CONTROL, forces=forces, physicsClientId=client)
+        pybullet.stepSimulation(physicsClientId=client)
+        if k % every == 0:
+            looks = {"computeLinkVelocity": 1, "computeForwardKinematics": 1, "physicsClientId": client}
+            links = [pybullet.getLinkState(body, joint, **looks) for joint in CARRIERS]
+            rows.append([k * step, *absolute(*state(), [x[0] for x in links], [x[6] for x in links])])
+    pybullet.disconnect(client)
+"""
+
+
+def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
+    """Return the program.
+
+    Raises:
+        RunFailure: it would need the suite's own forces at every step, or links are free bodies.
+    """
+    options = variants.options(choice.settings)
+    tree = joint_tree(mechanism, options)
+    forces = joint_forces(mechanism, tree)
+    if options["coordinates"] == "bodies":
+        raise RunFailure(Status.SKIP, "the program holds trees of joints, and with coordinates=bodies every link is a free body")
+    if forces.others is not None:
+        raise RunFailure(
+            Status.SKIP, "Bullet has no springs, and the program holds forces of joints alone, not those between points"
+        )
+    script, laws = Script(STATEMENTS), name_laws(mechanism)
+    world = TreeWorld(script.stand_in("pybullet"), mechanism, tree, options)
+    world.damp(forces.joint_damping)
+    world.put(*tree.relative(mechanism.q0, mechanism.v0))
+    step: Any = script.stand_in("step")
+    world.set_step(step)
+    numbers = {
+        "CONSTANT": forces.constant,
+        "STIFFNESS": forces.stiffness,
+        "DAMPING": forces.damping,
+        "CARRIERS": [world.carrier(i) for i in range(len(mechanism.links))],
+        "LAWS": [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()],
+    }
+    return write_tree_program(mechanism, tree, choice, Parts(["import pybullet"], numbers, script.lines, RUN))

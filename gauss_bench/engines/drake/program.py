@@ -1,0 +1,73 @@
+"""A program for Drake: the calls by which the builder makes the plant, and a simulation."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.drake.stepping import LONGEST_STEP
+from gauss_bench.engines.drake.translate import MODULES, Builder, Closure
+from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.transcript import Script, python
+from gauss_bench.engines.tree import Tree
+from gauss_bench.mechanism.model import Mechanism
+
+STATEMENTS = {
+    "MultibodyPlant": "plant",
+    "AddRigidBody": "body_",
+    "AddFrame": "frame_",
+    "AddJoint": "joint_",
+    "ExternallyAppliedSpatialForce": "force_",
+    "DiagramBuilder": "builder",
+    "AddSystem": "system_",
+    "Build": "diagram",
+    **dict.fromkeys(
+        ["SetUseSampledOutputPorts", "set_gravity_vector", "set_default_damping_vector", "AddForceElement", "WeldFrames"], ""
+    ),
+    **dict.fromkeys(["AddBallConstraint", "Finalize", "Connect", "FixValue"], ""),
+}
+RUN = """    context = plant.GetMyMutableContextFromRoot(root)
+    place, speed, motors = np.empty((3, len(Y0)))
+    place[order], speed[order], motors[order] = Y0, DY0, MOTORS
+    plant.SetPositions(context, place)
+    plant.SetVelocities(context, speed)
+    plant.get_applied_generalized_force_input_port().FixValue(context, motors)
+    simulator.Initialize()
+    for k in range(every, steps + 1, every):
+        simulator.AdvanceTo(k * step)
+        y, dy = plant.GetPositions(context)[order], plant.GetVelocities(context)[order]
+        places = [plant.EvalBodyPoseInWorld(context, body).translation() for body in bodies]
+        speeds = [plant.EvalBodySpatialVelocityInWorld(context, body).translational() for body in bodies]
+        rows.append([k * step, *absolute(y, dy, places, speeds)])
+"""
+
+
+def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, scheme: str, accuracy: float | None) -> str:
+    """Return the program.
+
+    Args:
+        scheme: Drake's name of an integrator of a continuous plant; empty for steps of a discrete one.
+        accuracy: of an integrator that chooses its steps.
+    """
+    script = Script(STATEMENTS)
+    library = SimpleNamespace(**{name: script.stand_in(f"drake_{name}") for name in MODULES})
+    step: Any = script.stand_in("step")
+    built = Builder(library, mechanism, tree).build(0.0 if scheme else step, closure)
+    script.lines.append(f"order = {python(built.order)}  # of the joints' coordinates in Drake's")
+    script.lines.append(f"bodies = {python(built.bodies)}")
+    script.lines.append(f"simulator = drake_analysis.Simulator({python(built.system)})")
+    script.lines.append("root = simulator.get_mutable_context()")
+    built.set_forces_at_points(script.stand_in("root"))
+    if scheme:
+        script.lines += _set_integrator(scheme, accuracy)
+    imports = [f"import {module} as drake_{name}" for name, module in MODULES.items()]
+    return write_tree_program(mechanism, tree, choice, Parts(imports, {"MOTORS": built.motors}, script.lines, RUN))
+
+
+def _set_integrator(scheme: str, accuracy: float | None) -> list[str]:
+    """Return the statements that set the integrator of a continuous plant."""
+    longest = "step" if accuracy is None else LONGEST_STEP
+    lines = [
+        f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {longest})",
+        f"integrator.set_fixed_step_mode({accuracy is None})",
+    ]
+    return lines if accuracy is None else [*lines, f"integrator.set_target_accuracy({accuracy!r})"]

@@ -1,0 +1,139 @@
+"""A linkage in Newton: rigid bodies in absolute coordinates, and joints that its solver Kamino takes as constraints.
+
+Joints that close loops are like all others, except that no articulation lists them. Frames of links lie at their centres of mass,
+with the linkage in the plane z = 0.
+
+A step of h [s] from q, v takes forces and constraint rows J at q, and is one of the semi-implicit Euler method:
+
+    M (v1 - v) = h Q + J^T lambda      J v1 = -alpha phi / h      q1 = q + h v1
+
+A step launches some hundred kernels. Called from Python they take 0.1 s, so they are recorded once for each h, as Warp offers it,
+and replayed in C++.
+
+Traps: Newton knows single precision alone. Where there are no shapes, Kamino makes room for 1000 contacts (`contacts`).
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.following import wind
+from gauss_bench.engines.newton.kernels import Libraries
+from gauss_bench.engines.shared import spatial
+from gauss_bench.engines.tree import spanning_tree
+from gauss_bench.mechanism.frames import unit
+from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Prismatic
+from gauss_bench.mechanism.spaces import angles, places
+from gauss_bench.terms import Array
+
+PLANE = slice(0, 2)  # x and y of a position, velocity or force
+TURN = 5  # the index of rotation about z in a velocity or force
+
+
+def joint_frames(joint: Joint) -> tuple[tuple[Array, float], tuple[Array, float]]:
+    """Return origin (2,) [m] and angle [rad] of a joint's frame in its first link, and in its second.
+
+    Joints let the two turn about, or slide along x of, the first; everything else is the same in both.
+    """
+    first, second = joint.ends
+    if not isinstance(joint, Prismatic):
+        return (first.local, 0.0), (second.local, 0.0)
+    on_the_line = first.local + joint.offset * unit(joint.angle, across=True)
+    return (on_the_line, joint.angle), (second.local, joint.angle - joint.turn)
+
+
+class World:
+    """A linkage in Newton, which takes one step after another.
+
+    Newton steps several copies of it at once, none of which touches another: then q, v and forces (3 links copies,) are those of
+    the first copy, of the second and so on.
+    """
+
+    def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
+        self.warp, self.newton = libraries.warp, libraries.newton
+        empty = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
+        self.builder, together = self.newton.ModelBuilder(**empty), self.newton.ModelBuilder(**empty)
+        self.bodies = {GROUND: -1}
+        for k, link in enumerate(mechanism.links):
+            inertia = self.warp.mat33(*(link.inertia * np.eye(3)).ravel().tolist())
+            pose = self._frame(places(mechanism.q0)[k], angles(mechanism.q0)[k])
+            self.bodies[k] = self.builder.add_link(xform=pose, mass=link.mass, inertia=inertia, lock_inertia=True)
+        self._add_joints(mechanism)
+        together.replicate(self.builder, copies)
+        model = together.finalize(device="cpu")
+        model.rigid_contact_max = options["contacts"] * copies
+        settings = self.newton.solvers.SolverKamino.Config(dynamics_solver=options["dynamics_solver"])
+        settings.constraints.alpha = options["alpha"]
+        self.solver = self.newton.solvers.SolverKamino(model, config=settings)
+        self.control, self.now = model.control(), model.state()
+        self.graphs: dict[float, Any] = {}  # step size, in single precision [s] -> recorded step
+        self.put(np.tile(mechanism.q0, copies), np.tile(mechanism.v0, copies))
+
+    def _add_joints(self, mechanism: Mechanism) -> None:
+        """Add the joints of a spanning tree, each from parent to child, as an articulation, and the others after it."""
+        tree = spanning_tree(mechanism)
+        inside = []
+        for branch in tree.branches:
+            if branch.joint is None:
+                inside.append(self.builder.add_joint_free(child=self.bodies[branch.link]))
+            else:
+                inside.append(self._add_joint(branch.joint, backwards=branch.joint.ends[0].link == branch.link))
+        self.builder.add_articulation(inside)
+        for joint in tree.closures:
+            # Newton lets no joint end at the ground
+            self._add_joint(joint, backwards=joint.ends[1].link == GROUND)
+
+    def _add_joint(self, joint: Joint, backwards: bool) -> int:
+        """Add a joint from its first link to its second, or backwards, and return Newton's number of it."""
+        ends = [(self.bodies[end.link], self._frame(*frame)) for end, frame in zip(joint.ends, joint_frames(joint), strict=True)]
+        (parent, near), (child, far) = reversed(ends) if backwards else ends
+        if isinstance(joint, Prismatic):
+            add, axis = self.builder.add_joint_prismatic, self.newton.Axis.X
+        else:
+            add, axis = self.builder.add_joint_revolute, self.newton.Axis.Z
+        return int(add(parent, child, parent_xform=near, child_xform=far, axis=axis))
+
+    def _frame(self, origin: Array, angle: float) -> Any:
+        """Return Newton's transform of a frame of the plane with its origin (2,) [m] and angle [rad]."""
+        turn = self.warp.quat(0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
+        return self.warp.transform(self.warp.vec3(*spatial(origin)), turn)
+
+    def put(self, q: Array, v: Array) -> None:
+        """Set the absolute state q, v (3 links copies,)."""
+        self.angles = angles(q).copy()  # of the links when they were last read, from which turns are counted
+        poses, speeds = np.zeros((len(self.angles), 7)), np.zeros((len(self.angles), 6))
+        poses[:, PLANE], speeds[:, PLANE], speeds[:, TURN] = places(q), places(v), angles(v)
+        poses[:, 5], poses[:, 6] = np.sin(self.angles / 2), np.cos(self.angles / 2)
+        self.now.body_q.assign(poses.astype(np.float32))
+        self.now.body_qd.assign(speeds.astype(np.float32))
+
+    def state(self) -> tuple[Array, Array]:
+        """Return the absolute state q, v (3 links copies,); links must turn by less than half a turn between two calls."""
+        poses, speeds = (np.asarray(x.numpy(), dtype=float) for x in (self.now.body_q, self.now.body_qd))
+        q, v = np.empty(3 * len(poses)), np.empty(3 * len(poses))
+        places(q)[:], places(v)[:] = poses[:, PLANE], speeds[:, PLANE]
+        angles(q)[:], angles(v)[:] = wind(2 * np.arctan2(poses[:, 5], poses[:, 6]), self.angles), speeds[:, TURN]
+        self.angles = angles(q).copy()
+        return q, v
+
+    def record(self, h: float) -> Any:
+        """Return the recorded step of h [s], which is not taken by recording it."""
+        size = float(np.float32(h))
+        if size not in self.graphs:
+            with self.warp.ScopedCapture(device="cpu") as capture:
+                self.solver.step(self.now, self.now, self.control, None, size)
+            self.graphs[size] = capture.graph
+        return self.graphs[size]
+
+    def step(self, forces: Array, h: float) -> bool:
+        """Take a step of h [s], and tell whether the solver converged.
+
+        Args:
+            forces: (3 links copies,) at the centres of mass, without gravity.
+        """
+        wrenches = np.zeros((len(self.angles), 6), dtype=np.float32)
+        wrenches[:, PLANE], wrenches[:, TURN] = places(forces), angles(forces)
+        self.now.body_f.assign(wrenches)
+        self.warp.capture_launch(self.record(h))
+        return bool(self.solver.status.numpy()["converged"].all())

@@ -1,0 +1,70 @@
+"""A program for OpenSim: the calls by which the builder makes the model, and an integration."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.opensim.translate import Builder
+from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.transcript import Script, python
+from gauss_bench.engines.tree import Tree
+from gauss_bench.mechanism.model import Mechanism
+
+FORCES = (
+    "CoordinateActuator",
+    "SpringGeneralizedForce",
+    "PointToPointSpring",
+    "ExpressionBasedPointToPointForce",
+    "PrescribedForce",
+)
+OF_MODELS = ("setUseVisualizer", "setGravity", "addBody", "addJoint", "addForce", "addConstraint", "finalizeConnections")
+OF_COORDINATES = ("setName", "set_clamped", "set_range", "setPrescribedFunction", "setDefaultIsPrescribed")
+OF_FORCES = ("setOptimalForce", "setStiffness", "setViscosity", "setRestLength", "overrideActuation", "setOverrideActuation")
+OF_PRESCRIBED = ("setForceFunctions", "setForceIsInGlobalFrame", "setPointFunctions", "setPointIsInGlobalFrame")
+STATEMENTS = {
+    "Model": "model",
+    "Body": "body_",
+    **dict.fromkeys(["PinJoint", "SliderJoint", "PlanarJoint"], "joint_"),
+    "updCoordinate": "coordinate_",
+    **dict.fromkeys(FORCES, "force_"),
+    "PointConstraint": "closure_",
+    "initSystem": "state",
+    **dict.fromkeys([*OF_MODELS, *OF_COORDINATES, *OF_FORCES, *OF_PRESCRIBED], ""),
+}
+RUN = """    for coordinate, value, rate in zip(coordinates, Y0, DY0):
+        coordinate.setValue(state, value, False)  # without False it would assemble the loops
+        coordinate.setSpeedValue(state, rate)
+    manager = opensim.Manager(model)
+    manager.setWriteToStorage(False)
+    manager.setPerformAnalyses(False)
+    manager.setIntegratorMethod(opensim.Manager.$METHOD)
+    manager.setIntegratorAccuracy(ACCURACY)
+$FURTHER    manager.initialize(state)
+    for k in range(every, steps + 1, every):
+        state = manager.integrate(k * step)
+        model.realizeVelocity(state)
+        y, dy = [x.getValue(state) for x in coordinates], [x.getSpeedValue(state) for x in coordinates]
+        places = [body.getPositionInGround(state).to_numpy() for body in bodies]
+        speeds = [body.getVelocityInGround(state).get(1).to_numpy() for body in bodies]
+        rows.append([k * step, *absolute(y, dy, places, speeds)])
+"""
+
+
+def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
+    """Return the program.
+
+    Args:
+        method: Simbody's integrator, a member of `opensim.Manager`.
+        accuracy: of an integrator that chooses its steps; None for equal steps.
+    """
+    script = Script(STATEMENTS)
+    built = Builder(script.stand_in("opensim"), mechanism, tree).build()
+    script.lines.insert(0, "opensim.Logger.setLevelString('Off')")
+    script.lines.append(f"coordinates = {python(built.coordinates)}")
+    script.lines.append(f"bodies = {python(built.bodies)}")
+    further = [] if accuracy else ["manager.setIntegratorFixedStepSize(step)"]
+    if tolerance := options["constraint_tolerance"]:
+        further.append(f"manager.setIntegratorConstraintTolerance({tolerance!r})")
+    run = RUN.replace("$METHOD", method).replace("$FURTHER", "".join(f"    {line}\n" for line in further))
+    numbers = {"ACCURACY": accuracy or options["accuracy"]}
+    return write_tree_program(mechanism, tree, choice, Parts(["import opensim"], numbers, script.lines, run))

@@ -1,0 +1,186 @@
+"""Programs in Python that run one linkage with a library alone: the parts that all have, and the frame of those of joint trees.
+
+Every program prints t, positions and velocities of the links as CSV. The adapter of an engine builds its model with a stand-in for
+the library (`transcript.py`); the recorded calls are the program's model. Its room adds the lines that take the steps.
+"""
+
+import inspect
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from string import Template
+from textwrap import indent
+from typing import Any
+
+import numpy as np
+
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.transcript import python
+from gauss_bench.engines.tree import Tree, turning
+from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import MotionLaw
+
+SAMPLES = 100  # largest number of rows that a program prints after the first
+TITLE = "One linkage: python THIS_FILE [END [STEP]] prints t, positions and velocities as CSV; simulate() returns them."
+MAIN = """if __name__ == "__main__":
+    import sys
+
+    print(",".join(["t", *NAMES, *RATES]))
+    for row in simulate(*map(float, sys.argv[1:3])):
+        print(",".join(repr(float(x)) for x in row))
+"""
+
+
+def plan(end: float, step: float) -> tuple[int, int]:
+    """Return the number of steps until `end`, none longer than `step`, and the number of steps between stored rows."""
+    count = max(1, math.ceil(end / step - 1e-9))
+    every = math.ceil(count / SAMPLES)
+    return every * math.ceil(count / every), every
+
+
+PLAN = inspect.getsource(plan)  # a part of every program
+
+
+def heading(name: str) -> str:
+    """Return a name as the heading of a CSV column, without characters that would end the column."""
+    return "".join(c if c.isalnum() or c in "._- " else "_" for c in name)
+
+
+def coordinates(mechanism: Mechanism, kinds: Sequence[str] = ("x", "y", "theta")) -> list[str]:
+    """Return the names of q in order, LINK.x, LINK.y, LINK.theta, as headings of columns."""
+    return [f"{heading(link.name)}.{x}" for link in mechanism.links for x in kinds]
+
+
+def rates(mechanism: Mechanism) -> list[str]:
+    """Return the names of v in order."""
+    return coordinates(mechanism, ("vx", "vy", "omega"))
+
+
+CONSTANT = "    return $start + $speed * t, $speed, 0.0\n"
+TABLE = """    start, times, values = $start, $times, $angles
+    bends = $curvatures
+    x = min(max(t, times[0]), times[-1])
+    moving = times[0] <= t <= times[-1]
+    j = max(k for k in range(len(times) - 1) if times[k] <= x)
+    width, x = times[j + 1] - times[j], x - times[j]
+    bend = (bends[j + 1] - bends[j]) / width
+    slope = (values[j + 1] - values[j]) / width - width * (2 * bends[j] + bends[j + 1]) / 6
+    value = values[j] + x * (slope + x * (bends[j] / 2 + x * bend / 6))
+    return start + value, (slope + x * (bends[j] + x * bend / 2)) * moving, (bends[j] + x * bend) * moving
+"""
+RISE = """    start, travel, time = $start, $travel, $time
+    s = min(max(t / time, 0.0), 1.0)
+    moving = 0 <= t <= time
+$family    return start + travel * value, travel / time * rate * moving, travel / time**2 * second * moving
+"""
+FAMILIES = {  # law of a rise -> value, rate and second rate of s
+    "sine": """    value = s - math.sin(2 * math.pi * s) / (2 * math.pi)
+    rate = 1 - math.cos(2 * math.pi * s)
+    second = 2 * math.pi * math.sin(2 * math.pi * s)
+""",
+    "cosine": """    value = (1 - math.cos(math.pi * s)) / 2
+    rate = math.pi / 2 * math.sin(math.pi * s)
+    second = math.pi**2 / 2 * math.cos(math.pi * s)
+""",
+    "poly345": """    value = s**3 * (10 - 15 * s + 6 * s * s)
+    rate = 30 * s * s * (1 - s) ** 2
+    second = 60 * s * (1 - s) * (1 - 2 * s)
+""",
+}
+
+
+def write_law(name: str, law: MotionLaw) -> str:
+    """Return a motion law as a function t -> (value, rate, second rate) of a program, as `mechanism/motion_laws.py` has it."""
+    numbers = {key: python(np.asarray(x).tolist()) for key, x in law.numbers.items()}
+    body = {"constant": CONSTANT, "table": TABLE}.get(law.name, RISE)
+    return f"def {name}(t):\n{Template(body).substitute(numbers, family=FAMILIES.get(law.name, ''))}"
+
+
+def write_laws(mechanism: Mechanism) -> str:
+    """Return the functions law_1, law_2, ... of all drivers, each after two empty lines."""
+    return "".join(f"\n\n{write_law(f'law_{k}', driver.law)}" for k, driver in enumerate(mechanism.drivers, 1))
+
+
+FRAME = Template('''"""$title"""
+
+import math
+
+$imports
+
+NAMES = $names  # of q: centres of mass and angles
+RATES = $rates  # of v
+Q0 = $q0
+V0 = $v0
+END, STEP, SAMPLES = $end, $step, $samples
+$laws$numbers
+
+
+$plan
+
+def absolute(y, dy, places, speeds):
+    """Positions and velocities of the links; y are the joints' coordinates, of which the links' angles are sums."""
+    q, v = np.empty(len(Q0)), np.empty(len(Q0))
+    q[2::3], v[2::3] = ANGLES + TURNS @ y, TURNS @ dy
+    for k in range(2):
+        q[k::3], v[k::3] = [place[k] for place in places], [speed[k] for speed in speeds]
+    return [*q, *v]
+
+
+def simulate(end=END, step=STEP):
+    """Rows [t, *q, *v] at equally spaced times."""
+    steps, every = plan(end, step)
+    step = end / steps
+$model
+    rows = [[0.0, *Q0, *V0]]
+$run    return rows
+
+
+$main''')
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts of a program that a room supplies.
+
+    Attributes:
+        imports: statements.
+        numbers: name -> value of further constants.
+        model: statements that build the library's model for steps of the length `step`.
+        run: statements that append rows [t, *absolute(y, dy, places, speeds)] to `rows`, every `every` steps up to `steps`.
+    """
+
+    imports: Sequence[str]
+    numbers: dict[str, Any]
+    model: Sequence[str]
+    run: str
+
+
+def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:
+    """Return the program of a linkage in a library of joint trees."""
+    y0, dy0 = tree.relative(mechanism.q0, mechanism.v0)
+    turns, links = turning(tree), range(len(mechanism.links))
+    numbers = {
+        "Y0": y0,
+        "DY0": dy0,
+        "ANGLES": np.array([turns.constants[i] for i in links]),
+        "TURNS": np.array([turns.rows[i] for i in links]),
+        **parts.numbers,
+    }
+    laws = write_laws(mechanism)
+    return FRAME.substitute(
+        title=TITLE,
+        imports="\n".join(sorted(["import numpy as np", *parts.imports], key=lambda line: line.split()[1])),
+        names=python(coordinates(mechanism)),
+        rates=python(rates(mechanism)),
+        q0=python(mechanism.q0.tolist()),
+        v0=python(mechanism.v0.tolist()),
+        end=python(float(mechanism.duration)),
+        step=python(choice.step),
+        samples=SAMPLES,
+        numbers="\n".join(f"{name} = {python(x)}" for name, x in numbers.items()),
+        laws=f"{laws}\n\n" if laws else "",
+        plan=PLAN,
+        model=indent("\n".join(parts.model), "    "),
+        run=parts.run,
+        main=MAIN,
+    )
