@@ -247,7 +247,7 @@ def list_failures(run: Run, name: str) -> list[str]:
         )
     skips = (r for r in (*run.results, *run.table("search_winners")) if r["engine"] == name and r["status"] == "skip")
     skipped = sorted({r["message"] for r in skips} - {""})
-    sentences += [f"Not modelled: {x}." for x in skipped[:4]]
+    sentences += [f"Cannot be modelled: {x.removeprefix('cannot be modelled: ')}." for x in skipped[:4]]
     sentences = [*(sentences or ["No case of this run failed."]), *list_inexact(run, name)]
     if not any(r["engine"] == name for r in run.table("atlas")):
         sentences.append(f"`gauss-bench atlas --engine {name}` maps where it fails, along stiffness, speed, mass and other axes.")
@@ -292,7 +292,11 @@ def engines_page(run: Run) -> Page:
         rows = [r for r in known.results if r["engine"] == name]
         valid = sum(bool(r["valid"]) for r in rows)
         absent = [r["message"] for r in known.table("field") if r["engine"] == name and r["message"]]
-        words = f"{valid} of {count(len(rows), 'case')} valid" if rows else next(iter(absent), "searched alone")
+        words = (
+            f"{valid} of {count(len(rows), 'case')} valid"
+            if rows
+            else next(iter(absent), "in the search alone, in no accuracy case")
+        )
         words += " (suite `field`)" if rows and known is not run else ""
         lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
     lead = "Each engine as shipped, as set here, and with the best settings found."
