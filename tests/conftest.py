@@ -4,7 +4,7 @@ import os
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -16,9 +16,11 @@ import pytest
 from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination import program
 from gauss_bench.compiler.machine import native_code
+from gauss_bench.engines import FILE, environment_of
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import AngleDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.runs.worker import keep
 
 DATA = Path(__file__).parent / "data"
 TIMED = ("slow", "long")  # marks of tests that take time; one with arguments marks the cases of these ids alone
@@ -60,6 +62,12 @@ def pytest_unconfigure(config: pytest.Config) -> None:
         shutil.rmtree(config.stash[CACHE], ignore_errors=True)
 
 
+def exhaustive(cases: Iterable[Any], *quick: Any) -> list[Any]:
+    """Cases of which these alone are run in every run of the tests: the others show the same of more linkages, and are long."""
+    long = pytest.mark.long
+    return [x if x in quick else pytest.param(*(x if isinstance(x, tuple) else (x,)), marks=long) for x in cases]
+
+
 @pytest.fixture
 def full_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search that users get, for tests of what it finds."""
@@ -82,6 +90,25 @@ def browser() -> Iterator[Any]:
         opened = started.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-quic", "--disable-gpu"])
         yield opened
         opened.close()
+
+
+@pytest.fixture
+def elsewhere(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The interpreter of the environment of a test's engine: its case `engine`, or ENGINE of its file; skipped where there is none.
+
+    The adapter of this package is used in it, as named in a file of engines of the test's own.
+    """
+    cases = request.node.callspec.params if hasattr(request.node, "callspec") else {}
+    name = cases.get("engine") or request.module.ENGINE
+    environment = environment_of(name)
+    if environment is None:
+        pytest.skip(f"there is no environment of {name} here")
+    path = tmp_path / "engines.toml"
+    path.write_text(f'[{name}]\npython = "{environment.python}"\n', encoding="utf-8")
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    keep(name).stop()  # its process may have another file of engines
+    return environment.python
 
 
 def needs(*tools: str) -> Any:

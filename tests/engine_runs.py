@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import pytest
 
 from gauss_bench import metrics
 from gauss_bench.engines.base import Choice, Engine
@@ -17,14 +16,14 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import TrueStates, build_reference
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
-from tests.conftest import DATA
+from tests.conftest import DATA, exhaustive
 
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
 DRIVEN = [(name, law) for name in ("four_bar", "six_bar", "eight_bar", "shaper") for law in ("driven", "cycloid")]
 DRIVEN += [("crank_slider", "driven")]
 QUICK = (("crank_slider", "driven"), ("four_bar", "cycloid"), ("shaper", "cycloid"))  # a slide, a law that ends, a guide that moves
 # For what runs a whole turn: where a law speeds up and slows down, a wrong torque shows that a steady one would show too.
-TURNS = [pytest.param(*x, marks=() if x in QUICK else pytest.mark.slow) for x in DRIVEN if x[1] == "cycloid" or x in QUICK]
+TURNS = exhaustive([x for x in DRIVEN if x[1] == "cycloid" or x in QUICK], QUICK[2])
 
 
 def document(name: str) -> dict[str, Any]:

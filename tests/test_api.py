@@ -20,7 +20,6 @@ from gauss_bench.metrics import Drift
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.offers import ChoiceError, duration, usable_steps
 from gauss_bench.runs.one_run import sampling, sampling_through
-from gauss_bench.tables import read_file
 from gauss_bench.trajectory import Status, Trajectory
 
 
@@ -173,42 +172,6 @@ def test_a_driver_starts_where_the_scenario_does(start: float, law: str, tmp_pat
     assert found.driver["angle"][0] == pytest.approx(np.radians(start), abs=1e-12)
     given = gauss_bench.kinematics(str(path), "driven", driver="constant:speed=1,start_deg=10", intervals=2)
     assert given.driver["angle"][0] == pytest.approx(np.radians(10.0), abs=1e-12)
-
-
-def measured_file(folder: Path, table: str) -> str:
-    """The crank-slider, with what is measured named in its file."""
-    path = folder / "crank_slider.toml"
-    path.write_text(built_in()["crank_slider"].read_text(encoding="utf-8") + f"\n[measure]\n{table}\n", encoding="utf-8")
-    return str(path)
-
-
-@pytest.mark.long
-@pytest.mark.slow
-@pytest.mark.parametrize(("table", "unit"), [('joint = "guide"', "m"), ('point = "rod.P"\nangle_deg = 90.0', "m")])
-def test_a_measured_coordinate_runs_through_every_verb(
-    table: str, unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, until = measured_file(tmp_path, table), 0.05
-    assert gauss_bench.simulate(path, "gauss", "paper", at=[0.05]).valid
-    rows = gauss_bench.compare(path, ["lagrange"], "paper", steps=(1e-2, 5e-3), t_end=until, jobs=1)
-    assert set(rows["measured_unit"]) == {unit}
-    assert rows["measured"].nunique() == 1
-    command = [
-        "run",
-        path,
-        *["--scenario", "paper", "--suite", "gate", "--engine", "lagrange", "--steps", "0.01", "--until"],
-        str(until),
-    ]
-    assert main([*command, "--no-costs", "--json", "--jobs", "1", "--out", str(tmp_path / "out")]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {row["measured_unit"] for row in told["results"] + told["references"]} == {unit}
-    case = Case(path, "paper", "lagrange", "default", "rk4", "none", 1e-2, until)
-    monkeypatch.setattr("gauss_bench.bench.cases.cases", lambda suite: [case])
-    check = ["check", path, "--engine", "lagrange", "--jobs", "1", "--baseline", str(tmp_path / "baseline.csv")]
-    assert main([*check, "--accept", "first"]) == 0
-    figures = {row["metric"] for row in read_file("baseline", tmp_path / "baseline.csv")}
-    assert {"length_error", "angle_error", "position_drift"} <= figures
-    assert main(check) == 0
 
 
 def test_the_former_name_of_intervals_serves_for_one_release() -> None:

@@ -311,38 +311,9 @@ def test_ways_are_every_setting_with_and_without_projection() -> None:
     assert [x.name for x in axes(["speed", "size"])] == ["speed", "size"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["--axis", "colour"], "no axis 'colour'; there are singular"),
-        (["--engine", "adams"], "unknown engine"),
-        (["--budget", "0"], ""),
-    ],
-)
-def test_bad_usage_is_refused(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["atlas", "--engine", "gauss", *arguments]) == 2
-    assert text in capsys.readouterr().err
-
-
 def test_what_the_budget_does_not_reach_stays_open(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9", "--json", "--out", str(tmp_path)]) == 0
     told = capsys.readouterr()
     assert {x["last"] for x in json.loads(told.out)} == {"open"}
     assert "not reached within the budget" in told.err
     assert sorted(x.name for x in tmp_path.iterdir()) == ["atlas.csv", "atlas.svg", "checksums.json", "index.html"]
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_an_atlas_finds_the_step_that_is_too_long_and_a_wrong_formulation(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(FAMILIES, "speed", replace(FAMILIES["speed"], values=(10.0, 30.0, 300.0)))  # each has a kernel of its own
-    command = ["atlas", "--engine", "gauss", "--engine", "yuan_ge_eq16", "--axis", "speed", "--json"]
-    assert main(command) == 0
-    found = {(x["engine"], x["stabilization"]): x for x in json.loads(capsys.readouterr().out)}
-    own = found["gauss", "none"]
-    assert 10.0 <= own["passes_to"] <= 30.0  # at 300 a step is a third of a radian
-    assert own["error"] < PASSES
-    assert own["last"] == "failed"
-    assert found["yuan_ge_eq16", "none"]["passes_to"] is None

@@ -28,14 +28,6 @@ def test_failures_are_rows_with_a_reason(tmp_path: Path) -> None:
     assert rows["message"][0]
 
 
-@pytest.mark.long
-def test_a_journal_of_other_code_is_not_reused(tmp_path: Path) -> None:
-    with Journal(tmp_path / "a.jsonl") as journal:
-        journal.add("case", "old", {"results": [{"x": 1}]})
-        assert journal.find("case", "old")
-        assert journal.find("case", "new") is None
-
-
 def slow(seconds: float) -> dict[str, list[dict[str, str]]]:
     time.sleep(seconds)
     return {"results": [{"status": "ok"}]}

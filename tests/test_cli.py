@@ -1,8 +1,10 @@
 """The command line: one object on stdout, everything else on stderr, exit codes as documented."""
 
 import json
+import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,9 @@ from gauss_bench.cli import main
 from gauss_bench.engines import OWN, all_names
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.linkage.load import built_in
+from tests.conftest import DATA
+
+REFUSED = tomllib.loads((DATA / "verbs" / "refused.toml").read_text(encoding="utf-8"))  # command -> a word of what is said
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
@@ -108,29 +113,22 @@ def test_a_run_that_fails_is_told_and_ends_with_1(capsys: pytest.CaptureFixture[
     assert found["metrics"]["position_drift"] > 1e-2
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["--engine", "newton"], "unknown engine 'newton'"),
-        (["--settings", "best"], "gauss has no settings 'best'; it offers default"),
-        (["--integrator", "leapfrog"], "gauss has no integrator 'leapfrog'; it offers rk4"),
-        (["--dt", "0"], "the step must be a positive number"),
-        (["--dt", "nan"], "the step must be a positive number"),
-        (["--scenario", "rest"], "unknown scenario"),
-    ],
-)
-def test_bad_usage_ends_with_2_and_says_what_there_is(arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", "four_bar", "--at", "0.1", "--json", *arguments]) == 2
-    found = capsys.readouterr()
-    assert text in found.err
-    assert found.out == ""
-
-
-@pytest.mark.parametrize("arguments", [["--at", "x"], ["--at", "-1"], ["--stabilization", "glue"], ["--dt", "fast"]])
-def test_arguments_that_cannot_be_read_end_with_2(arguments: list[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["simulate", "four_bar", *arguments])
-    assert caught.value.code == 2
+@pytest.mark.parametrize("asked", REFUSED)
+def test_what_cannot_be_asked_ends_with_2_is_told_and_writes_nothing(
+    asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whether no machine could do it, no such thing is there, or options contradict each other: every verb, before any work."""
+    monkeypatch.chdir(tmp_path)
+    Path("mine").write_text("mine")
+    try:
+        code = main(shlex.split(asked))
+    except SystemExit as end:
+        code = int(str(end.code))
+    told = capsys.readouterr()
+    assert code == 2
+    assert REFUSED[asked] in told.err
+    assert told.out == ""
+    assert [x.read_text() for x in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_users_file_works_like_a_built_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

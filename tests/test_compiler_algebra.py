@@ -21,7 +21,7 @@ from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import CoulombFriction, Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
-from tests.conftest import DATA, everything, redundant
+from tests.conftest import DATA, everything, exhaustive, redundant
 
 FILES = ("all_kinds", "loaded", "pushed", "slides", "swinging_block", "wedge")
 FORMULATIONS = ("gauss", "lagrange")
@@ -76,11 +76,6 @@ CASES += [(name, None) for name in (*FILES, "everything", "redundant", "pendulum
 QUICK = {("crank_slider", "paper"), ("sleigh", "glide"), ("everything", None), ("redundant", None), ("loaded", None)}
 
 
-def exhaustive(cases: list[Any], quick: set[Any]) -> list[Any]:
-    """Cases of which only some are quick."""
-    return [x if x in quick else pytest.param(*x, marks=pytest.mark.long) for x in cases]
-
-
 @cache
 def states(mechanism: Mechanism, seeds: range) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """States over the whole motion, other than those the pivots were chosen at."""
@@ -98,7 +93,7 @@ def trusted(p: Program, *state: Any) -> bool:
 
 @pytest.mark.long("crank_slider-driven-gauss")
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, QUICK))
+@pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, *QUICK))
 def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: str | None, formulation: str) -> None:
     mechanism = linkage(name, scenario)
     evaluator, truth = Evaluator(mechanism), AbsoluteCoordinates(mechanism)
@@ -122,7 +117,7 @@ def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: 
     assert served.mean() >= 0.9
 
 
-@pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, QUICK))
+@pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, *QUICK))
 def test_residuals_and_energy_hold_off_the_constraints_too(name: str, scenario: str | None, rng: np.random.Generator) -> None:
     mechanism, p = linkage(name, scenario), program(name, scenario, "gauss")
     evaluator, h = Evaluator(mechanism), Evaluator(mechanism).constraints.holonomic
@@ -136,7 +131,7 @@ def test_residuals_and_energy_hold_off_the_constraints_too(name: str, scenario: 
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize(("name", "scenario"), exhaustive([c for c in CASES if c[0] != "everything"], QUICK))
+@pytest.mark.parametrize(("name", "scenario"), exhaustive([c for c in CASES if c[0] != "everything"], *QUICK))
 def test_corrections_bring_a_state_back(name: str, scenario: str | None, formulation: str, rng: np.random.Generator) -> None:
     """A state off by h is off by h^2 after one correction, and by h^k after k with the Jacobian of the first."""
     mechanism, p = linkage(name, scenario), program(name, scenario, formulation)

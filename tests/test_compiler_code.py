@@ -33,15 +33,11 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference
+from tests.conftest import exhaustive
 
-
-def long(*names: str) -> list[Any]:
-    """Linkages that take long together, and show what the others show."""
-    return [pytest.param(name, marks=pytest.mark.long) for name in names]
-
-
-LINKAGES = ["crank_slider", "parallelogram", "sleigh", *long("shaper", "eight_bar", "five_bar", "excavator")]
-DRIVEN = ["four_bar/cycloid", *long("eight_bar/driven", "five_bar/driven")]
+TRIED = ("crank_slider", "parallelogram", "sleigh", "four_bar/cycloid")  # of linkages that take long together
+LINKAGES = exhaustive(("crank_slider", "parallelogram", "sleigh", "shaper", "eight_bar", "five_bar", "excavator"), *TRIED)
+DRIVEN = exhaustive(("four_bar/cycloid", "eight_bar/driven", "five_bar/driven"), *TRIED)
 H = 1e-4  # [s]
 
 
@@ -276,7 +272,7 @@ def test_adaptive_steps_keep_their_tolerance(stabilization: str, backend: str) -
     np.testing.assert_allclose(found.q[0], m.q0, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("name", ["four_bar/cycloid", *long("five_bar/driven")])
+@pytest.mark.parametrize("name", exhaustive(["four_bar/cycloid", "five_bar/driven"], *TRIED))
 def test_a_driver_is_followed_in_time(name: str) -> None:
     m = mechanism(name)
     q, v = kernel(name, "projection").rollout(m.q0, m.v0, 1e-3, 300, every=30)
@@ -314,7 +310,7 @@ def test_samples_are_the_states_on_the_way() -> None:
 
 
 @pytest.mark.slow("0.001-parallelogram")
-@pytest.mark.parametrize("name", ["crank_slider", "parallelogram", *long("six_bar", "eight_bar", "excavator")])
+@pytest.mark.parametrize("name", exhaustive(["crank_slider", "parallelogram", "six_bar", "eight_bar", "excavator"], *TRIED))
 @pytest.mark.parametrize("h", [1e-3, 1e-4])
 def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None:
     m = mechanism(name)
@@ -348,7 +344,7 @@ def turning(m: Mechanism) -> tuple[Array, Array]:
     return m.q0, 10.0 / direction[3 * m.crank + 2] * direction
 
 
-@pytest.mark.parametrize("name", ["crank_slider", "sleigh", *long("six_bar")])
+@pytest.mark.parametrize("name", exhaustive(["crank_slider", "sleigh", "six_bar"], *TRIED))
 def test_baumgarte_brings_a_state_back(name: str) -> None:
     m = mechanism(name)
     rng = np.random.default_rng(3)
@@ -495,7 +491,7 @@ def test_what_cannot_go_on_is_not_a_number(backend: str) -> None:
     assert code.lost == 2
 
 
-@pytest.mark.parametrize("name", ["crank_slider", "four_bar/cycloid", "sleigh", *long("six_bar", "excavator")])
+@pytest.mark.parametrize("name", exhaustive(["crank_slider", *TRIED[2:], "six_bar", "excavator"], *TRIED[2:]))
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte", "projection"])
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit_euler"])
 def test_the_way_without_a_compiler_agrees(name: str, stabilization: str, integrator: str) -> None:

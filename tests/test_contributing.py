@@ -48,19 +48,6 @@ def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     assert passed >= 4  # accelerations of two linkages, runs or reasons to skip, a missing library
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_new_engine_in_a_package_of_its_own_is_an_entry_point(tmp_path: Path) -> None:
-    (tmp_path / "outside_heuns.py").write_text(ADAPTER.replace("NAME", "heuns"), encoding="utf-8")
-    (tmp_path / "heuns.py").write_text(LIBRARY, encoding="utf-8")
-    info = tmp_path / "outside_heuns-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outside-heuns\nVersion: 1.0\n", encoding="utf-8")
-    (info / "entry_points.txt").write_text("[gauss_bench.engines]\nheuns = outside_heuns:heuns\n", encoding="utf-8")
-    passed = conformance(ROOT, "heuns and same_state", [ROOT, tmp_path])
-    assert passed >= 2  # the states of two linkages
-
-
 def copy_of_the_package(folder: Path) -> Path:
     """A copy of the package that a test may change."""
     return copied(folder) / "gauss_bench"

@@ -21,6 +21,7 @@ def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProc
     return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=120, check=False, **given)  # type: ignore[call-overload]
 
 
+@pytest.mark.long("kinematics")
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["show", "four_bar"], ["kinematics", "four_bar", "--json"], ["--help"]], ids=lambda x: x[0])
 def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> None:

@@ -5,7 +5,6 @@ What needs PyBullet is skipped without its environment, in CI too. Its steps are
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,11 @@ import pytest
 
 import gauss_bench
 from gauss_bench.bench.agreement import KINDS
-from gauss_bench.engines import FILE, environment_of
-from gauss_bench.engines.base import Choice
 from gauss_bench.engines.bullet.accelerations import Accelerations
-from gauss_bench.engines.bullet.adapter import VARIANTS, Bullet, step_through
+from gauss_bench.engines.bullet.adapter import VARIANTS, step_through
 from gauss_bench.engines.bullet.bodies import BodyWorld
 from gauss_bench.engines.bullet.joints import TreeWorld, list_joints
-from gauss_bench.engines.bullet.translate import BodyForces, joint_forces, refusal
+from gauss_bench.engines.bullet.translate import BodyForces, joint_forces
 from gauss_bench.engines.bullet.world import STRONGEST
 from gauss_bench.engines.shared import drivers_by_coordinate, open_tree
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
@@ -28,111 +25,31 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.reference.build import random_states
-from gauss_bench.reference.certificate import certificate_path, read_certificate
-from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from tests.conftest import everything
 from tests.engine_runs import linkage, relative_error
 
-ENVIRONMENT = environment_of("bullet")
+ENGINE = "bullet"
 
 
-@pytest.fixture
-def bullet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The adapter of this package, in the environment of PyBullet that the user's file of engines names."""
-    if ENVIRONMENT is None:
-        pytest.skip("there is no environment of PyBullet here")
-    path = tmp_path / "engines.toml"
-    path.write_text(f'[bullet]\npython = "{ENVIRONMENT.python}"\n', encoding="utf-8")
-    monkeypatch.setenv(FILE, str(path))
-    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
-    keep("bullet").stop()  # its process may have another file of engines
-
-
-# crank error after 1 s in steps of 1 ms [rad]; damping=0.04 is Bullet's own, which slows every link
-MEASURED = [
-    ("crank_slider", "paper", "default", 0.0935),
-    ("eight_bar", "torque", "default", 0.0626),
-    ("parallelogram", "torque", "default", 0.0324),
-    ("crank_slider", "paper", "damping=0.04", 0.963),
-    ("eight_bar", "torque", "bodies_direct/DANTZIG", 0.00287),
-]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("bullet")
-@pytest.mark.parametrize(("name", "scenario", "settings", "measured"), MEASURED)
-def test_the_crank_is_off_the_certificate_by_as_much_as_was_measured(
-    name: str, scenario: str, settings: str, measured: float
-) -> None:
-    mechanism = load(name, scenario)
-    path = certificate_path(mechanism)
-    assert path is not None
-    certificate = read_certificate(path)
-    (at,) = np.flatnonzero(certificate.t == 1.0)
-    run = gauss_bench.simulate(name, "bullet", scenario, settings, step=1e-3, at=[0.0, 1.0])
-    crank = mechanism.crank
-    assert crank is not None
-    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certificate.q[at, 3 * crank + 2])
-    assert 0.9 * measured < error < 1.1 * measured
-
-
-@pytest.mark.usefixtures("bullet")
+@pytest.mark.usefixtures("elsewhere")
 def test_the_damping_that_bullet_ships_is_found_as_a_force_that_the_linkage_has_not() -> None:
     run = gauss_bench.simulate("crank_slider", "bullet", "paper", "damping=0.04", at=[0.0, 0.5])
     assert run.status == "invalid"
     assert "accelerations off by" in run.message
 
 
-@pytest.mark.usefixtures("bullet")
-@pytest.mark.parametrize(("settings", "most"), [("default", 1e-6), ("converged", 1e-12)])
-@pytest.mark.parametrize(("name", "scenario"), [("crank_slider", "driven"), ("four_bar", "cycloid")])
-def test_a_crank_follows_its_law_as_far_as_the_solver_converges(name: str, scenario: str, settings: str, most: float) -> None:
-    run = gauss_bench.simulate(name, "bullet", scenario, settings, at=[0.0, 0.1])
-    (driver,) = load(name, scenario).drivers
-    assert abs(run.links["crank"]["theta"][-1] - float(driver.law(0.1)[0])) < most  # by default a speed may be 3e-4 rad/s off
-
-
-@pytest.mark.usefixtures("bullet")
+@pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize("settings", ["default", "bodies/50"])
 def test_two_runs_are_the_same_bit_for_bit(settings: str) -> None:
     runs = [gauss_bench.simulate("four_bar", "bullet", "torque", settings, at=[0.0, 0.1, 0.2]) for _ in range(2)]
     for link, curves in runs[0].links.items():
         for key, values in curves.items():
             np.testing.assert_array_equal(runs[1].links[link][key], values)
-
-
-@pytest.mark.parametrize(
-    ("name", "scenario", "coordinates", "words"),
-    [
-        ("four_bar", "cycloid", "tree", None),
-        ("excavator", None, "tree", "not the length"),
-        ("sleigh", None, "tree", "knife edge"),
-        ("crank_slider", "paper", "tree", None),
-        ("crank_slider", "paper", "bodies", "no slide between free bodies (guide)"),
-        ("four_bar", "cycloid", "bodies", "none between free bodies"),
-        ("four_bar", "torque", "bodies", None),
-    ],
-)
-def test_what_bullet_cannot_have_is_refused_by_name(name: str, scenario: str | None, coordinates: str, words: str | None) -> None:
-    reason = Bullet().skip(load(name, scenario), Choice(f"coordinates={coordinates}"))
-    assert reason is None if words is None else words in str(reason)
-
-
-def test_a_driven_angle_that_is_no_joint_of_the_tree_is_refused() -> None:
-    mechanism = load("four_bar", "driven")
-    (driver,) = mechanism.drivers
-    assert isinstance(driver, AngleDriver)
-    turned = replace(mechanism, drivers=(replace(driver, link=1),))
-    assert refusal(mechanism, spanning_tree(mechanism), "tree") is None
-    assert (
-        refusal(turned, spanning_tree(turned), "tree")
-        == "Bullet prescribes coordinates of the tree of joints, and the driven angle is none"
-    )
 
 
 @pytest.mark.parametrize("name", ["crank_slider", "shaper", "swinging_block", "loaded", "puck", "everything"])

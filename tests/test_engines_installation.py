@@ -149,6 +149,7 @@ def silent_index(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
         yield server
 
 
+@pytest.mark.long("2-130")
 @pytest.mark.slow
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_an_interrupted_installation_leaves_nothing_and_a_killed_one_nothing_after_the_next_call(
@@ -245,14 +246,6 @@ def test_two_installations_at_once_are_refused(engines: Path, twin: Path, capsys
         assert main(["engines"]) == 0
     finally:
         os.close(other)
-
-
-@pytest.mark.parametrize(
-    "arguments", [["install"], ["remove"], ["list", "twin"], ["install", "nobody", "--yes"], ["remove", "../x"]]
-)
-def test_a_wrong_name_is_bad_usage(arguments: list[str], engines: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["engines", *arguments]) == 2
-    assert capsys.readouterr().err.startswith("error: ")
 
 
 def test_a_faulty_file_of_engines_stops_an_installation_before_it_begins(

@@ -11,8 +11,8 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.reference.build import random_states
-from tests.conftest import DATA, needs
-from tests.engine_runs import DRIVEN, LINKAGES, TURNS, acceleration_errors, by_gauss, linkage, ran, torque_error
+from tests.conftest import DATA, exhaustive, needs
+from tests.engine_runs import DRIVEN, LINKAGES, QUICK, TURNS, acceleration_errors, by_gauss, linkage, ran, torque_error
 
 # settings, the most exact of each
 BEST = {"pinocchio": "default", "exudyn": "tuned", "mujoco": "rigid", "casadi": "interpreted/rk4"}
@@ -26,6 +26,7 @@ EQUAL = {"pinocchio": "rk4", "exudyn": "generalized_alpha", "mujoco": "rk4", "ca
 # [m, rad] at a millisecond: measured at most 2.4e-10, 4.2e-6, 5.5e-8 and 2.4e-10
 FOLLOWS = {"pinocchio": 1e-9, "exudyn": 1e-5, "mujoco": 1e-7, "casadi": 1e-9}
 ENGINES = pytest.mark.parametrize("name", FOREIGN)
+SEVERAL = [("excavator", "dig"), ("five_bar", "driven")]
 SLIDES = [(str(DATA / "gripper.toml"), "close"), (str(DATA / "excavator_arm.toml"), "lift")]
 
 
@@ -36,7 +37,7 @@ def _library(request: pytest.FixtureRequest) -> None:
 
 
 @ENGINES
-@pytest.mark.parametrize(("kind", "scenario"), [*LINKAGES.items(), *DRIVEN])
+@pytest.mark.parametrize(("kind", "scenario"), exhaustive([*LINKAGES.items(), *DRIVEN], ("eight_bar", "torque"), *QUICK))
 def test_accelerations_at_given_states_are_those_of_the_linkage(kind: str, scenario: str, name: str) -> None:
     mechanism = load(kind, scenario)
     errors = acceleration_errors(get(name), mechanism, BEST[name], random_states(mechanism, 25))
@@ -45,7 +46,9 @@ def test_accelerations_at_given_states_are_those_of_the_linkage(kind: str, scena
 
 
 @ENGINES
-@pytest.mark.parametrize(("kind", "scenario"), [*SLIDES, ("excavator", "dig"), ("five_bar", "driven"), ("six_bar", "cycloid")])
+@pytest.mark.parametrize(
+    ("kind", "scenario"), exhaustive([*SLIDES, *SEVERAL, ("six_bar", "cycloid")], SLIDES[0], SEVERAL[0], ("six_bar", "cycloid"))
+)
 def test_what_is_driven_follows_its_law(kind: str, scenario: str, name: str) -> None:
     mechanism, times = load(kind, scenario), np.array([0.0, 0.05, 0.1])
     if (kind, scenario) in REFUSED[name]:

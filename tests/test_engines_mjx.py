@@ -16,7 +16,6 @@ import pytest
 import gauss_bench
 import gauss_bench.bench.conformance as rules
 from gauss_bench.bench.conformance import conformance
-from gauss_bench.engines import FILE, environment_of
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjx import adapter
 from gauss_bench.engines.mjx.adapter import VARIANTS, Mjx
@@ -24,14 +23,12 @@ from gauss_bench.engines.mjx.xla import Evaluated, Libraries
 from gauss_bench.engines.mujoco.adapter import VARIANTS as MUJOCO
 from gauss_bench.engines.mujoco.adapter import MujocoModel
 from gauss_bench.linkage.load import load
-from gauss_bench.reference.certificate import certificate_path, read_certificate
-from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
 from tests.conftest import needs
 from tests.engine_runs import linkage
 
-ENVIRONMENT = environment_of("mjx")
+ENGINE = "mjx"
 FINDING = Path(__file__).parents[1] / "reports" / "findings" / "mjx_missing_bias.py"
 
 
@@ -123,23 +120,6 @@ def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pyt
         Mjx().build(linkage("loaded"), Choice())
 
 
-@pytest.mark.parametrize(
-    ("name", "scenario", "words"),
-    [
-        ("four_bar", "cycloid", "MJX is given no motion law sine here"),
-        ("excavator", None, "MJX prescribes coordinates of joints, not the length"),
-        ("sleigh", None, "MJX has no constraint on velocities alone (knife edge)"),
-    ],
-)
-def test_what_mjx_cannot_have_is_refused_by_name(name: str, scenario: str | None, words: str) -> None:
-    assert words in str(Mjx().skip(load(name, scenario), Choice()))
-
-
-def test_a_linkage_of_pins_slides_and_steady_forces_is_taken() -> None:
-    for name in ("crank_slider", "eight_bar", "parallelogram", "jansen", "shaper"):
-        assert Mjx().skip(load(name), Choice()) is None
-
-
 def test_settings_are_those_of_mujoco_under_their_names() -> None:
     for label in ("default", "tuned"):
         assert VARIANTS.options(label) == MUJOCO.options(label)
@@ -152,41 +132,8 @@ def test_the_finding_needs_mujoco_and_mjx_alone() -> None:
     assert names == {"importlib.metadata", "jax", "mujoco", "numpy"}
 
 
-@pytest.fixture
-def mjx(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The adapter of this package, in the environment of MJX that the user's file of engines names."""
-    if ENVIRONMENT is None:
-        pytest.skip("there is no environment of MJX here")
-    path = tmp_path / "engines.toml"
-    path.write_text(f'[mjx]\npython = "{ENVIRONMENT.python}"\n', encoding="utf-8")
-    monkeypatch.setenv(FILE, str(path))
-    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
-    keep("mjx").stop()  # its process may have another file of engines
-
-
-# crank error after 1 s in steps of 1 ms [rad], with the settings "tuned"
-MEASURED = [("crank_slider", "paper", 6.4e-3), ("eight_bar", "torque", 1.7e-2)]
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("mjx")
-@pytest.mark.parametrize(("name", "scenario", "measured"), MEASURED)
-def test_the_crank_is_off_the_certificate_as_was_measured(name: str, scenario: str, measured: float) -> None:
-    mechanism = load(name, scenario)
-    path = certificate_path(mechanism)
-    assert path is not None
-    certificate = read_certificate(path)
-    (at,) = np.flatnonzero(certificate.t == 1.0)
-    run = gauss_bench.simulate(name, "mjx", scenario, "tuned", step=1e-3, at=[0.0, 1.0])
-    assert run.status == "ok", run.message
-    crank = mechanism.crank
-    assert crank is not None
-    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certificate.q[at, 3 * crank + 2])
-    assert 0.5 * measured < error < 2 * measured
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("mjx")
+@pytest.mark.usefixtures("elsewhere")
 def test_conformance_names_the_velocity_term_that_mjx_leaves_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "same_states"])
     broken = {x.name: x.message for x in conformance("mjx") if x.passed is False}
@@ -231,26 +178,23 @@ print(float(device.tree_state(state)[0][0]), data.qpos[0])
 """
 
 
-def printed_there(script: str) -> list[str]:
+def printed_there(python: str, script: str) -> list[str]:
     """Words that a script prints in the environment of MJX."""
-    assert ENVIRONMENT is not None
     root = str(Path(gauss_bench.__file__).parents[1])
-    command, where = [ENVIRONMENT.python, "-c", script], os.environ | {"PYTHONPATH": root}
+    command, where = [python, "-c", script], os.environ | {"PYTHONPATH": root}
     return subprocess.run(command, env=where, capture_output=True, text=True, check=True).stdout.split()
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("mjx")
-def test_a_spring_between_points_is_stepped_as_mujoco_steps_it() -> None:
+def test_a_spring_between_points_is_stepped_as_mujoco_steps_it(elsewhere: str) -> None:
     """Without the types of the state kept, JAX refuses the loop."""
-    angle, of_mujoco = map(float, printed_there(TENDON))
+    angle, of_mujoco = map(float, printed_there(elsewhere, TENDON))
     assert angle == pytest.approx(of_mujoco, abs=1e-12)
     assert angle > 0.01
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("mjx")
-def test_steps_are_compiled_once_for_all_sizes_numbers_and_states() -> None:
-    compiled, angle = printed_there(ONCE)
+def test_steps_are_compiled_once_for_all_sizes_numbers_and_states(elsewhere: str) -> None:
+    compiled, angle = printed_there(elsewhere, ONCE)
     assert int(compiled) == 1
     assert float(angle) == pytest.approx(0.25 + 2.0 * (2 * 0.1 + 2 * 0.05), abs=1e-12)  # it turns freely

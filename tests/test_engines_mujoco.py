@@ -19,8 +19,8 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
-from tests.conftest import needs
-from tests.engine_runs import DRIVEN, LINKAGES, acceleration_errors, by_gauss, linkage, ran
+from tests.conftest import exhaustive, needs
+from tests.engine_runs import DRIVEN, LINKAGES, QUICK, acceleration_errors, by_gauss, linkage, ran
 
 mujoco = needs("mujoco")
 
@@ -79,7 +79,7 @@ def test_default_is_what_mujoco_ships():
     assert (built.opt.tolerance, built.opt.iterations) == (shipped.opt.tolerance, shipped.opt.iterations)
 
 
-@pytest.mark.parametrize(("name", "scenario"), [*((name, None) for name in NAMES), *DRIVEN])
+@pytest.mark.parametrize(("name", "scenario"), exhaustive([*((name, None) for name in NAMES), *DRIVEN], ("loaded", None), *QUICK))
 def test_accelerations_are_as_exact_as_the_setting_is_rigid(name, scenario):
     mechanism = linkage(name, scenario)
     states = random_states(mechanism, 25)

@@ -18,13 +18,15 @@ from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array, baumgarte
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.conftest import everything, needs, redundant
+from tests.conftest import everything, exhaustive, needs, redundant
 from tests.engine_runs import LINKAGES, acceleration_errors, by_gauss, linkage, open_by, relative_error
 from tests.engine_runs import ran as ran_in
 
 pinocchio = needs("pinocchio")
 
 ENGINE = Pinocchio()
+MORE = ("swinging_block", "parallelogram")
+LAWS = [("shaper", "driven"), ("five_bar", "driven")]
 
 
 def made(name: str) -> Mechanism:
@@ -41,7 +43,7 @@ def ran(mechanism: Mechanism, times: Array, **choice: Any) -> Trajectory:
 
 
 @pytest.mark.parametrize("settings", VARIANTS.settings)
-@pytest.mark.parametrize("name", ["swinging_block", "everything", "redundant", "parallelogram"])
+@pytest.mark.parametrize("name", exhaustive(["everything", "redundant", *MORE], "everything", "redundant"))
 def test_accelerations_of_closed_states_are_those_of_gauss(name: str, settings: str) -> None:
     mechanism = made(name)
     errors = acceleration_errors(ENGINE, mechanism, settings, random_states(mechanism, 25))
@@ -50,7 +52,10 @@ def test_accelerations_of_closed_states_are_those_of_gauss(name: str, settings: 
 
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte"])
 @pytest.mark.parametrize(
-    ("name", "scenario"), [*((x, None) for x in (*LINKAGES, "swinging_block")), ("shaper", "driven"), ("five_bar", "driven")]
+    ("name", "scenario"),
+    exhaustive(
+        [*((x, None) for x in (*LINKAGES, "swinging_block")), *LAWS], ("eight_bar", None), ("swinging_block", None), LAWS[0]
+    ),
 )
 def test_open_loops_and_links_off_their_laws_are_drawn_back_as_the_suite_does_it(
     name: str, scenario: str | None, stabilization: str, rng: np.random.Generator
@@ -87,7 +92,7 @@ def test_only_forces_that_bend_with_the_state_are_evaluated_each_time() -> None:
 
 
 @pytest.mark.parametrize("settings", VARIANTS.settings)
-@pytest.mark.parametrize("name", [*LINKAGES, "swinging_block", "everything"])
+@pytest.mark.parametrize("name", exhaustive([*LINKAGES, "swinging_block", "everything"], "crank_slider", "everything"))
 def test_dop853_follows_gauss(name: str, settings: str) -> None:
     mechanism, times = made(name), np.linspace(0.0, 0.5, 6)
     found, expected = ran(mechanism, times, integrator="dop853", settings=settings), by_gauss(mechanism, times)
@@ -139,7 +144,7 @@ def test_projection_needs_fixed_steps() -> None:
     ],
     ids=["gravity", "mass", "pin"],
 )
-@pytest.mark.parametrize("name", LINKAGES)
+@pytest.mark.parametrize("name", exhaustive(LINKAGES, "crank_slider"))
 def test_a_model_of_another_mechanism_is_refused(name: str, change: object) -> None:
     mechanism = load(name)
     tree = spanning_tree(mechanism)

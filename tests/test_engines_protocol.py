@@ -26,7 +26,6 @@ from gauss_bench.bench.conformance import conformance
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.measurements.growth import CONTENDERS, contenders
 from gauss_bench.bench.ways import Run, Way, evaluate_run, one_step
-from gauss_bench.cli import main
 from gauss_bench.engines.base import (
     OPTIONAL,
     REQUIRED,
@@ -222,21 +221,6 @@ def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused() -> None:
         assert (leading(told, run.trajectory.t, 9) is not None) is known
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_engines_that_count_no_steps_are_recommended_and_conform(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    engines = [f"{FAULTY}:Chooser", f"{FAULTY}:Uncounted"]
-    found = gauss_bench.recommend("four_bar", position=1e-4, until=0.2, engines=engines, budget=120)
-    steps = {x.engine.partition(":")[2]: x.steps for x in found.answers}
-    assert all(x.status == "ok" and x.seconds is not None for x in found.answers)
-    assert steps["Chooser"] is None
-    assert steps["Uncounted"]
-    assert json.loads(found.to_json())["answers"][0]["tolerance" if found.answers[0].tolerance else "step"]
-    monkeypatch.setattr(rules, "CHECKS", [rules._steps])
-    (_, check) = conformance(f"{FAULTY}:Uncounted")
-    assert (check.passed, check.message) == (None, "it does not count its steps")
-
-
 # What engines from outside may offer
 
 
@@ -357,17 +341,6 @@ def test_the_template_asks_the_suite_for_no_equations() -> None:
     assert "from gauss_bench" not in library
 
 
-@pytest.mark.slow
-def test_the_template_of_joint_trees_conforms(trees: dict[str, str]) -> None:
-    told = command(trees, "conformance", "trees", "--json")
-    assert told.returncode == 0, told.stdout
-    checks = {x["name"]: x for x in json.loads(told.stdout)["checks"]}
-    assert checks["every kind of force acts as defined"]["passed"]
-    assert checks["joint forces follow from the accelerations"]["passed"]
-    assert len(checks) > 30
-    assert len([x for x in checks.values() if x["passed"] is None]) == 1  # driven motions
-
-
 def test_the_template_is_simulated_and_listed(trees: dict[str, str], tmp_path: Path) -> None:
     calls = (("simulate", "four_bar", "--engine", x, "--at", "0.2", "--json") for x in ("trees", "lagrange"))
     found = [json.loads(command(trees, *x).stdout) for x in calls]
@@ -400,34 +373,6 @@ def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, st
     wanted = [links[name][key][0] for name in links for key in ("x", "y", "theta")]
     np.testing.assert_allclose([float(x) for x in rows[-1][1:]], wanted, rtol=0, atol=1e-9)
     assert len(rows) > 50
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_variants_of_the_template_are_searched_and_its_programs_written(trees: dict[str, str], tmp_path: Path) -> None:
-    asked = ("recommend", "four_bar", "--position", "1e-4", "--until", "0.2", "--engine", "trees")
-    told = command(trees, *asked, "--out", tmp_path / "out", "--json")
-    assert told.returncode == 0, told.stderr
-    (answer,) = json.loads(told.stdout)["answers"]
-    assert answer["status"] == "ok"
-    assert answer["settings"].split("/")[0] in ("plain", "pulled")
-    assert answer["variants"] == 6
-    assert answer["in_python"].startswith("everything")
-    program = (tmp_path / "out" / "run-trees.py").read_text(encoding="utf-8")
-    assert program == answer["snippet"]
-    assert "def solve(tree, y, dy" in program
-    done = subprocess.run([sys.executable, "-I", tmp_path / "out" / "run-trees.py"], capture_output=True, text=True, check=True)
-    assert float(done.stdout.splitlines()[-1].split(",")[0]) == pytest.approx(0.2)
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_template_is_diagnosed(trees: dict[str, str]) -> None:
-    asked = ("diagnose", "four_bar", "--engine", "trees", "--until", "0.5", "--step", "0.01", "--json")
-    told = json.loads(command(trees, *asked).stdout)
-    assert told["cause"] == "integrator"
-    assert 3.5 < told["numbers"]["order"] < 4.5
-    assert "its own joint forces are off by" in told["remarks"][0]
 
 
 def test_the_library_of_the_template_is_raced_by_growth(trees: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -473,41 +418,3 @@ def test_pages_sort_and_name_settings_whose_steps_nobody_counts() -> None:
     assert sorted((uncounted, counted, timed), key=lambda x: x.cost) == [timed, counted, uncounted]
     cell = make_cell({"status": "ok", "steps": math.nan}, "g", "steps")
     assert (cell.text, cell.why) == ("-", "not counted by the engine")
-
-
-SMALL = f"""
-format = "gauss-bench-suite/1"
-title = "Engines that count no steps"
-
-[[accuracy]]
-linkages = {{ four_bar = "torque" }}
-engines = ["lagrange", "{FAULTY}:Uncounted", "{FAULTY}:Chooser"]
-steps = [1e-2]
-until = 0.2
-
-[[search]]
-linkages = {{ four_bar = "torque" }}
-engines = ["gauss-native", "{FAULTY}:Uncounted", "{FAULTY}:Chooser"]
-own = ["gauss-native"]
-until = 0.2
-position = [1e-3]
-budget = 6
-most_steps = 2000
-processes = 2
-rounds = 2
-lead = 0.03
-"""
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_engines_that_count_no_steps_are_in_every_table_and_page(tmp_path: Path) -> None:
-    suite, out = tmp_path / "small.toml", tmp_path / "out"
-    suite.write_text(SMALL, encoding="utf-8")
-    assert main(["run", "--suite", str(suite), "--out", str(out), "--report"]) == 0
-    with (out / "times" / "search_winners.csv").open(newline="", encoding="utf-8") as file:
-        steps = {r["engine"].partition(":")[2]: r["steps"] for r in csv.DictReader(file)}
-    assert steps["Chooser"] == ""
-    assert float(steps["Uncounted"]) >= 10
-    assert "steps not counted" in (out / "site" / "index.html").read_text(encoding="utf-8")
-    assert "not counted by the engine" in (out / "site" / "method.html").read_text(encoding="utf-8")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gauss_bench
 from gauss_bench.bench.measurements.growth import exact_state
 from gauss_bench.bench.provenance import package_versions
 from gauss_bench.cli import main
@@ -20,6 +22,7 @@ from gauss_bench.runs.blocks import BlockElsewhere, call_of
 from gauss_bench.runs.offers import in_python, offer
 from gauss_bench.trajectory import RunFailure
 
+TEMPLATE = Path(gauss_bench.__file__).parent / "docs" / "pages" / "template" / "trees"
 STAND_IN = """
 from gauss_bench.engines.interpreted import Interpreted
 from importlib.util import find_spec
@@ -58,7 +61,7 @@ class Greedy(Twin):
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of an environment that has numpy and the stand-in, and nothing else."""
+    """The interpreter of an environment that has numpy, the stand-in and the template of joint trees, and nothing else."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, with_pip=False)
     (site,) = folder.glob("lib/python*/site-packages")
@@ -66,6 +69,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if (there := Path(np.__file__).parents[1] / part).exists():
             (site / part).symlink_to(there)
     (site / "stand_in.py").write_text(STAND_IN)
+    shutil.copytree(TEMPLATE / "my_trees", site / "my_trees")
     (site / "twin_library-2.5.dist-info").mkdir()
     (site / "twin_library-2.5.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: twin-library\nVersion: 2.5\n")
     return folder / "bin" / "python"
@@ -99,11 +103,15 @@ def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_on
 
 
 @pytest.mark.slow
-def test_an_environment_with_numpy_alone_answers_every_question_of_conformance(python: Path, engines: Path) -> None:
-    engines.write_text(f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
-    told = command("conformance", "twin", "--json")
+def test_the_template_of_joint_trees_conforms_where_numpy_alone_is_installed(python: Path, engines: Path) -> None:
+    engines.write_text(f'[trees]\nclass = "my_trees:Trees"\npython = "{python}"\n')
+    told = command("conformance", "trees", "--json")
     assert told.returncode == 0, told.stdout
-    assert len(json.loads(told.stdout)["checks"]) >= 20
+    checks = {x["name"]: x for x in json.loads(told.stdout)["checks"]}
+    assert checks["every kind of force acts as defined"]["passed"]
+    assert checks["joint forces follow from the accelerations"]["passed"]
+    assert len(checks) > 30
+    assert len([x for x in checks.values() if x["passed"] is None]) == 1  # driven motions
 
 
 def test_an_engine_of_another_environment_offers_all_that_engines_may(

@@ -40,14 +40,14 @@ from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
 from tests.alone import BLOCKED, c_alone, python_alone, rows_of
-from tests.conftest import DATA
+from tests.conftest import DATA, exhaustive
 
 END, STEP = 0.2, 1e-3
 LIBRARY = {"mujoco": "mujoco", "pinocchio": "pinocchio", "exudyn": "exudyn", "casadi": "casadi", "c": "llvmlite"}
-QUICK = [("crank_slider", kind) for kind in KINDS]
-QUICK += [("five_bar/spring", kind) for kind in ("mujoco", "pinocchio", "exudyn")]
-QUICK += [("four_bar/cycloid", kind) for kind in ("pinocchio", "exudyn", "casadi", "c")]
-SLOW = [(name, kind) for name in ("jansen/walk", "shaper/torque") for kind in KINDS]  # loops in loops and forces; a moving guide
+QUICK = [*(("crank_slider", kind) for kind in KINDS), ("five_bar/spring", "exudyn"), ("four_bar/cycloid", "c")]
+SLOW = [("five_bar/spring", "mujoco"), ("five_bar/spring", "pinocchio")]
+SLOW += [("four_bar/cycloid", kind) for kind in ("pinocchio", "exudyn", "casadi")]
+SLOW += [(name, kind) for name in ("jansen/walk", "shaper/torque") for kind in KINDS]  # loops in loops and forces; a moving guide
 SLOW += [("parallelogram", kind) for kind in ("mujoco", "pinocchio", "exudyn")]
 SLOW += [("excavator", kind) for kind in ("exudyn", "casadi", "c")]
 SLOW += [("sleigh", "c"), ("pendulums_13", "c"), ("n_four_bar_7", "mujoco")]
@@ -105,9 +105,8 @@ def compared(mechanism: Mechanism, kind: str, folder: Path) -> None:
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
 
 
-@pytest.mark.long("pendulums_13-c")
 @pytest.mark.slow("four_bar/cycloid-c")
-@pytest.mark.parametrize(("name", "kind"), [*QUICK, *(pytest.param(*x, marks=pytest.mark.long) for x in SLOW)])
+@pytest.mark.parametrize(("name", "kind"), exhaustive([*QUICK, *SLOW], *QUICK))
 def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name: str, kind: str, tmp_path: Path) -> None:
     needs(kind)
     mechanism = load(*name.rsplit("/", 1)) if "/" in name and not name.endswith(".toml") else load(name)
@@ -203,28 +202,6 @@ def test_what_a_format_cannot_hold_is_refused_by_name(
     assert linkage in said
     assert word in said
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        (["--engine", "nobody", "--out", "x"], "mujoco, pinocchio, exudyn, casadi, c"),
-        (["--engine", "c", "--out", "no/such/folder/x"], "no folder"),
-        (["--engine", "c", "--out", "."], "is a folder"),
-        (["--engine", "c", "--out", "mine"], "is there already"),
-        (["--engine", "c", "--out", "x", "--step", "-1"], "positive"),
-        (["--engine", "c", "--out", "x", "--step", "1", "--tuned"], "either"),
-        (["--engine", "c", "--out", "x", "--tuned", "--budget", "nan"], "positive"),
-    ],
-)
-def test_bad_requests_are_refused(
-    arguments: list[str], word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("mine").write_text("mine")
-    assert main(["export", "four_bar", *arguments]) == 2
-    assert word in capsys.readouterr().err
-    assert [x.read_text() for x in tmp_path.iterdir()] == ["mine"]
 
 
 @pytest.mark.slow

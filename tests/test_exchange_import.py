@@ -16,12 +16,11 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_document
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import export_linkage
 from gauss_bench.exchange.from_mjcf import from_mjcf
 from gauss_bench.exchange.imports import import_file
 from gauss_bench.exchange.planar import pair, plane_of
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
-from gauss_bench.linkage.load import load, load_document
+from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
 from tests.conftest import DATA
@@ -42,29 +41,6 @@ def brought_in(text: str, folder: Path, close: list[str] | None = None) -> Mecha
 def acceleration(mechanism: Mechanism) -> Array:
     model = get("gauss").build(mechanism, Choice("default", "rk4"))
     return model.acceleration(0.0, mechanism.q0, mechanism.v0).reshape(-1, 3)
-
-
-ROUND = ["crank_slider", "four_bar", "six_bar", "eight_bar", "five_bar/spring", "parallelogram", "shaper/torque", "squeezer"]
-ROUND += ["jansen/walk", "four_bar/conservative", "n_four_bar_3", str(DATA / "loaded.toml"), str(DATA / "slides.toml")]
-
-
-@pytest.mark.parametrize("name", ROUND)
-def test_what_goes_out_comes_back(name: str, tmp_path: Path) -> None:
-    """Everything that MJCF holds: dimensions, masses, inertias, start, and the forces, by the accelerations that they make."""
-    mechanism = load(name) if name.endswith(".toml") else load(*name.split("/"))
-    back = brought_in(export_linkage(mechanism, "mujoco", 1e-3).text, tmp_path)
-    order = [[x.name for x in back.links].index(link.name) for link in mechanism.links]
-    assert (back.dof, back.redundant) == (mechanism.dof, mechanism.redundant)
-    for link, own in zip(mechanism.links, (back.links[k] for k in order), strict=True):
-        assert own.mass == link.mass
-        assert own.inertia == pytest.approx(link.inertia, rel=EXACT)
-        for point, place in link.points.items():
-            assert np.abs(own.points[point] - own.com - (place - link.com)).max() < EXACT
-    for found, wanted in ((back.q0, mechanism.q0), (back.v0, mechanism.v0)):
-        assert np.abs(found.reshape(-1, 3)[order] - wanted.reshape(-1, 3)).max() < EXACT * max(1.0, np.abs(wanted).max())
-    wanted = acceleration(mechanism)
-    assert np.abs(acceleration(back)[order] - wanted).max() < 3e-12 * np.abs(wanted).max()  # a linear system lies between
-    assert back.gravity == pytest.approx(mechanism.gravity)
 
 
 def own_model(text: str) -> Any:
@@ -148,7 +124,7 @@ def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Ar
 
 
 @pytest.mark.parametrize("loops", [0, 1, 2])
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", range(5))
 def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp_path: Path) -> None:
     text = random_model(np.random.default_rng(1000 * loops + seed), loops)
     back = brought_in(text, tmp_path)

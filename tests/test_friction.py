@@ -173,20 +173,6 @@ def test_joint_forces_leave_friction_out() -> None:
     assert found["fy"] == pytest.approx(normal * np.cos(slope), rel=1e-12)
 
 
-@pytest.mark.long
-def test_no_coefficient_is_no_friction_to_the_last_bit() -> None:
-    names = ("main_bearing", "crank_pin", "wrist_pin", "slideway")
-    without = replace(crank_slider(), frictions=())
-    zero = crank_slider(**dict.fromkeys(names, 0.0))
-    assert [x.has_friction for x in (crank_slider(), zero, without)] == [True, False, False]
-    one, other = run(zero, t=0.1), run(without, t=0.1)
-    np.testing.assert_array_equal([one.q, one.v, one.a], [other.q, other.v, other.a])
-    first, second = build_reference(zero, 0.05), build_reference(without, 0.05)
-    np.testing.assert_array_equal(first.q, second.q)
-    np.testing.assert_array_equal(*(metrics.reactions(Evaluator(m), one) for m in (zero, without)))
-    assert np.abs(run(crank_slider(), t=0.1).q - one.q).max() > 1e-3
-
-
 @pytest.mark.parametrize("name", ["gauss", "lagrange"])
 def test_a_linkage_that_jams_ends_with_a_sentence(name: str) -> None:
     mechanism = crank_slider(slideway=30.0)
@@ -216,17 +202,6 @@ def test_redundant_rows_leave_the_friction_undetermined_and_are_refused() -> Non
 # Work -------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
-def test_the_balance_of_work_closes_with_friction_in_pins_and_slide() -> None:
-    mechanism = crank_slider()
-    evaluator, found = Evaluator(mechanism), run(mechanism, t=0.4)
-    energy, bar = metrics.energy_error(evaluator, found)
-    lost = -np.trapezoid(metrics.friction_power(evaluator, found), found.t)
-    assert lost > 0.5  # J
-    assert bar < 1e-6  # where the crank turns round, the laws take some 10 ms: 10 samples
-    assert np.abs(energy).max() < 2 * bar
-
-
 @pytest.mark.parametrize(("linkage", "scenario"), CASES)
 def test_friction_never_does_positive_work(linkage: str, scenario: str) -> None:
     mechanism = crank_slider() if linkage == "friction" else rubbing(linkage, scenario)
@@ -250,22 +225,6 @@ def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn() -> None:
 
 
 # Integration ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_rk4_converges_to_the_reference_at_its_order() -> None:
-    mechanism = crank_slider()
-    reference = build_reference(mechanism, 0.1)
-    assert reference.error_q.max() < 1e-11
-    steps = np.array([2e-3, 1e-3, 5e-4])
-    errors = []
-    for h in steps:
-        end = ran(get("gauss"), mechanism, reference.t, integrator="rk4", step=h).q[-1]
-        errors.append(np.abs(end - reference.q[-1]).max())
-    order = metrics.observed_order(steps, np.array(errors), np.full(3, reference.error_q[-1]))
-    # the law turns round within some 10 ms, which a step of 1 ms resolves but for the next term of the error
-    assert order[2] == pytest.approx(4.0, abs=0.4)
 
 
 # Files ------------------------------------------------------------------------------------------------------------------

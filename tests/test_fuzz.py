@@ -11,13 +11,11 @@ from typing import Any
 import pytest
 
 from gauss_bench import cli
-from gauss_bench.api import telling
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.limits import harmless, limit_faults
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from tests.fuzz.__main__ import over_files, over_lists
 from tests.fuzz.calls import over_calls, simulated
-from tests.fuzz.driven import Heard
 from tests.fuzz.files import damaged_file
 from tests.fuzz.lists import hostile_lists
 from tests.fuzz.stored import over_stored
@@ -106,20 +104,6 @@ def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path: Path, capsys: p
     assert "\x1b" not in told
 
 
-@pytest.mark.long
-def test_what_begins_its_work_says_so_and_what_is_refused_does_not(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(telling, "LONG", 0.0)
-    assert cli.main(["simulate", "pendulum", "--at", "2"]) == 0
-    assert "by gauss: 2000 steps up to 2 s" in capsys.readouterr().err
-    assert cli.main(["simulate", "pendulum", "--at", "1e9"]) == 2
-    assert Heard.lines_of_work(capsys.readouterr().err) == []
-    assert Heard.lines_of_work("usage: gauss-bench recommend\n          [--json]\nerror: no such verb\n") == []
-    assert Heard.lines_of_work("warning: old\n  3.7 s  in vain\n") == []
-    assert Heard.lines_of_work("  3.7 s  truth: known\n") == ["  3.7 s  truth: known"]
-
-
 def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(cli.TRACE, raising=False)
     monkeypatch.setitem(cli.ACTIONS, "list", lambda options: 1 // 0)
@@ -128,38 +112,6 @@ def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str]
     monkeypatch.setenv(cli.TRACE, "1")
     with pytest.raises(ZeroDivisionError):
         cli.main(["list"])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ("simulate four_bar --at 1e9", "1e+12 steps of 0.001 s up to 1e+09 s"),
-        ("simulate four_bar --dt 1e-300", "2e+300 steps"),
-        ("simulate four_bar --dt 1e-7", "take 2e+03 s at least, and the budget is 600 s"),
-        ("simulate four_bar --at 1,x", "'1,x' is not a list of numbers"),
-        ("show pendulums_400 --svg drawing.txt", "the ending says what to write: .svg"),
-        ("kinematics four_bar --intervals 1000000000000", "at most 100000"),
-        ("kinematics four_bar --driver constant:speed=1e6 --intervals 20", "goes 1e+06 (rad or m) in 1 s"),
-        ("kinematics four_bar --driver constant:speed=1e300", "driver.speed: 1e+300 is larger than 1e+06"),
-        ("diagnose four_bar --engine gauss --dt 1e-300", "steps of 1e-300 s"),
-        ("export four_bar --engine c --out new.c --step 1e-300", "steps of 1e-300 s"),
-        ("recommend four_bar --until 1e9 --position 1e-3", "at most 5000 s"),
-        ("certify four_bar --until 1e9", "at most 5000 s"),
-        ("atlas --jobs -1", "'-1' is no number of workers from 1 to 512"),
-        ("check --jobs 0", "'0' is no number of workers from 1 to 512"),
-    ],
-)
-def test_what_no_machine_could_do_is_refused_at_once(
-    arguments: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    try:
-        code = cli.main(arguments.split())
-    except SystemExit as end:
-        code = int(str(end.code))
-    assert code == 2
-    assert said in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_same_numbers_make_the_same_files() -> None:

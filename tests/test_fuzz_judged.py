@@ -66,13 +66,13 @@ def test_energy_that_is_gained_is_held_against_three_hundredths_of_what_moves() 
 
 @pytest.mark.slow
 def test_no_motion_beyond_what_is_documented_is_ok_and_no_sound_one_refused(tmp_path: Path) -> None:
-    """Two of each kind, and sound ones of the gate; `make fuzz` asks for thousands."""
+    """One of each kind, and sound ones of the gate; `make fuzz` asks for thousands."""
     found, bad = Counter[str](), []
-    for stream in (over_judged(3, 2 * len(KINDS)), over_sound(3, 6, tmp_path)):
+    for stream in (over_judged(3, len(KINDS)), over_sound(3, 3, tmp_path)):
         for _, word, sentence in stream:
             found[word.partition(": ")[2] or word.partition(" (")[0]] += 1
             bad += [sentence] if sentence else []
     assert bad == []
-    assert found["beyond, not ok"] >= len(KINDS)
-    assert found["within, ok"] >= 3
-    assert found["sound, ok"] >= 6
+    assert found["beyond, not ok"] >= len(KINDS) // 2
+    assert found["within, ok"] >= 1
+    assert found["sound, ok"] >= 3

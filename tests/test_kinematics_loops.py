@@ -22,7 +22,6 @@ from gauss_bench.mechanism.coordinates import acceleration, position, value, vel
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
-from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, driven, everything, redundant
 from tests.four_bars import four_bar
 
@@ -171,19 +170,6 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve:
         assert relative(position(q, point), true[:, :2]) < 1e-13  # promised: 1e-12, 1e-11, 1e-10
         assert relative(velocity(q, v, point), true[:, 2:4]) < 1e-12
         assert relative(acceleration(q, v, a, point), true[:, 4:]) < 1e-11
-
-
-@pytest.mark.parametrize("solve", SOLVERS)
-@pytest.mark.parametrize("name", SIX)
-def test_all_links_agree_with_the_minimal_coordinate(name: str, solve: Solver) -> None:
-    mechanism = load(name, "driven")
-    times = np.linspace(0.0, 1.0, 37)
-    motion = solve(mechanism, times)
-    other = MinimalCoordinate(mechanism)
-    speed, none = np.array([2 * np.pi]), np.zeros(1)
-    states = [other.state(np.array([theta]), speed, none) for theta in mechanism.drivers[0].law(times)[0]]
-    for found, level, tolerance in ((motion.q, 0, 1e-13), (motion.v, 1, 1e-12), (motion.a, 2, 1e-11)):
-        assert relative(found, np.array([state[level][0] for state in states])) < tolerance
 
 
 @pytest.mark.parametrize("solve", SOLVERS)

@@ -143,6 +143,7 @@ def test_lengths_have_a_unit() -> None:
     assert [length_text(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
 
 
+@pytest.mark.long("diagnose")
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", ["show", "diagnose"])
 def test_commands_print_what_the_page_shows(page: str, verb: str) -> None:

@@ -98,12 +98,13 @@ KEYS = {
     "motor": ("Motor", "link: Text\n    stall: Number\n    drag: Number"),
 }
 THROUGH = """
-import json, subprocess, sys
+import contextlib, io, sys
 from pathlib import Path
 
 import numpy as np
 
 from gauss_bench.api.simulate import simulate
+from gauss_bench.cli import main
 from gauss_bench.engines import FOREIGN, get, names
 from gauss_bench.exchange.export import KINDS
 from gauss_bench.linkage.load import document_of, load
@@ -135,7 +136,7 @@ for name in names():
     except ImportError:
         continue
     # settings and variants differ by engine: what runs by default stands for them
-    found = simulate(FILE, engine=name, at=[0.0, 0.1, 0.2])
+    found = simulate(FILE, engine=name, at=[0.0, 0.05, 0.1])
     if found.status == "skip":
         assert any(word in found.message for word in named), (name, found.message)
         continue
@@ -161,19 +162,19 @@ assert scene.scene(reading.read(document))["links"]
 
 
 def command(*words):
-    done = subprocess.run([sys.executable, "-m", "gauss_bench", *words], capture_output=True, text=True)
-    assert done.returncode in (0, 1, 2), done.stderr
-    return done
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        return main([*words]), out.getvalue(), err.getvalue()
 
 
 for kind in KINDS:
-    done = command("export", FILE, "--engine", kind, "--out", f"exported_{kind}")
-    assert done.returncode == 0 or any(word in done.stderr for word in (*named, "RackAndPinion")), (kind, done.stderr)
-done = command("certify", FILE)
-assert done.returncode == 1 and ("mesh" in done.stdout or "drive" in done.stdout), done.stdout
-done = command("run", FILE, "--no-costs", "--until", "0.1", "--steps", "1e-3", "--engine", "gauss", "--engine", "gauss-native",
-               "--engine", "pinocchio", "--out", "reported", "--report")
-assert done.returncode == 0, done.stderr
+    code, _, said = command("export", FILE, "--engine", kind, "--out", f"exported_{kind}")
+    assert code == 0 or any(word in said for word in (*named, "RackAndPinion")), (kind, said)
+code, told, _ = command("certify", FILE)
+assert code == 1 and ("mesh" in told or "drive" in told), told
+asked = [x for name in ("gauss", "gauss-native", "pinocchio") for x in ("--engine", name)]
+code, _, said = command("run", FILE, "--no-costs", "--until", "0.1", "--steps", "1e-3", *asked, "--out", "reported", "--report")
+assert code == 0, said
 assert (Path("reported") / "site").is_dir()
 print(*ran)
 """

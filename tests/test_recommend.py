@@ -18,7 +18,6 @@ from gauss_bench.advice import truth as truths
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
 from gauss_bench.advice.recommending import (
-    SEARCHED,
     SHARE,
     WRITTEN,
     Recommender,
@@ -32,7 +31,6 @@ from gauss_bench.advice.recommending import (
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants, with_snippet
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
-from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import snippet
@@ -40,14 +38,13 @@ from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import Trial
-from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import run_apart
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Reference, Status, Trajectory
 from tests.alone import python_alone, rows_of
-from tests.conftest import DATA, needs
+from tests.conftest import DATA, exhaustive, needs
 from tests.plugin import installed
 
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
@@ -56,13 +53,6 @@ QUICK = ("minimal", "by_hand")
 
 def quiet(sentence: str) -> None:
     """Nobody listens."""
-
-
-@pytest.fixture(scope="module")
-def known() -> Truth:
-    needs("llvmlite")
-    with Worker() as worker:
-        return truth(SHORT, {"position": 1e-8, "force": 1e-3}, lambda: 60.0, worker, quiet)
 
 
 @pytest.fixture(scope="module")
@@ -93,33 +83,6 @@ def workers() -> Iterator[tuple[Worker, Worker]]:
 def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a compiler numpy alone tells the truth."""
     monkeypatch.setattr("gauss_bench.advice.truth.find_spec", lambda name: None)
-
-
-@pytest.fixture
-def at_once(known: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The truth of SHORT is there already."""
-    monkeypatch.setattr(Recommender, "_truth", lambda recommender: known)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ([], "say what is required: --position, --angle or --force"),
-        (["--position=-1e-4"], "the position error that is allowed must be a positive number of m, not -0.0001"),
-        (["--position", "nan"], "the position error that is allowed must be a positive number"),
-        (["--force", "0"], "the force error that is allowed must be a positive number of N, not 0"),
-        (["--position", "1e-4", "--until", "0"], "the end of a run must be a positive number"),
-        (["--position", "1e-4", "--budget", "0"], "the budget must be a positive number"),
-        (["--position", "1e-4", "--engine", "gauss,nonsense"], "unknown engine 'nonsense'"),
-        (["--position", "1e-4", "--settings", "tuned"], "settings are those of one engine"),
-        (["--position", "1e-4", "--engine", "gauss", "--settings", "x=1"], "gauss: no option 'x'"),
-    ],
-)
-def test_what_cannot_be_asked_is_bad_input(given: Sequence[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["recommend", "crank_slider", *given]) == 2
-    told = capsys.readouterr()
-    assert said in told.err
-    assert told.out == ""
 
 
 def test_between_samples_a_motion_of_degree_five_is_exact() -> None:
@@ -264,34 +227,6 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
     assert trial.errors[SHARE] == pytest.approx(trial.errors["loops"] / 1e-6)
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_truth_is_where_the_certificate_says_within_its_bar(known: Truth) -> None:
-    certified = find_certified(SHORT.mechanism, SHORT.until)
-    assert certified is not None
-    assert known.certified
-    own = known.at(SHORT, certified.t)
-    off = np.abs(own.q - certified.q)
-    bar = known.bars["position"] + known.bars["angle"]
-    assert off.max() <= bar
-    assert bar < 1e-8
-    np.testing.assert_allclose(own.a, certified.a, rtol=0, atol=1e-5 * np.abs(certified.a).max())
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_motion_that_few_steps_tell_waits_for_no_kernel() -> None:
-    """The gripper's kernel changes its partition three times on its way, and compiles each time; numpy is there long before."""
-    needs("llvmlite")
-    grip = Path(__file__).parent / "data" / "gripper.toml"
-    run = Run(str(grip), load(str(grip)), 0.1)
-    with Worker() as worker:
-        known = truth(run, {"position": 1e-5}, lambda: 300.0, worker, quiet)
-        assert worker.process is None
-    assert known.told == "step-halved (200 steps of order eight by gauss, and 100)"
-    assert known.bars["position"] < 1e-9
-
-
 @pytest.mark.slow
 def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommendation) -> None:
     for answer in found.answers:
@@ -308,23 +243,8 @@ def test_what_is_recommended_holds_half_of_all_that_is_required(found: Recommend
     assert json.loads(found.to_json())["answers"][0]["engine"] == found.answers[0].engine
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_setting_holds_when_it_is_run_by_itself(found: Recommendation) -> None:
-    """The recommended setting in `simulate`, against the certified motion at the end of the run."""
-    certified = find_certified(SHORT.mechanism, SHORT.until)
-    assert certified is not None
-    for answer in found.answers:
-        if answer.step is None:
-            continue
-        chosen = (answer.settings, answer.integrator, answer.stabilization, answer.step, [SHORT.until])
-        run = gauss_bench.simulate("crank_slider", answer.engine, None, *chosen)
-        for k, link in enumerate(SHORT.mechanism.links):
-            at = certified.q[-1, 3 * k : 3 * k + 3]
-            assert abs(run.links[link.name]["x"][-1] - at[0]) < 1e-6
-            assert abs(run.links[link.name]["theta"][-1] - at[2]) < 1e-5
-
-
+@pytest.mark.long("mujoco-rigid_lean/2-rk4-none-0.002", "pinocchio-articulated/rk4/file order-rk4-none-0.002")
+@pytest.mark.long("pinocchio-one_drawn_shut-dop853-baumgarte-1e-08", "casadi-interpreted/dop853_fixed-dop853_fixed-none-0.002")
 @pytest.mark.parametrize(
     ("engine", "settings", "integrator", "stabilization", "size"),
     [
@@ -356,7 +276,14 @@ DRIVEN = [  # an arm on a driven slide, on a driven length, a driven link: with 
 ]
 
 
-@pytest.mark.parametrize(("linkage", "scenario", "engine"), [(x, y, e) for x, y, engines in DRIVEN for e in engines])
+@pytest.mark.parametrize(
+    ("linkage", "scenario", "engine"),
+    exhaustive(
+        [(x, y, e) for x, y, engines in DRIVEN for e in engines],
+        ("excavator", "dig", "mujoco"),
+        ("four_bar", "cycloid", "pinocchio"),
+    ),
+)
 @pytest.mark.slow
 def test_a_pasted_program_is_driven_as_the_engine_was(linkage: str, scenario: str, engine: str, tmp_path: Path) -> None:
     needs(engine)
@@ -431,28 +358,7 @@ def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: P
         assert (run["status"], run["engine"], run["t"]) == ("ok", engine, [0.0, 0.05]), run["message"]
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_what_is_recommended_of_a_library_holds_when_it_is_pasted_alone(
-    at_once: None, known: Truth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """MuJoCo's setting, as the command line writes it, against the certified motion at all times that both have."""
-    needs("llvmlite")
-    needs("mujoco")
-    asked = ["--position", "1e-4", "--until", "0.2", "--engine", "mujoco", "--settings", "tuned"]
-    asked += ["--budget", "300", "--out", str(tmp_path), "--json"]
-    assert main(["recommend", "crank_slider", *asked]) == 0
-    (answer,) = json.loads(capsys.readouterr().out)["answers"]
-    assert (tmp_path / "run-mujoco.py").read_text() == answer["snippet"]
-    _, rows = rows_of(python_alone(tmp_path / "run-mujoco.py"))  # its end and step are the recommended ones
-    assert rows[-1, 0] == pytest.approx(SHORT.until)
-    places = np.arange(SHORT.mechanism.n) % 3 != 2
-    off = np.abs(rows[:, 1 : 1 + SHORT.mechanism.n] - known.at(SHORT, rows[:, 0]).q)[:, places]
-    assert off.max() <= 1e-4
-    assert main(["recommend", "crank_slider", *asked]) == 2
-    assert "is there already" in capsys.readouterr().err
-
-
+@pytest.mark.long("pinocchio-one/rk4/least depth-rk4", "casadi-interpreted/rk4-rk4")
 @pytest.mark.long("gauss-native-default-dop853_fixed", "minimal-fixed/rk4-rk4")
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -484,20 +390,6 @@ def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(
     assert np.array_equal(kept.trajectory.a, anew.trajectory.a)
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_candidates_and_errors_are_the_same_bit_for_bit(both: tuple[Recommendation, Searched]) -> None:
-    def accuracy(searched: Searched) -> dict[str, list[tuple[object, ...]]]:
-        rows = {e: [(way, trial) for way, x in many.items() for trial in x] for e, many in searched.engines.items()}
-        return {e: [(*way, t.size, t.steps, *sorted(t.errors.items())) for way, t in many] for e, many in rows.items()}
-
-    spaces = {name: variants(offer(name)) for name in QUICK}
-    with Recommender(SHORT, {"position": 1e-6, "angle": 1e-5}, spaces, Budget(1800.0), quiet) as recommender:
-        again = accuracy(recommender.search())
-    assert again == accuracy(both[1])
-    assert len(again["minimal"]) > 5
-
-
 @pytest.fixture
 def slow(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock on the wall and the seconds that others had the processor: [wall, waited], to be set."""
@@ -527,23 +419,6 @@ def test_processes_that_it_has_started_are_asked() -> None:
     with Worker() as worker:
         process = worker.start()
         assert str(process.pid) in budget.wait()
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_an_engine_whose_turn_never_came_has_one_try(at_once: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The time for searching has ended before it began: an answer for every engine, with what its one run came to."""
-    spaces = {name: variants(offer(name)) for name in ("schur", "lagrange", "gauss")}
-    with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(60.0), quiet) as recommender:
-        left = recommender.budget.remaining
-        monkeypatch.setattr(
-            recommender.budget, "remaining", lambda share=1.0: min(0.0, left(share)) if share == SEARCHED else left(share)
-        )
-        recommender.search()
-        answers = recommender.answers({})
-    assert [x.tried for x in answers] == [1, 1, 1]
-    assert all(x.evaluations >= 1 and x.errors and not x.complete for x in answers), answers
-    assert all(SHORT.until / x.steps <= recommender.first / 2 for x in answers if x.steps), "rather too fine than not enough"
 
 
 def test_of_an_engine_with_two_loops_both_are_raced_and_told() -> None:

@@ -28,6 +28,7 @@ def test_a_pendulum_follows_its_elliptic_functions_within_the_bar() -> None:
     assert reference.error_q.max() < 1e-12
 
 
+@pytest.mark.long("crank_slider")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["crank_slider", "eight_bar"])
 def test_two_integrators_agree_to_far_below_what_they_judge(name: str) -> None:

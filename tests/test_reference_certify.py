@@ -130,16 +130,6 @@ def test_stored_doubles_are_the_nearest_to_the_exact_motion() -> None:
         assert certificate.v[-1, 1] == float(7 - mpmath.mpf("9.81") * t)
 
 
-def test_bad_requests_end_with_code_2_and_write_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    out = tmp_path / "x.npz"
-    for wrong in (["--digits", "40"], ["--until", "-1"], ["--until", "nan"], ["--scenario", "none"]):
-        assert main(["certify", "four_bar", "--out", str(out), *wrong]) == 2
-    assert main(["certify"]) == 2
-    assert main(["certify", str(tmp_path / "missing.toml")]) == 2
-    assert "error:" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 def test_dry_friction_is_refused_with_its_reason(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     text = built_in()["four_bar"].read_text(encoding="utf-8").replace('name   = "four_bar"', 'name   = "rubbing"')
     friction = '[forces.dry]\ntype = "coulomb_friction"\njoint = "A"\nmu = 0.1\nradius = 0.01\nspeed = 0.01\n'

@@ -25,7 +25,7 @@ from gauss_bench.reference.taylor.samples import LoopStates, sample
 from gauss_bench.reference.taylor.solve import split_columns, stack_arrays
 from gauss_bench.reference.taylor.start import start_state
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
-from tests.conftest import needs
+from tests.conftest import exhaustive, needs
 from tests.test_reference_extended import decimals as document_of
 
 DATA = Path(__file__).parent / "data"
@@ -66,7 +66,9 @@ def to_long(values: Any) -> Any:
         return np.array([heyoka.real128(mpmath.nstr(x, 38)) for x in values.ravel()]).reshape(values.shape)
 
 
-@pytest.mark.parametrize(("linkage", "scenario"), every_linkage(), ids=lambda x: Path(str(x)).stem)
+@pytest.mark.parametrize(
+    ("linkage", "scenario"), exhaustive(every_linkage(), *every_linkage()[::4]), ids=lambda x: Path(str(x)).stem
+)
 def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, scenario: str) -> None:
     mechanism = load(linkage, scenario)
     if mechanism.has_friction:

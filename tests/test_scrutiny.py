@@ -73,18 +73,6 @@ def test_the_fastest_rate_is_that_of_the_oscillator() -> None:
     assert damped == pytest.approx(np.sqrt(K / MASS - (100.0 / (2 * MASS)) ** 2), rel=1e-6)
 
 
-@pytest.mark.long
-def test_a_step_that_resolves_no_period_is_not_ok(tmp_path: Any) -> None:
-    path = tmp_path / "oscillator.toml"
-    path.write_bytes(toml(oscillator(k=8e8)))  # a period of 0.3 ms
-    found = simulate(str(path), at=[0.0, 0.004])
-    assert found.status == "invalid", found.message
-    assert "stiffness" in {x.subject for x in found.objections}
-    assert "steps in a period of the fastest oscillation" in found.message
-    assert "take a step smaller" in found.advice
-    assert simulate(str(path), step=1e-5, at=[0.0, 0.01]).status == "ok"
-
-
 @pytest.fixture
 def sparse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples lie a millisecond apart, however fast the linkage is."""
@@ -124,18 +112,6 @@ def test_energy_that_nothing_else_decides_is_objected_to() -> None:
     assert judge.judge(decided).valid
     assert "1 J are lost" in judge.remark(decided)
     assert not judge.remark(judge.Evidence(1.0, drift, evidence.energy, 0.0, 1.0, seen=evidence.energy))
-
-
-@pytest.mark.long
-def test_half_the_step_decides_where_no_truth_is_known(tmp_path: Any) -> None:
-    path = tmp_path / "oscillator.toml"
-    path.write_bytes(toml(oscillator(k=800.0)))  # a period of 0.3 s
-    coarse = simulate(str(path), step=2e-2, integrator="semi_implicit_euler", at=[0.0, 1.0])
-    assert "step" in {x.subject for x in coarse.objections}
-    fine = simulate(str(path), step=1e-3, at=[0.0, 1.0])
-    assert fine.status == "ok"
-    assert fine.metrics["halving_length"] < 1e-8
-    assert fine.links["block"]["x"][-1] == pytest.approx(0.1 * np.cos(20.0), abs=1e-8)
 
 
 def test_a_certificate_takes_the_place_of_half_the_step() -> None:

@@ -6,7 +6,6 @@ import itertools
 import json
 import re
 import xml.etree.ElementTree as ET
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -152,17 +151,6 @@ def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_i
     json.loads(failing.to_json())
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "mujoco", "exudyn"])
-@pytest.mark.slow
-def test_a_failed_worker_returns_the_samples_that_it_reached(engine: str) -> None:
-    if find_spec(engine) is None:
-        pytest.skip(f"{engine} is not installed")
-    found = gauss_bench.simulate("four_bar", engine, step=0.15)
-    assert found.status in ("nan", "not_converged", "warning", "diverged")
-    assert found.trajectory is not None
-    assert found.metrics["until"] == found.trajectory.t[-1] > 0
-
-
 def test_names_in_plots_do_not_overlap_and_the_untrusted_part_is_shaded(walking: Simulation, failing: Simulation) -> None:
     for result in (walking, failing):
         figure = plot(gauss_bench.history(result), result.told())
@@ -225,23 +213,6 @@ def test_files_are_written_whole_or_not_at_all(tmp_path: Path, capsys: pytest.Ca
     assert "--replace" in capsys.readouterr().err
     assert plot_file.read_bytes() == before
     assert sorted(x.name for x in tmp_path.iterdir()) == ["run.csv", "run.svg"]
-
-
-@pytest.mark.parametrize(
-    ("option", "file", "text"),
-    [
-        ("--plot", "run.pdf", "the ending says what to write: .svg, .png"),
-        ("--animate", "run.mp4", "the ending says what to write: .svg, .gif, .html"),
-        ("--out", "run.txt", "the ending says what to write: .csv"),
-        ("--out", "nowhere/run.csv", "there is no folder"),
-    ],
-)
-def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(
-    option: str, file: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["simulate", "four_bar", "--at", "1e9", option, str(tmp_path / file)]) == 2
-    assert text in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_run_that_reached_nothing_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -212,19 +212,6 @@ def test_a_drawing_is_exported_as_it_moves(tmp_path: Path) -> None:
     assert "no export" in pen.refused("export", kind="nothing")
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_drawing_is_exported_as_a_model_and_comes_back(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
-    pen = four_bar(tmp_path)
-    model = pen.ask("export", kind="mujoco")
-    assert model["name"].endswith(".xml")
-    other = Pen(tmp_path)
-    found = other.scene("import", text=model["text"])
-    assert found["status"] | {"loop_names": []} == pen.now["status"] | {"loop_names": []}
-    assert other.refused("import", text="<html></html>")
-
-
 def test_a_linkage_is_a_link_that_carries_itself(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     text, fragment = pen.session.text, pen.ask("share")["fragment"]

@@ -265,14 +265,12 @@ class Edit:
         make: the edit by a hand.
         holds: whether a file has it.
         lock: for locks, which no file has: the part, and the button that is pressed afterwards.
-        is_quick: whether the quick test makes it too.
     """
 
     name: str
     make: Callable[[Hand], object]
     holds: Callable[[Saved], bool] | None = None
     lock: tuple[str, str] | None = None
-    is_quick: bool = False
 
 
 def draw(tool: str, *places: XY, end: bool = False) -> Callable[[Hand], None]:
@@ -386,17 +384,17 @@ def lock(part: str, name: str) -> Edit:
 
 CRANK = "Is the crank, whose angle is the motion's phase"
 EDITS = [
-    Edit("pivot", draw("Ground pivot", (0.5, 0.35)), there("ground", "points", "7"), is_quick=True),
-    Edit("bar", draw("Bar", (0.5, 0.35), (0.6, 0.25)), there("links", "bar5"), is_quick=True),
+    Edit("pivot", draw("Ground pivot", (0.5, 0.35)), there("ground", "points", "7")),
+    Edit("bar", draw("Bar", (0.5, 0.35), (0.6, 0.25)), there("links", "bar5")),
     Edit("slider", draw("Slider", (0.6, 0.25), (0.55, 0.15)), there("joints", "slide2")),
     Edit("link", draw("Link", (0.1, -0.05), (0.2, -0.1), (0.3, -0.05), end=True), there("links", "plate1")),
     Edit("spring", draw("Spring", (0.3, 0.28), (0.5, 0.35)), there("forces", "spring1")),
     Edit("damper", draw("Damper", (0.0, 0.12), (0.0, 0.25)), there("forces", "damper1")),
-    Edit("torque", draw("Torque", (0.35, 0.14)), there("forces", "torque1"), is_quick=True),
+    Edit("torque", draw("Torque", (0.35, 0.14)), there("forces", "torque1")),
     Edit("force", draw("Force", (0.2, -0.1), (0.25, 0.05)), there("forces", "force1")),
     Edit("cylinder", draw("Cylinder", (0.45, -0.1), (0.3, -0.05)), there("cylinders")),
     Edit("observe", draw("Observe", (0.3, 0.28)), there("observe", "points", 1)),
-    Edit("length", write("link bar1", "Length, m", "130 mm"), value(0.13, "links", "bar1", "points", "3", 0), is_quick=True),
+    Edit("length", write("link bar1", "Length, m", "130 mm"), value(0.13, "links", "bar1", "points", "3", 0)),
     Edit("angle", write("link bar1", "Angle, °", "95 deg"), lambda x: abs(np.degrees(x.turn("bar1")) - 95.0) < 1e-6),
     Edit("x", write("pin bar2.P", "x, m", "4.5in"), lambda x: near(x.pin("bar2.P")["at"][0], 0.1143)),
     Edit("y", write("pin bar2.P", "y, m", "290 mm"), lambda x: near(x.pin("bar2.P")["at"][1], 0.29)),
@@ -432,7 +430,7 @@ EDITS = [
     Edit("law", law("Law of motion", "cosine"), driven("law", "cosine")),
     Edit("travel", law("Travel, °", "180"), driven("travel_deg", 180.0)),
     Edit("time", law("In, s", "500 ms"), driven("time", 0.5)),
-    Edit("name of a link", write("link bar3", "Name", "rocker"), there("links", "rocker"), is_quick=True),
+    Edit("name of a link", write("link bar3", "Name", "rocker"), there("links", "rocker")),
     Edit("name of a pin", write("pin 4", "Name", "C"), there("joints", "C")),
     Edit("name of a slide", write("slide slide1", "Name", "guide"), there("joints", "guide")),
     Edit("name of a force", write("force spring1", "Name", "main"), there("forces", "main")),
@@ -451,8 +449,8 @@ EDITS = [
         join("pin plate1.10", "bar2.P"),
         lambda x: any({"bar2.P", "plate1.10"} <= {*p["members"]} for p in x.scene["pins"]),
     ),
-    Edit("pulled", drag("Select", "3", (0.05, 0.0)), lambda x: x.pin("3")["at"][0] > 0.0, is_quick=True),
-    Edit("delete a force", delete("force torque1"), gone("forces", "torque1"), is_quick=True),
+    Edit("pulled", drag("Select", "3", (0.05, 0.0)), lambda x: x.pin("3")["at"][0] > 0.0),
+    Edit("delete a force", delete("force torque1"), gone("forces", "torque1")),
     Edit("delete a slide", delete("slide slide2"), gone("joints", "slide2")),
     Edit("delete a link", delete("link bar5"), gone("links", "bar5")),
     Edit("delete a plate", delete("link plate1"), gone("links", "plate1")),
@@ -562,13 +560,6 @@ def hand(request: pytest.FixtureRequest, browser: Any, folder: Path) -> Iterator
         opened = HANDS[request.param](browser, url)
         yield opened
         opened.page.close()
-
-
-@pytest.mark.long("keys", "touch")
-@pytest.mark.slow
-def test_edits_by_every_means_are_on_the_page_in_the_file_and_taken_back(hand: Hand, folder: Path) -> None:
-    edits = [x for x in EDITS if x.is_quick]
-    walk_history(hand, folder, edits, make_all(hand, folder, edits))
 
 
 @pytest.mark.long

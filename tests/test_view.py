@@ -154,6 +154,7 @@ def drawn_pins(page: Any) -> Any:
     return np.array([float(x.get_attribute("cx")) - 1j * float(x.get_attribute("cy")) for x in dots])
 
 
+@pytest.mark.long("shaper-390-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "width", "scheme"), [("jansen", 1200, "light"), ("shaper", 390, "dark")])
 def test_a_link_shows_the_motion_that_the_suite_computed(browser: Any, page_file: str, name: str, width: int, scheme: str) -> None:
@@ -193,6 +194,7 @@ def test_a_link_shows_the_motion_that_the_suite_computed(browser: Any, page_file
     page.close()
 
 
+@pytest.mark.long("1200-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1200, "dark")])
 def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser: Any, page_file: str, width: int, scheme: str) -> None:

@@ -78,18 +78,6 @@ def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Ba
     assert (environment.folder / "made" / "site" / "index.html").exists()
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_gate_checks_installed_engines_and_names_missing_ones(environment: Bare) -> None:
-    done = environment.run("check", "four_bar", "--engine", "gauss_pinv", "--baseline", "baseline.csv", "--jobs", "1")
-    assert done.returncode in (0, 1), done.stderr  # 1 where a figure is not in the baseline as it stands
-    missing = environment.run("check", "four_bar", "--engine", "mujoco", "--baseline", "baseline.csv", "--jobs", "1")
-    assert missing.returncode == 1
-    for found in (done, missing):
-        assert "Traceback" not in found.stderr
-        assert found.stdout
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", EXTRA_OF)
 def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bare) -> None:

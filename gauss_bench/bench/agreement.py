@@ -22,7 +22,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import drift
 from gauss_bench.reference.build import absolute_motion
 from gauss_bench.runs.one_run import Run, nothing
-from gauss_bench.runs.questions import FINER, ForceQuestion, accelerations, follow_accelerations
+from gauss_bench.runs.questions import SUBSTEPS, ForceQuestion, accelerations, follow_accelerations
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
@@ -36,7 +36,7 @@ ROUNDING = 1e-9  # of the largest position, speed and acceleration
 GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)
 COARSE, TIGHT = 1e-6, 1e-8  # tolerances at which integrators run that choose their steps
 TIMES = np.linspace(0.0, DURATION, 21)  # [s]
-STIFF = 40  # steps from time to time where FINER ones are too long: 1/8 ms follows vibrations of 1 ms
+STIFF = 40  # steps from time to time where SUBSTEPS are too few: 1/8 ms follows vibrations of 1 ms
 LEVELS = ("positions", "velocities", "accelerations")
 KINDS = str(FOLDER / "linkages" / "kinds.toml")  # slides on what moves, three degrees of freedom, drivers of every kind
 LINKAGES = (  # moved by loads and by drivers; with redundant rows; those of most engines last
@@ -258,7 +258,7 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
 
     The motion by the accelerations of a soft loop may need finer steps: if the comparison fails, it is repeated with those.
     """
-    check = _follow_motion(subject, choice, linkage, scenario, FINER)
+    check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
         return _follow_motion(subject, choice, linkage, scenario, STIFF)
     return check

@@ -28,7 +28,7 @@ ODD = (0.0, 0.0137, 0.02, 0.0555, 0.1)  # [s] times that a step of a millisecond
 START = 1e-9  # of the first sample, relative to the linkage's size and speed
 DERIVED = 0.02  # of velocities against differences of positions, and accelerations of velocities: the median, of the largest
 LATE = 0.75  # steps: first-order methods put rates half a step beside the differences of what they integrate
-FINER = (2, 4)  # parts of a step, in the runs that show of which order a method is
+PARTS = (2, 4)  # parts of a step, in the runs that show of which order a method is
 FIRST_ORDER = (1.5, 3.0)  # times: what half the step changes less of velocities; 2 in theory, 4 for a method of second order
 
 
@@ -97,7 +97,7 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
         if is_late:  # the steps of a method of first order may change accelerations by as much as this
             finer = [
                 subject.perform(mechanism_of(linkage, scenario), replace(subject.usual, step=STEP / k), EVERY_STEP).trajectory
-                for k in FINER
+                for k in PARTS
             ]
             if explains_lateness(run.trajectory, *finer):
                 fault = f"{fault}, and less the shorter the steps are: a method of first order"
@@ -120,7 +120,7 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
 
 
 def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
-    """Tell whether rates that are late or early are so by a method of first order, from runs with the steps of FINER.
+    """Tell whether rates that are late or early are so by a method of first order, from runs with the steps of PARTS.
 
     Then every halving of the step changes the velocities half as much, and the rates of the finest run are right at the samples. A
     shift by whole samples stays as it is, and the changes of a method of higher order fall faster.

@@ -22,7 +22,7 @@ from gauss_bench.trajectory import Status
 
 LIMIT = 60.0  # [s] of one run, in which the slowest engine generates and compiles C
 LONGEST = 100.0  # [s] of processor time, after which no further run is started
-PATIENCE = 6.0  # times both limits, for libraries of environments of their own: MJX compiles every linkage for up to a minute
+PATIENCE = 6.0  # times both limits, for libraries of environments of their own: one compiles every linkage for up to a minute
 STEP, DURATION = 1e-3, 0.1  # [s]
 EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)
 PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))

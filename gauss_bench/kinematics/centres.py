@@ -11,6 +11,7 @@ Source: Kennedy, The Mechanics of Machinery (1886); Uicker, Pennock, Shigley, Th
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -45,11 +46,16 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
     Raises:
         ValueError: the joints leave no motion free, or more than one.
     """
-    freedom = Freedom(replace(mechanism, drivers=()))
+    freedom = _undriven(mechanism)
     free = freedom.at(q)[1].free
     if free.shape[1] != 1:
         raise ValueError(f"{mechanism.name} has {free.shape[1]} free motions here; its instant centres depend on which it does")
     return np.asarray(free[:, 0] / freedom.scale)
+
+
+@lru_cache(maxsize=1)  # a motion asks for the same linkage at every sample
+def _undriven(mechanism: Mechanism) -> Freedom:
+    return Freedom(replace(mechanism, drivers=()))
 
 
 def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:

@@ -23,7 +23,7 @@ GRID = 720  # angles in a turn: the slope of the static torque changes sign only
 LONGEST = 60.0  # [s] of a first turn; it takes less than 1 s, unless the data are within rounding of a bound
 WIDTH = 1e-9  # relative width of a bracket at which bisection ends, about the error of the integration
 MARGIN = 100.0  # by how many widths of the last bracket the second search begins outside of it
-FINER = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
+SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
 
 
 class Extreme(NamedTuple):
@@ -96,7 +96,7 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
     """
     low, high = bisect(make, settled, running, RTOL, width)
     near = MARGIN * (high - low)
-    fine = bisect(make, low - near, high + near, FINER * RTOL, width)
+    fine = bisect(make, low - near, high + near, SECOND_TOLERANCE * RTOL, width)
     value = (fine[0] + fine[1]) / 2
     return value, abs(fine[1] - fine[0]) / 2 + abs(value - (low + high) / 2)
 

@@ -5,7 +5,7 @@ the rest. A ratio is to the newest release, over the processes. The newest runs 
 that ratio is the noise.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -44,15 +44,18 @@ class Cost:
     """A time of a release, and its ratio to that of another.
 
     Attributes:
-        work: STEP_TIME or OVERHEAD; seconds: median of the processes.
-        ratio, low, high: to the newest release, with the range of a second race.
-        verdict: "slower" or "faster" than the newest, "same", or why it has no time.
+        version, other: the release, and the one to which the ratio is: the newest, or the neighbour before it.
+        linkage, setting, work: what was timed; work is STEP_TIME or OVERHEAD.
+        seconds: median of the processes.
+        ratio, low, high: with the range of a second race.
+        verdict: "slower", "faster" or "same", or why it has no time; "" where nothing is judged.
     """
 
     version: str
-    linkage: str
-    setting: str
-    work: str
+    other: str
+    linkage: str = ""
+    setting: str = ""
+    work: str = ""
     seconds: float = float("nan")
     ratio: float = float("nan")
     low: float = float("nan")
@@ -60,26 +63,10 @@ class Cost:
     verdict: str = ""
 
 
-@dataclass(frozen=True)
-class CostChange:
-    """A change of cost between neighbours: the time of the later release divided by that of the earlier."""
-
-    before: str
-    after: str
-    linkage: str
-    setting: str
-    work: str
-    ratio: float
-    low: float
-    high: float
-
-
-def race_releases(
-    library: Library, releases: Sequence[Release], told: Callable[[str], None]
-) -> tuple[list[Cost], list[CostChange]]:
-    """Return the costs of all releases, oldest first, and the changes between neighbours that are more than noise."""
+def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[list[Cost], list[Cost]]:
+    """Return the costs of all releases, oldest first, and those of neighbours that differ by more than noise."""
     costs: list[Cost] = []
-    changes: list[CostChange] = []
+    changes: list[Cost] = []
     entrants = {x.version: x.name for x in releases} | {NULL: again(releases[-1])}
     for name, settings, integrator in library.raced:
         told(f"{library.engine}: racing {settings} {integrator} on {name}, {PROCESSES} times")
@@ -88,9 +75,9 @@ def race_releases(
         steps = {version: x.step for version, x in times.items()}
         overheads = {version: x.overhead for version, x in times.items()}
         for work, measured in ((STEP_TIME, steps), (OVERHEAD, overheads)):
-            costs += list_costs(name, setting, work, [*entrants], measured, failed)
-            found = find_changes([x.version for x in releases], measured, NULL)
-            changes += [replace(x, linkage=name, setting=setting, work=work) for x in found]
+            found = list_costs([*entrants], measured, failed), find_changes([x.version for x in releases], measured, NULL)
+            for into, some in zip((costs, changes), found, strict=True):
+                into += [replace(x, linkage=name, setting=setting, work=work) for x in some]
     return costs, changes
 
 
@@ -127,38 +114,36 @@ def split(short: Array, long: Array) -> Times:
     return Times(step, short - SHORT * step)
 
 
-def list_costs(
-    linkage: str, setting: str, work: str, versions: Sequence[str], measured: dict[str, Array], failed: dict[str, str]
-) -> list[Cost]:
+def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: Mapping[str, str]) -> list[Cost]:
     """Return the cost of every version. The last but one is the newest, to which ratios are; the last is the same once more."""
     newest, null = versions[-2], versions[-1]
     costs = []
     for version in versions:
         if version in failed:
-            costs.append(Cost(version, linkage, setting, work, verdict=FOLDERS.sub("", failed[version])[:LONGEST]))
-            continue
-        cost = Cost(version, linkage, setting, work, float(np.median(measured[version])))
-        if newest in measured:
-            ratio, low, high = ratio_of(measured[version], measured[newest])
-            cost = replace(cost, ratio=ratio, low=low, high=high)
-            if null in measured and version not in (newest, null):
-                cost = replace(cost, verdict=judge_ratio(low, high, null_width(measured[null], measured[newest])))
-        costs.append(cost)
+            costs.append(Cost(version, newest, verdict=FOLDERS.sub("", failed[version])[:LONGEST]))
+        else:
+            width = null_width(measured[null], measured[newest]) if {newest, null} <= measured.keys() else None
+            costs.append(compare_times(version, newest, measured, None if version in (newest, null) else width))
     return costs
 
 
-def find_changes(versions: Sequence[str], measured: dict[str, Array], null: str) -> list[CostChange]:
-    """Return the changes of cost between neighbours that were both measured, each beyond its range and that of the null."""
+def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> list[Cost]:
+    """Return the costs that differ from the neighbour's before, of those measured, beyond their range and that of the null."""
     timed = [x for x in versions if x in measured]
     if not timed or null not in measured:
         return []
     width = null_width(measured[null], measured[timed[-1]])
-    changes = []
-    for before, after in pairwise(timed):
-        ratio, low, high = ratio_of(measured[after], measured[before])
-        if judge_ratio(low, high, width) in ("slower", "faster"):
-            changes.append(CostChange(before, after, "", "", "", ratio, low, high))
-    return changes
+    costs = [compare_times(after, before, measured, width) for before, after in pairwise(timed)]
+    return [x for x in costs if x.verdict in ("slower", "faster")]
+
+
+def compare_times(version: str, other: str, measured: Mapping[str, Array], width: float | None) -> Cost:
+    """Return the cost of a version with its ratio to another, judged where the width of the null is known."""
+    cost = Cost(version, other, seconds=float(np.median(measured[version])))
+    if other not in measured:
+        return cost
+    ratio, low, high = ratio_of(measured[version], measured[other])
+    return replace(cost, ratio=ratio, low=low, high=high, verdict="" if width is None else judge_ratio(low, high, width))
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from gauss_bench.releases.asking import Answers
 from gauss_bench.releases.compare import Change, compare_releases, real
-from gauss_bench.releases.costs import Cost, CostChange
+from gauss_bench.releases.costs import Cost
 from gauss_bench.tables import TABLES, read_table, write_schema, write_table
 
 NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")
@@ -28,7 +28,7 @@ def compare_neighbours(answers: Sequence[Answers]) -> list[tuple[Answers, Answer
 
 
 def make_tables(
-    engine: str, answers: Sequence[Answers], costs: Sequence[Cost], cost_changes: Sequence[CostChange], commit: str, date: str
+    engine: str, answers: Sequence[Answers], costs: Sequence[Cost], cost_changes: Sequence[Cost], commit: str, date: str
 ) -> Tables:
     """Return the rows of all tables."""
     compared = compare_neighbours(answers)
@@ -59,9 +59,9 @@ def change_row(engine: str, before: str, after: str, x: Change) -> dict[str, Any
     return row | {name: float(f"{value:.3g}") for name, value in numbers.items()}
 
 
-def cost_change_row(engine: str, x: CostChange) -> dict[str, Any]:
+def cost_change_row(engine: str, x: Cost) -> dict[str, Any]:
     """Return the row of a change of cost."""
-    row = {"engine": engine, "before": x.before, "after": x.after, "quantity": f"{COST} {x.work}", "case": x.linkage}
+    row = {"engine": engine, "before": x.other, "after": x.version, "quantity": f"{COST} {x.work}", "case": x.linkage}
     return row | {"setting": x.setting, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high}
 
 

@@ -22,7 +22,7 @@ from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_eve
 
 SHIFT = 1e-14  # relative change of a start by which rounding is measured
 FORCED = 20  # states at which an engine is asked for its own joint forces
-FINER = 5  # steps between two times of `follow_accelerations`, where no loop is stiff
+SUBSTEPS = 5  # steps between two times of `follow_accelerations`, where no loop is stiff
 
 
 def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
@@ -90,7 +90,7 @@ def run_before(times: Array, model: Model) -> None:
     model.read()
 
 
-def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, model: Model, finer: int = FINER) -> Array:
+def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, model: Model, finer: int = SUBSTEPS) -> Array:
     """Return the motion (3, k, n), q, v and a, at the times (k,) [s] by a model's own accelerations from the state q0, v0 (n,).
 
     Args:

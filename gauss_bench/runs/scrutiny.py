@@ -30,7 +30,7 @@ LOOKED_AT = 5  # states whose modes are computed; the median counts, as one stat
 VAGUE = 0.1  # of the error that the judge allows: a reference with larger error bars cannot decide
 RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # names of options for the relative tolerance of an integrator
 USUAL_TOLERANCE = 1e-6  # relative tolerance of an engine that states none
-FINER, SMALLEST_TOLERANCE = 100.0, 1e-14  # factor to, and least value of, a repetition's relative tolerance
+TIGHTER, SMALLEST_TOLERANCE = 100.0, 1e-14  # factor to, and least value of, a repetition's relative tolerance
 A_PERIOD = 8  # samples: the integral of a sine through them has an error of 1e-3
 LEAST = 100  # samples of a run: rates of a short one turn about as often as those of a long one
 MOST = 200_000  # samples of a run with a spacing below SAMPLING: half a GiB for a large linkage
@@ -96,8 +96,8 @@ def finer_tolerance(offer: Offer, choice: Choice) -> float:
         options = offer.resolve_settings(choice.settings)
         given = [x for name, x in options.items() if RELATIVE.search(name) and isinstance(x, float) and x > 0]
         tolerance = min(given, default=USUAL_TOLERANCE)
-    finer = tolerance / FINER
-    return finer if finer >= SMALLEST_TOLERANCE else tolerance * FINER
+    finer = tolerance / TIGHTER
+    return finer if finer >= SMALLEST_TOLERANCE else tolerance * TIGHTER
 
 
 def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:

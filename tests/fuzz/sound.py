@@ -21,7 +21,7 @@ from gauss_bench.suites.read import read_suite
 from gauss_bench.terms import Array
 
 NEAR = (5e-3, 4e-3, 1e-2)  # of the longest way (at most the size, or 1 rad), of the largest speed, of the largest acceleration
-FINER = 16
+SHORTER = 16
 ENDS = (0.05, 0.1, 0.2, 0.5)  # [s], beside the end that the gate has
 
 
@@ -43,7 +43,7 @@ def truth_of(linkage: str, scenario: str, engine: str, step: float, until: float
                 return Truth(data["t"], (data["q"], data["v"], data["a"]))
     other = "gauss" if engine.startswith("lagrange") else "lagrange"
     at = list(np.arange(1, 21) * until / 20)
-    run = simulate(linkage, other, scenario, stabilization="projection", step=step / FINER, at=[0.0, *at]).trajectory
+    run = simulate(linkage, other, scenario, stabilization="projection", step=step / SHORTER, at=[0.0, *at]).trajectory
     if run is None:
         raise ValueError(f"no truth of {linkage}, {scenario}")
     return Truth(run.t, (run.q, run.v, run.a))

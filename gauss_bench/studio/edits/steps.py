@@ -37,7 +37,7 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
         d.sketch()
     else:
         d.tidy()
-    after = read(d.document)
+    after = read(d.document, starts=False)
     if moves and after.closed:
         Drawing(d.document, after).sketch()
         follow(d.document, before, after)
