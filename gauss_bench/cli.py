@@ -89,10 +89,10 @@ def command() -> int:
         finally:
             sys.stdout.flush()
     except OutputLost as error:
-        return lose_output(error)
+        return report_lost_output(error)
 
 
-def lose_output(error: OutputLost) -> int:
+def report_lost_output(error: OutputLost) -> int:
     """Report that results were lost, and redirect stdout so that nothing tries to write them again."""
     print(f"error: stdout: {error}: results are lost", file=sys.stderr)
     with contextlib.suppress(OSError, ValueError):
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("interrupted; finished cases are kept", file=sys.stderr)
         return 130
     except OutputLost as error:
-        return lose_output(error)
+        return report_lost_output(error)
     except MemoryError:
         print("error: there is not enough memory for this request", file=sys.stderr)
         return BAD_INPUT

@@ -43,7 +43,7 @@ class Task(NamedTuple):
         key: identifies the task in the journal.
         function, arguments: function(*arguments) returns table -> rows.
         stamp: digest of the code and data that the rows depend on.
-        table, start: the table that has a row if the task fails, and the first columns of that row.
+        table: the table that gets a row if the task fails. start: the first columns of that row.
         limit: [s] after which the worker is stopped.
     """
 

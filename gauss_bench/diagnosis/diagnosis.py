@@ -51,7 +51,7 @@ WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # ca
 
 @dataclass(frozen=True)
 class Numbers(split.Closure):
-    """The measured figures beside the closure, in m and rad unless noted; NaN where a figure could not be determined.
+    """The measured figures other than those of the closure, in m and rad unless noted; NaN where a figure could not be determined.
 
     Attributes:
         error: largest position error of the run with the requested step; at: its time [s]; errors: the same of every run.

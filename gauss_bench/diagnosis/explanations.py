@@ -219,7 +219,10 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield explanations by a wrong factor or sign of all forces of one kind."""
+    """Yield explanations by a wrong factor or sign of a group of forces: of one kind, of one name, or all of them.
+
+    Each has the effect of counting its group once more; the factor is fitted later.
+    """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:

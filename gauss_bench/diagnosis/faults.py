@@ -133,7 +133,7 @@ def last_pin(mechanism: Mechanism) -> list[int]:
 
 
 def without(terms: Terms, rows: list[int]) -> Terms:
-    """Return the terms without some constraint rows."""
+    """Return the terms without the given constraint rows."""
     kept = np.delete(np.arange(len(terms.J)), rows)
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept])
 

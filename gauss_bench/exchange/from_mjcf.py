@@ -150,7 +150,7 @@ class Reader:
         return Spot(self.name("site", k), int(self.model.site_bodyid[k]), self.data.site_xpos[k])
 
     def _equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
-        """Return the closures, by name and points, and the welds, by bodies.
+        """Return the name and points of each closure, and the two bodies of each weld.
 
         Raises:
             ExchangeError: an equality does not close a linkage.

@@ -186,7 +186,7 @@ class Drag:
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
-        """Take the best step that brings the point nearer than `apart`; return True if another step may bring it nearer still."""
+        """Take the best step that brings the point nearer to its target than `apart` [m]; return True if another step may help."""
         bends = self._bends()
         for y in self._steps(self.at(self.place) - target, bends):
             place = self._go(y, bends)

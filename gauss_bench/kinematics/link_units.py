@@ -85,7 +85,7 @@ class Way:
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """Return the units at the link's angle [rad], angular speed [rad/s], and its slides' coordinates [m] and speeds [m/s]."""
+        """Return the link units at the link's angle [rad], speed [rad/s], and its slides' coordinates [m] and speeds [m/s]."""
         E = cmath.exp(1j * angle)
         w = self.leave.at - self.enter.at
         w_rate = 0j

@@ -48,7 +48,7 @@ NEAR = 1e-3  # relative singular value: below, messages say that a singular posi
 def extend_motion(
     document: dict[str, Any], scenario: str, times: Sequence[str], step: float, progress: Progress | None = None
 ) -> Motion:
-    """Integrate the motion at the sample times, to the end or to where it has to stop.
+    """Integrate the motion in long double; return its states at the sample times, up to where it has to stop.
 
     Args:
         document: with decimals as written (`decimal_document`) and the scenario's override merged.

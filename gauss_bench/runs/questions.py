@@ -94,7 +94,7 @@ def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, m
     """Return the motion (3, k, n), q, v and a, at the times (k,) [s] by a model's own accelerations from the state q0, v0 (n,).
 
     Args:
-        finer: number of steps from time to time.
+        finer: number of steps between two consecutive times.
     """
     q, v, samples = q0, v0, []
     for t, end in zip(times.tolist(), [*times[1:].tolist(), None], strict=True):

@@ -297,7 +297,7 @@ def race_apart(
 
 
 def rough_entries(linkage: str, scenario: str, until: float, asked: Asked) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield one step of every variant, at the size of the given way."""
+    """Yield each way, without its size, and a function that times one step of it at the size that is asked."""
     run = Run(linkage, load(linkage, scenario or None), until)
     for way, steps, _ in asked:
         yield way._replace(size=0.0), partial(one_step, run, way, steps, {})

@@ -260,6 +260,7 @@ class Lagrange:
         return {k: x for k, x in unknowns.items() if k < self.n}
 
     def correction(self, residual: Right) -> Right:
+        """Return the smallest change of the coordinates that cancels a residual of the constraints (row -> node)."""
         right = {self.n + r: -x for r, x in residual.items()}
         if self.single:
             return self._motions.across(self._coordinates(self.factors.solve(right)))

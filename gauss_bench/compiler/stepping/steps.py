@@ -240,11 +240,14 @@ class Builder:
             weight = g.const(bound**-2) if factor is None else g.mul(g.const(bound**-2), g.mul(factor, factor))
             self.score.append(g.mul(weight, g.squares(values)))
 
-    def turn(self, pairs: list[Pair], d: list[int], reach: float, to: list[int]) -> list[Pair]:
-        """Rotate sines and cosines of the angles by d[i] and register them for the positions `to`."""
+    def turn(self, pairs: list[Pair], change: list[int], largest: float, to: list[int]) -> list[Pair]:
+        """Return the sines and cosines of the angles after a change [rad] of the coordinates, each at most `largest`.
+
+        They are used where angles are needed at the positions `to`. None are returned if every step computes them anew.
+        """
         if not self.reach.rotates:
             return []
-        turned = [trigonometry.rotate(self.g, pair, d[i], reach) for pair, i in zip(pairs, self.code.angles, strict=True)]
+        turned = [trigonometry.rotate(self.g, pair, change[i], largest) for pair, i in zip(pairs, self.code.angles, strict=True)]
         self.share(to, turned)
         return turned
 

@@ -38,7 +38,8 @@ class Loop:
         source: the file of the derivation.
         numbers: name in the derivation -> value.
         links: crank, second and third link (indices).
-        lines: (3,) direction [rad], in each link's frame, of the line whose angle the derivation uses; a slider's minus its angle.
+        lines: (3,) direction [rad], in each link's frame, of the line whose angle the derivation uses; for a slider,
+            minus the slider's angle.
         pins: for each link the pin that joins it to the ground or to the link before.
     """
 

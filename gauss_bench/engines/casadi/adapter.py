@@ -201,7 +201,7 @@ class CasadiModel:
 
 
 def explain(text: str, integrator: str) -> str:
-    """Return a sentence for the message of CasADi's exception: the meaning of the error code of SUNDIALS, or else its last line."""
+    """Return a CasADi exception in one sentence: the meaning of its SUNDIALS error code, or the last line of its text."""
     code = re.search(r'"(?:IDA|CV)_(\w+)"', text)
     reason = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
     return f"{integrator} gave up: {reason}"
