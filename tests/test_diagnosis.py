@@ -101,7 +101,7 @@ VARIATIONS = [  # none of them is one of the catalogue's
     (of("stale under Euler", Cause.STALE, terms=faults.stale), FOUR_BAR, {"integrator": "semi_implicit_euler"}),
     (of("half a millisecond", Cause.SHIFT, times=partial(shifted, 5e-4)), FOUR_BAR, {}),
     (
-        of("a step under Euler", Cause.SHIFT, times=faults.one_step_late),
+        of("a step under Euler", Cause.SHIFT, times=partial(faults.resample, late=1.0)),
         CRANK_SLIDER,
         {"integrator": "semi_implicit_euler", "step": 1e-3},
     ),
