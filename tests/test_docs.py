@@ -295,8 +295,8 @@ def test_the_search_box_of_a_page_finds_keys_verbs_and_pages_without_a_network(b
     row = page.locator("tr", has=page.locator("[id='links.kg_per_m']"))
     assert "kg/m" in row.inner_text()
     page.goto((site / "search.html").as_uri())
-    listed = {"kinematics command": "kinematics", "simulate --tolerance": "simulate --tolerance"}
-    for words, entry in {x: f"Guide: Commands: {y}" for x, y in listed.items()} | {"method": "Method"}.items():
+    listed = {"kinematics command": "Guide: Commands: kinematics", "simulate --tolerance": "Guide: Commands: simulate --tolerance"}
+    for words, entry in (listed | {"method": "Method"}).items():
         page.fill("#ask", words)
         assert entry in found.all_inner_texts()
     page.fill("#ask", "no such word")
