@@ -97,7 +97,7 @@ def lines_of(folder: Path) -> list[str]:
     """The rows of every case in the tables of the site, cell by cell."""
     pages = "".join(path.read_text() for path in (folder / "site").glob("linkage-*-rows.html"))
     rows = re.findall(r"<tr(?: hidden)?>(<td.*)", pages)
-    return ["|".join(re.sub(r"<[^>]+>", "", f"<{cell}") for cell in row.split("<td")[1:]) for row in rows]
+    return ["|".join(re.sub(r"<[^>]*>", "", f"<{cell}") for cell in row.split("<td")[1:]) for row in rows]
 
 
 def text_of(rows: list[Row], folder: Path) -> str:

@@ -97,7 +97,7 @@ class Subject:
     ) -> Run:
         """Run a linkage; with `again` the worker may keep the model for a further step or tolerance."""
         wanted, patience = sampling_at(choice.step, times), PATIENCE if environment_of(self.offer.name) else 1.0
-        if self.processor_time > patience * LONGEST:
+        if self.processor_time >= patience * LONGEST:
             return Run(Status.SKIP, f"not asked: {patience * LONGEST:g} s of the processor are spent", None, None, wanted)
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, 0.0, answers)
         return run_apart(request, mechanism, patience * LIMIT, self.worker, again=again)
