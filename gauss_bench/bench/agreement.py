@@ -92,7 +92,8 @@ class Answer:
         if not self.along <= ALONG:
             return f"N^T (M a - Q) is {self.along:.1e} of N^T Q: not soft loops, but a wrong mass, force or row of J"
         if not self.gamma >= LEAST_GAMMA:
-            return f"J a is {round(self.gamma, 2) + 0.0:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
+            share = round(self.gamma, 2) + 0.0  # no negative zero
+            return f"J a is {share:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
         if not soft and not self.off <= EXACT:
             return f"accelerations are off by {self.off:.1e} of the largest"
         return ""
