@@ -459,6 +459,12 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
     assert releases_page(Run({}, {})) is None
 
 
+def test_the_page_tells_the_rule_by_which_changes_are_judged() -> None:
+    assert f"exceeds {compare.MARGIN:g} times" in what_changed.RULE
+    assert (compare.SCATTERED, compare.STEADY) == (1e-3, 1e-6)
+    assert "by more than a thousandth, and those of the other by less than a millionth" in what_changed.RULE
+
+
 def test_a_reason_is_told_once_and_names_by_what_became_of_them() -> None:
     def change(quantity: str, setting: str, was: str, now: str) -> dict[str, Any]:
         return {"quantity": quantity, "case": "four_bar", "setting": setting, "was": was, "now": now, "difference": math.nan}
