@@ -155,7 +155,7 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
     """Draw random states on the constraints, with their reference accelerations.
 
     A linkage of one coordinate gets crank speeds uniform in +-`speed` [rad/s]. Drivers are evaluated at random times within the
-    scenario's duration. Every other linkage walks at random, with speeds along its free motions uniform in +-3 (norm of v).
+    scenario's duration. Every other linkage walks at random; the components of v along its free motions are uniform in +-3.
     """
     rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
 
