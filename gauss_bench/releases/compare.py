@@ -6,7 +6,7 @@ compiled anew may add in another order. It is real too where one release's answe
 decides what the release answers.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -132,11 +132,3 @@ def real(changes: Sequence[Change]) -> list[Change]:
     """Return the real changes, the largest first; those without a size, such as new defaults, stand last."""
     found = [x for x in changes if x.is_real]
     return sorted(found, key=lambda x: (-x.difference if np.isfinite(x.difference) else 0.0, x.quantity, x.case, x.setting))
-
-
-def group_changes(changes: Sequence[Change]) -> Mapping[str, list[Change]]:
-    """Return quantity -> its real changes, the largest first."""
-    groups: dict[str, list[Change]] = {}
-    for change in real(changes):
-        groups.setdefault(change.quantity, []).append(change)
-    return groups
