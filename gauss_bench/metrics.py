@@ -343,8 +343,8 @@ def friction_power(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, float]:
     """Return the energy gained beyond the work done since the start (k,) [J], and the error bar of the work [J].
 
-    Springs, gravity, constant torques and world-fixed forces have potentials. The work of dampers, friction, drivers and forces that
-    turn with a link is the integral of their power, interpolated between the samples.
+    Springs, gravity, constant torques and world-fixed forces have potentials. The work of dampers, friction, drivers and forces
+    that turn with a link is the integral of their power, interpolated between the samples.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
