@@ -172,8 +172,10 @@ def _body(document: Document, name: str) -> str:
     """Return the link to which a link is welded, directly or through others; the link itself if it is not welded."""
     welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
     chain = [name]
-    while welds.get(chain[-1]) and welds[chain[-1]] not in chain:  # a circle of welds, which is a fault, ends before it closes
-        chain.append(welds[chain[-1]])
+    to = welds.get(name)
+    while to is not None and to not in chain:  # welds in a circle, which are a fault, end before the circle closes
+        chain.append(to)
+        to = welds.get(to)
     return chain[-1]
 
 

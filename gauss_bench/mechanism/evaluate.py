@@ -1,6 +1,6 @@
 """Evaluate a mechanism at a state: constraint rows, the terms of its equations of motion, and its energy.
 
-Constraint rows take one state, q (n,), or a batch, q (..., n), in double or in the longer type in which the linkage was built.
+Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in doubles or in the longer type of the linkage.
 """
 
 from collections.abc import Callable
@@ -18,13 +18,13 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
 
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
-ROUNDING = 1e-15
-RANK_TOLERANCE = 1e-9  # of the largest singular value, as where a linkage is assembled
+ROUNDING = 1e-15  # relative residual of a closed position
+RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 
 
 @dataclass(frozen=True)
 class Rows:
-    """All m constraint rows at a state or a batch of states: joints two each, couplings, drivers, knife edges.
+    """All m constraint rows at a state or a batch of states: two of each joint, then couplings, drivers, knife edges.
 
     Attributes:
         phi: (..., m) residuals.
@@ -40,13 +40,15 @@ class Rows:
 
 
 class Constraints:
-    """The constraint rows of one mechanism. Entries of J that are constant are computed once.
+    """The constraint rows of one mechanism; entries of J that are constant are computed once.
 
     Attributes:
         m: number of rows.
         joint_rows: number of rows of joints and couplings, which stand first.
-        holonomic: number of rows that have a position level; knife edges stand behind them.
+        holonomic: number of rows that have a position level; those of knife edges stand behind them.
         laws: motion laws of the drivers.
+        constant: (m n,) the constant entries of J, row by row; 0 for an entry that varies.
+        varying: (k,) indices of the varying entries in `constant`.
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -56,7 +58,7 @@ class Constraints:
         self.m, self.laws = len(rows), at.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
         self.joint_rows = self.holonomic - len(mechanism.drivers)
-        self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)  # J, row by row; 0 where an entry varies
+        self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)
         varying = []
         for i, row in enumerate(rows):
             for k, entry in row.entries.items():
@@ -73,7 +75,7 @@ class Constraints:
         return at.generate(*self.list_symbols(at))
 
     def list_symbols(self, at: Symbols) -> tuple[list[Symbol], ...]:
-        """Return the varying entries of J, gamma, phi and phi_t as symbols, so that they can share operations with others."""
+        """Return the varying entries of J, gamma, phi and phi_t as symbols; in one program they share operations with forces."""
         rows, symbol = list(equations.rows(self.mechanism, at)), at.program.symbol
         entries = [symbol(x) for row in rows for x in row.entries.values()]
         varying = [x for x in entries if x.number is None]
@@ -110,11 +112,16 @@ def list_determined(mechanism: Mechanism) -> list[str]:
 
 
 class UndeterminedLoads(ArithmeticError):
-    """Friction in the joints of a linkage whose constraint rows are redundant: their loads, and so the motion, are not unique."""
+    """A linkage has friction and redundant constraint rows: the loads of its joints, and so its motion, are not unique."""
 
 
 class Evaluator:
-    """Evaluates one mechanism at any number of states."""
+    """The equations of motion of one mechanism, to be evaluated at any state.
+
+    Attributes:
+        mass: (n,) diagonal of the mass matrix.
+        M: (n, n) mass matrix.
+    """
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism = mechanism
@@ -126,13 +133,13 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """One function for the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
+        """The generated function of the varying entries of J, Q of steady forces, gamma, phi and phi_t."""
         at = Symbols(self.mechanism.n)
         entries, *others = self.constraints.list_symbols(at)
         return at.generate(entries, self.applied.add_steady(at), *others)
 
     def terms(self, t: float, q: Array, v: Array) -> Terms:
-        """Return M, J, Q, gamma and the residuals at one state q, v (n,); Q is without friction, which needs the multipliers."""
+        """Return the terms at one state q, v (n,) and time t [s]; Q is without friction, which depends on the multipliers."""
         entries, Q, gamma, phi, phi_t = self._terms(t, q, v)
         J = self.constraints.fill_jacobian(entries)
         for force in self.applied.varying:
@@ -140,29 +147,28 @@ class Evaluator:
         return Terms(self.M, J, Q, gamma, phi, J @ v + phi_t)
 
     def check_loads(self) -> None:
-        """Refuse friction if rows are redundant at the start.
+        """Check that no rows are redundant at the start if joints have friction.
 
         Raises:
-            UndeterminedLoads: with the number of redundant rows.
+            UndeterminedLoads: rows are redundant; the message has their number.
         """
         if self.friction:
             J = self.constraints(0.0, self.mechanism.q0, self.mechanism.v0).J
             spare = len(J) - int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
             if spare:
-                raise UndeterminedLoads(
-                    f"redundant constraint rows ({spare}) leave the loads of the joints undetermined, and with them their friction"
-                )
+                redundant = f"redundant constraint rows ({spare})"
+                raise UndeterminedLoads(f"{redundant} leave the loads of the joints undetermined, and with them their friction")
 
     def energy(self, q: Array, v: Array) -> Array:
         """Return kinetic plus potential energy (...) [J] of state(s) (..., n)."""
         return 0.5 * (v * v) @ self.mass + self.applied.potential(q)
 
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
-        """Return the nearest consistent state q, v (n,): Gauss-Newton corrects q down to rounding, then v is corrected once.
+        """Return the nearest consistent state q, v (n,) at time t [s]: Gauss-Newton corrects q, then one linear system corrects v.
 
-        Singular values below `rank_tolerance` of the largest count as zero: next to a singular position, or where redundant rows
-        disagree by their own drift, a correction along them would throw the state far along the free motion. A state that is not
-        finite is returned unchanged.
+        Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if redundant rows
+        contradict each other by their drift, a correction along them would move the state far along the free motion. A state that
+        is not finite becomes NaN.
         """
         h = self.constraints.holonomic
         rows: Rows  # at the latest position; the correction of v uses them
