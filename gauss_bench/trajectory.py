@@ -38,6 +38,21 @@ def in_a_sentence(text: object) -> str:
 
 
 @dataclass(frozen=True, eq=False)
+class States:
+    """States of one linkage: times t (k,) [s], positions q and velocities v (k, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, chosen: NDArray[Any] | slice) -> "States":
+        return States(self.t[chosen], self.q[chosen], self.v[chosen])
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
     """States with their accelerations, in the absolute coordinates of a mechanism.
 
