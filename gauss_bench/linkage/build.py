@@ -21,6 +21,7 @@ from gauss_bench.mechanism.model import (
     AngleDriver,
     CoulombFriction,
     Driver,
+    Force,
     Joint,
     KnifeEdge,
     LengthDriver,
@@ -176,6 +177,11 @@ class Resolver:
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
         return [Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
+    def build_force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
+        """Return the force or dry friction of a table."""
+        force: Force | CoulombFriction = FORCES[table["type"]].read(name, table, self)
+        return force
+
     def build_driver(self, table: dict[str, Any]) -> Driver:
         """Return the driver of a table."""
         law = build_law(table, self.number_type, self.turn(table["link"]) if "link" in table else 0)
@@ -269,8 +275,7 @@ def build_mechanism(
     names = Resolver(expanded, number, apart)
     constraints = [CONSTRAINTS[x["type"]].read(name, x, names) for name, x in expanded.get("constraints", {}).items()]
     chosen = expanded["scenarios"][scenario]
-    tables = {name: expanded["forces"][name] for name in chosen.get("forces", [])}
-    forces = [FORCES[x["type"]].read(name, x, names) for name, x in tables.items()]
+    forces = [names.build_force(name, expanded["forces"][name]) for name in chosen.get("forces", [])]
     observe = expanded.get("observe", {})
     crank = expanded.get("crank")
     drivers = tuple(names.build_driver(x) for x in drivers_of(chosen))
