@@ -64,9 +64,9 @@ def trial_of(row: Mapping[str, Any]) -> Trial:
     """Return the trial that a row of `search_ladder` describes."""
 
     def read(column: str) -> float:
-        """Return the number in a column; NaN if it is missing."""
+        """Return the number in a column; NaN if it is missing or not finite."""
         x = row.get(column)
-        return math.nan if x is None else float(x)
+        return float(x) if x is not None and math.isfinite(x) else math.nan
 
     status = Status(row["status"])
     errors = {kind: read(f"{kind}_error") for kind in UNITS} if status is Status.OK else {}

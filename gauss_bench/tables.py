@@ -261,7 +261,7 @@ def write_parquet(name: str, columns: Sequence[Column], rows: Sequence[Row], pat
     drawn = measured if table.curves else []  # columns with points of curves, which need few digits
     schema = pa.schema([(c.name, pa.float32() if c.name in drawn else kinds[c.kind]) for c in columns])
     schema = schema.with_metadata({"gauss_bench": json.dumps({"table": name, "format": FORMAT})})
-    rounded = {x for x in drawn} - {c.name for c in table.key}
+    rounded = set(drawn) - {c.name for c in table.key}
     content = pa.Table.from_pylist([{k: round_bits(x) if k in rounded else x for k, x in row.items()} for row in rows], schema)
     options = {
         "compression": "zstd",

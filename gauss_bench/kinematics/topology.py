@@ -62,7 +62,7 @@ class Passage:
 
 @dataclass(frozen=True)
 class Loop:
-    """Passages in cyclic order: the first link is the one nearest to the frame, and its pair to leave is the earlier in the file."""
+    """Passages in cyclic order, from the link nearest to the frame on, which the loop leaves by the earlier pair in the file."""
 
     passages: tuple[Passage, ...]
 
