@@ -14,7 +14,6 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import find_certified
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.conftest import redundant
 
 ORDERS = {"rk4": 4.0, "semi_implicit_euler": 1.0, "dop853_fixed": 8.0, "gauss_legendre": 6.0}
 FEW = {"dop853_fixed": (1 / 5, 1 / 8, 1 / 16), "gauss_legendre": (1 / 5, 1 / 10, 1 / 20)}  # [s]: below, only rounding is left
@@ -88,12 +87,6 @@ def test_energy_is_kept_at_the_order_of_the_integrator(stabilization: str) -> No
         errors.append(np.abs(energy).max())
         assert bar < 1e-13  # nothing dissipates: the bar is rounding alone
     assert errors[0] / errors[1] > 10  # 16 at order 4; the projection adds a part of order 5
-
-
-def test_redundant_rows_follow_the_motion_of_the_plain_linkage() -> None:
-    plain = run(load("four_bar"), stabilization="projection", t=0.3)
-    twice = run(redundant(), stabilization="projection", t=0.3)
-    assert np.abs(plain.q - twice.q).max() < 1e-9
 
 
 def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:

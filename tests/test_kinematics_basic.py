@@ -11,7 +11,6 @@ import pytest
 
 from gauss_bench.kinematics import basic_coordinates, root_finding
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
-from gauss_bench.kinematics.basins import basins, point_form
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
@@ -24,7 +23,6 @@ from gauss_bench.mechanism.model import Mechanism
 from tests.conftest import DATA, driven, everything
 from tests.four_bars import four_bar
 
-LINKAGES = ["crank_slider", "four_bar", "six_bar", "eight_bar", "shaper", "parallelogram"]
 METHODS = list(ROOT_FINDERS)
 
 
@@ -49,16 +47,6 @@ def violations(mechanism: Mechanism, times: np.ndarray, motion: Motion) -> np.nd
 
 
 ROUNDING = np.array([1e-12, 1e-11, 1e-10])  # promised of positions, velocities, accelerations of order 1 to 100
-
-
-def test_angles_stay_continuous_over_many_turns_and_from_a_late_start() -> None:
-    mechanism = load("eight_bar", "driven")
-    motion = basic_motion(mechanism, np.array([3.4, 3.65, 1.0]))
-    assert mechanism.driver is not None
-    crank = 3 * mechanism.driver.link + 2
-    assert motion.q[:, crank] == pytest.approx(2 * np.pi * np.array([3.4, 3.65, 1.0]), abs=1e-12)
-    others = [k for k in range(2, mechanism.n, 3) if k != crank]
-    assert np.abs(motion.q[2, others] - mechanism.q0[others]).max() < 1e-12  # rockers return: whole turns end where they began
 
 
 # Equations ------------------------------------------------------------------------------------------------------------
@@ -147,12 +135,6 @@ def test_every_kind_of_link_moves_as_in_absolute_coordinates(name: str) -> None:
     assert (violations(mechanism, times, motion) < peak * ROUNDING).all()
 
 
-def test_points_are_shared_by_pins_at_one_place_and_added_where_a_link_has_one() -> None:
-    jansen, lever = load("jansen"), slotted(30.0, 0.05, flag=False)
-    assert sorted(PointModel(turning(jansen, crank=1.0)).names) == ["C", "D", "E", "F"]
-    assert PointModel(turning(lever, crank=1.0)).names == ("lever.+",)
-
-
 @pytest.mark.parametrize(("scale", "away"), [(1e-3, 0.0), (1.0, 100.0)])
 def test_small_linkages_and_far_ones_move_as_well(scale: float, away: float) -> None:
     document = document_of("four_bar")
@@ -189,27 +171,6 @@ def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
         b, d = C - B, C - D
         side = np.sign(b[:, 0] * d[:, 1] - b[:, 1] * d[:, 0])
         np.testing.assert_array_equal(side, branch["C"])
-
-
-@pytest.mark.parametrize(("rod", "count"), [(0.2, 2), (1.3, 4)])
-def test_the_collinear_shaper_has_two_by_two_assemblies_where_its_rod_reaches(rod: float, count: int) -> None:
-    """The lever on either side of its pivot, the ram on either side of the lever; a short rod reaches from one of the first."""
-    document = document_of("shaper")
-    document["links"]["rod"]["points"]["C"] = [rod, 0.0]
-    document["assembly"]["sketch"]["C"] = [0.19 + rod, 0.58]
-    mechanism = load_document(document, "driven")
-    residual, solution = point_form(mechanism)
-    model = PointModel(mechanism)
-    assert [group.name for group in model.groups] == ["B", "C"]
-    rng = np.random.default_rng(3)
-    found: dict[tuple[int, ...], np.ndarray] = {}
-    for _ in range(100):
-        root = levenberg_marquardt(residual, rng.uniform(-1.5, 1.5, size=len(solution)))
-        if root.flag == ExitFlag.CONVERGED:
-            name = tuple(model.signs(residual(root.x)[1]))
-            assert np.abs(found.setdefault(name, root.x) - root.x).max() < 1e-9  # one root to a name
-    assert len(found) == count
-    assert any(np.abs(x - solution).max() < 1e-9 for x in found.values())
 
 
 @pytest.mark.parametrize("degrees", [1, 10])
@@ -321,15 +282,3 @@ def test_backtracking_saves_what_full_steps_lose() -> None:
     for method in METHODS[1:]:
         root = ROOT_FINDERS[method](residual, start)
         assert (root.flag, float(root.x[0])) == (ExitFlag.CONVERGED, pytest.approx(0.0, abs=1e-13))
-
-
-@pytest.mark.long
-def test_near_starts_find_the_assembly_and_far_ones_any() -> None:
-    mechanism = load("shaper", "driven")
-    near, far = (basins(mechanism, [spread], starts=60) for spread in (0.04, 0.8))
-    assert [row.method for row in near] == METHODS
-    assert all(row.right == 1.0 and row.iterations < 8 for row in near)
-    assert all(row.right < 0.8 for row in far)
-    assert far[2].other > 0.2  # the patient search ends at other assemblies
-    assert basins(mechanism, [0.8], starts=60) == far
-    assert basins(mechanism, [0.8], starts=60, seed=1) != far

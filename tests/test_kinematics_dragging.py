@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.dragging import Drag, Locks
-from gauss_bench.kinematics.freedom import Freedom, Place
 from gauss_bench.kinematics.singular import STEP, Curve
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position, value
@@ -97,22 +96,6 @@ def test_random_targets_leave_the_eight_bar_on_its_branch(targets: int) -> None:
         found = drag.to(home + rng.normal(scale=0.04, size=2))
         assert np.abs(turns - np.exp(1j * found.q[2::3])).max(axis=1).min() < STEP
     assert residual(mechanism, drag.q) < 1e-12
-
-
-def test_a_pointer_costs_few_decompositions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A centimetre or so a frame, as a hand moves."""
-    mechanism, turns, count = load("eight_bar"), np.arange(0.0, 2 * np.pi, 0.1), 0
-    drag, home, decompose = Drag(mechanism, mechanism.q0, "rod79.R"), at(mechanism, mechanism.q0, "rod79.R"), Freedom.at
-
-    def counted(freedom: Freedom, q: Array) -> tuple[Array, Place]:
-        nonlocal count
-        count += 1
-        return decompose(freedom, q)
-
-    monkeypatch.setattr(Freedom, "at", counted)
-    for angle in turns:
-        drag.to(home + 0.12 * np.array([np.cos(angle) - 1, np.sin(angle)]))
-    assert count < 10 * len(turns)
 
 
 def test_locks_hold_angles_places_and_slides() -> None:

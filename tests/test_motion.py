@@ -32,17 +32,6 @@ def test_three_independent_ways_tell_one_motion(linkage: str, monkeypatch: pytes
         assert row["acceleration"] < 1e-10, row
 
 
-def test_the_object_has_what_is_promised(capsys: pytest.CaptureFixture[str]) -> None:
-    found = said(capsys, "eight_bar", "--steps", "4", "--points", "rod79.R")
-    assert found["loops"] == [["1", "2", "5", "3"], ["1", "2", "6", "7", "9", "4"], ["1", "2", "6", "8", "10", "4"]]
-    assert set(found["driver"]) == {"angle", "speed", "acceleration"}
-    assert found["driver"]["angle"] == pytest.approx([0.0, np.pi / 2, np.pi, 3 * np.pi / 2, 2 * np.pi])
-    assert list(found["points"]) == ["rod79.R"]
-    assert len(found["links"]["crank"]["theta"]) == 5
-    assert found["branch"]
-    assert {s["kind"] for s in found["singular"]} == {"dead centre"}
-
-
 @pytest.mark.parametrize(
     ("law", "end", "rest"),
     [

@@ -93,7 +93,7 @@ def tables(sections: Sequence[Section]) -> Iterator[Table]:
         yield from tables(section.parts)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_cell_of_the_published_rows_denies_what_a_stored_row_shows() -> None:
     run = read_run(ROOT / "reports")
     found = list(cells(run))

@@ -207,15 +207,6 @@ def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewrit
     assert list(baseline["accepted"]) == ["2026-11-21 first baseline", "2026-11-22 a better reference"]
 
 
-def test_migrating_twice_changes_nothing(tmp_path: Path) -> None:
-    of_format_1(tmp_path)
-    tables.write_table("series", [dict.fromkeys(KEY[:6], "x") | {"step": 1e-3, "t": 0.5}], tmp_path)
-    tables.migrate(tmp_path)
-    before = {path.name: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    tables.migrate(tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-
-
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
 
 
