@@ -136,7 +136,7 @@ for name in names():
     except ImportError:
         continue
     # settings and variants differ by engine: what runs by default stands for them
-    found = simulate(FILE, engine=name, at=[0.0, 0.05, 0.1])
+    found = simulate(FILE, engine=name, at=[0.0, 0.05])
     if found.status == "skip":
         assert any(word in found.message for word in named), (name, found.message)
         continue
@@ -172,10 +172,11 @@ for kind in KINDS:
     assert code == 0 or any(word in said for word in (*named, "RackAndPinion")), (kind, said)
 code, told, _ = command("certify", FILE)
 assert code == 1 and ("mesh" in told or "drive" in told), told
-asked = [x for name in ("gauss", "gauss-native", "pinocchio") for x in ("--engine", name)]
-code, _, said = command("run", FILE, "--no-costs", "--until", "0.1", "--steps", "1e-3", *asked, "--out", "reported", "--report")
-assert code == 0, said
-assert (Path("reported") / "site").is_dir()
+if KIND == "motor":  # rows and pages know no kinds: one stands for all
+    asked = [x for name in ("gauss", "gauss-native", "pinocchio") for x in ("--engine", name)]
+    code, _, said = command("run", FILE, "--no-costs", "--until", "0.1", "--steps", "1e-3", *asked, "--out", "reported", "--report")
+    assert code == 0, said
+    assert (Path("reported") / "site").is_dir()
 print(*ran)
 """
 

@@ -50,7 +50,7 @@ def words(command: str) -> list[str]:
     return [x.format(data=DATA, certificate=CERTIFICATE) for x in command.split()]
 
 
-@pytest.mark.long("atlas", "conformance", "diagnose", "doctor", "export", "recommend", "selftest", "verify")
+@pytest.mark.long(*WORKING.keys() - {"simulate"})
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", WORKING)
 def test_verbs_that_need_no_extra_work(verb: str, environment: Bare) -> None:
@@ -78,6 +78,7 @@ def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Ba
     assert (environment.folder / "made" / "site" / "index.html").exists()
 
 
+@pytest.mark.long(*EXTRA_OF.keys() - {"gauss-native"})
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", EXTRA_OF)
 def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bare) -> None:
@@ -86,6 +87,7 @@ def test_an_engine_that_is_missing_names_its_extra(engine: str, environment: Bar
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long(*NEEDING.keys() - {"import of MJCF"})
 @pytest.mark.slow
 @pytest.mark.parametrize("what", NEEDING)
 def test_verbs_that_need_an_extra_name_it(what: str, environment: Bare) -> None:
