@@ -156,7 +156,7 @@ print(json.dumps(found))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_folder_that_may_not_be_written_is_told_before_anything_is_run(tmp_path: Path) -> None:
     closed = tmp_path / "closed"
     closed.mkdir()
@@ -182,7 +182,6 @@ def test_a_folder_that_may_not_be_written_is_told_before_anything_is_run(tmp_pat
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_verb_whose_disk_is_full_says_so_and_the_next_call_goes_on(tmp_path: Path) -> None:
     """A limit on the size of files stands for the disk."""
     vary = ["--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--step", "0.01", "--until", "0.05"]

@@ -153,17 +153,6 @@ def test_all_formulations_and_both_references_agree(linkage: str, scenario: str)
             assert np.abs(found[name].acceleration(float(t), q, v) - a).max() < 1e-11 * scale
 
 
-def test_the_multipliers_explain_the_motion_with_the_friction_they_cause() -> None:
-    mechanism = crank_slider()
-    evaluator, states = Evaluator(mechanism), random_states(mechanism, 40)
-    found = metrics.reactions(evaluator, as_trajectory(states))
-    J = evaluator.constraints(states.t, states.q, states.v).J
-    acting = evaluator.applied.generalised(states.q, states.v) + evaluator.friction.generalised(states.q, states.v, found)
-    rest = states.a * evaluator.mass + (np.swapaxes(J, -1, -2) @ found[..., None])[..., 0] - acting
-    assert np.abs(rest).max() < 1e-11 * np.abs(found).max()
-    assert np.abs(evaluator.friction.generalised(states.q, states.v, found)).max() > 1e-2 * np.abs(acting).max()  # not a trifle
-
-
 def test_joint_forces_leave_friction_out() -> None:
     mechanism, slope = block(30.0, 0.3, 1e-3), np.radians(30.0)
     found = metrics.joint_forces(Evaluator(mechanism), run(mechanism, t=0.01))["slope"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.dragging import Drag, Locks
-from gauss_bench.kinematics.singular import STEP, Curve
+from gauss_bench.kinematics.singular import Curve
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic, Revolute
@@ -77,25 +77,6 @@ def test_two_freedoms_follow_the_pointer_and_an_arm_pulled_straight_folds_back_a
         assert back.reached
         assert np.abs(np.angle(np.exp(1j * (back.q - mechanism.q0)[2::3]))).max() < 1e-8
     assert told > 10
-
-
-@pytest.mark.long("1000")
-@pytest.mark.parametrize("targets", [30, pytest.param(1000, marks=pytest.mark.slow)])
-def test_random_targets_leave_the_eight_bar_on_its_branch(targets: int) -> None:
-    """The branch is the closed curve of positions, followed by its length with a step of `singular`: every drag ends on it."""
-    mechanism = load("eight_bar")
-    curve, positions = Curve(mechanism), [mechanism.q0]
-    x = curve.tangent(mechanism.q0)
-    while len(positions) < 20 or np.linalg.norm(np.exp(1j * positions[-1][2::3]) - np.exp(1j * mechanism.q0[2::3])) > STEP:
-        positions.append(curve.step(positions[-1], x))
-        x = curve.tangent(positions[-1], x)
-    turns = np.exp(1j * np.array(positions)[:, 2::3])
-    drag, rng = Drag(mechanism, mechanism.q0, "rod79.R"), np.random.default_rng(0)
-    home = at(mechanism, mechanism.q0, "rod79.R")
-    for _ in range(targets):
-        found = drag.to(home + rng.normal(scale=0.04, size=2))
-        assert np.abs(turns - np.exp(1j * found.q[2::3])).max(axis=1).min() < STEP
-    assert residual(mechanism, drag.q) < 1e-12
 
 
 def test_locks_hold_angles_places_and_slides() -> None:

@@ -165,18 +165,6 @@ def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any
         assert x.off(engine.build(x.mechanism, STEP).acceleration(x.t, x.q, x.v)) <= x.moved
 
 
-@given(linkages(forces=tuple(x for x in FORCES if x != "friction"), varying=False, bodies=3), SEEDS)
-@examples(2, share=0.1)
-def test_compiled_accelerations_are_those_of_the_formulations(document: dict[str, Any], seed: int) -> None:
-    """Few, since each is compiled; linkages of all sizes are in tests of the compiler."""
-    pytest.importorskip("llvmlite")
-    x = problem(document, seed)
-    for name in ("gauss-native", "lagrange-native"):
-        engine = get(name)
-        assert engine.skip(x.mechanism, STEP) is None
-        assert x.off(engine.build(x.mechanism, STEP).acceleration(x.t, x.q, x.v)) <= x.moved, name
-
-
 @given(linkages())
 @examples(10)
 def test_energy_changes_by_the_work_of_what_has_no_potential(document: dict[str, Any]) -> None:
