@@ -146,8 +146,6 @@ def columns(path: Path) -> dict[str, Array]:
     ("linkage", "arguments", "expected"),
     [
         ("four_bar", [], {"crank.angle [rad]", "crank.speed [rad/s]", "crank.acceleration [rad/s^2]", "coupler.P.vx [m/s]"}),
-        (ARM, ["--hold", "T", "--hold", "E"], {"lift.length [m]", "lift.speed [m/s]", "lift.acceleration [m/s^2]"}),
-        ("excavator", [], {"ground.P-boom.A.length [m]", "ground.P-boom.A.speed [m/s]", "boom.omega [rad/s]"}),
         (str(DATA / "pushed.toml"), ["--driver", "constant:joint=guide,start=0.4,speed=0.05"], {"guide.position [m]"}),
     ],
 )

@@ -151,7 +151,7 @@ SEEDS = st.integers(0, 99)
 
 
 @given(linkages(), SEEDS)
-@examples(20)
+@examples(12)
 def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any], seed: int) -> None:
     x = problem(document, seed)
     for name in SOUND:
@@ -166,7 +166,7 @@ def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any
 
 
 @given(linkages())
-@examples(10)
+@examples(6)
 def test_energy_changes_by_the_work_of_what_has_no_potential(document: dict[str, Any]) -> None:
     """Dampers, dry friction, what turns, varies or drives: along a run, what they do is what energy there is more or less."""
     mechanism = load_document(document)
@@ -227,7 +227,7 @@ def by_name(mechanism: Mechanism, order: list[str], x: Array) -> Array:
     ),
     SEEDS,
 )
-@examples(8, share=0.5)
+@examples(4, share=0.5)
 def test_what_goes_out_as_mjcf_comes_back(document: dict[str, Any], seed: int) -> None:
     """Masses, dimensions and the start as they were; springs, dampers and other forces by the work they do along what may move."""
     pytest.importorskip("mujoco")

@@ -106,16 +106,10 @@ show PATH
 simulate PATH
 kinematics PATH
 kinematics four_bar --driver table:file=PATH
-diagnose PATH --engine gauss
-recommend PATH --position 1e-3
 sweep PATH --vary gravity=1:2:2 --out NEW
-export PATH --engine c --out NEW
 import PATH --out NEW.toml
-certify PATH
 verify PATH
-run PATH --out NEW
 run --suite PATH --out NEW
-check PATH --baseline NEW --accept none
 check --baseline PATH
 """
 
