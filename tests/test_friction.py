@@ -187,14 +187,10 @@ def test_redundant_rows_leave_the_friction_undetermined_and_are_refused() -> Non
 # Work -------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("linkage", "scenario"), [("shaper", "torque")])
-def test_friction_never_does_positive_work(linkage: str, scenario: str) -> None:
-    mechanism = crank_slider() if linkage == "friction" else rubbing(linkage, scenario)
+def test_friction_never_does_positive_work() -> None:
+    mechanism = rubbing("shaper", "torque")
     states = random_states(mechanism, 50)
     assert (metrics.friction_power(Evaluator(mechanism), as_trajectory(states)) < 0).all()
-
-
-# Integration ------------------------------------------------------------------------------------------------------------
 
 
 # Files ------------------------------------------------------------------------------------------------------------------
