@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
 
 # A limit is a share of the size of the linkage for lengths, a number of radians for angles, and a share of the largest for speeds.
@@ -149,7 +149,7 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
         return refused(Subject.COMPLETENESS, 0, len(times), f"the samples are not numbers: {in_a_sentence(error)}")
     if t.shape != times.shape:
         return refused(Subject.COMPLETENESS, t.size, len(times), f"{t.size} of {len(times)} samples that were asked for")
-    off = float(np.abs(t - times).max(initial=0.0)) if np.isfinite(t).all() else float("nan")
+    off = largest(t - times) if np.isfinite(t).all() else float("nan")
     if not off <= OFF_TIME:  # true for NaN too
         return refused(Subject.COMPLETENESS, off, OFF_TIME, f"samples up to {off:.2g} s away from the times that were asked for")
     wrong = next((x.shape for x in levels if x.shape != (len(times), n)), None)
@@ -253,7 +253,7 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
     for off, sentence in ((x.acceleration_error, own), (x.disagreement, two)):
         if off is not None:
             yield Objection(Subject.MODEL, off, OFF_ACCELERATION, sentence.format(off))
-    opened, gained = _largest(x.drift.position), _largest(x.energy if x.seen is None else x.seen)
+    opened, gained = largest(x.drift.position), largest(x.energy if x.seen is None else x.seen)
     yield Objection(Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)")
     limit = OFF_ENERGY * x.energy_scale
     allowed = limit + min(x.energy_bar, MOST_SHARED * limit + x.energy_floor)
@@ -267,11 +267,11 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
 def _check_motion(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to places and angles, compared with the reference or with a repetition."""
     if x.errors is not None:
-        length, turn = _largest(x.errors.length), _largest(x.errors.angle)
+        length, turn = largest(x.errors.length), largest(x.errors.angle)
         yield Objection(Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be")
         yield Objection(Subject.MOTION, turn, OFF_MOTION, f"a link ends up turned by {turn:.2g} rad from where it should be")
     if x.halving is not None:
-        length, turn = _largest(x.halving.length), _largest(x.halving.angle)
+        length, turn = largest(x.halving.length), largest(x.halving.angle)
         # half the step removes half of a first-order error, so that the change may be half of the limit
         yield Objection(Subject.STEP, length, OFF_MOTION / 2 * x.size, f"{x.finer} moves a link by {length:.2g} m")
         yield Objection(Subject.STEP, turn, OFF_MOTION / 2, f"{x.finer} turns a link by {turn:.2g} rad")
@@ -310,22 +310,17 @@ def _check_rates(x: Evidence) -> Iterator[Objection]:
         if x.rates_again is not None:
             again: Array = getattr(x.rates_again, name)
             common = min(len(gaps), len(again))
-            changed = _largest(gaps[:common] - again[:common])
+            changed = largest(gaps[:common] - again[:common])
             allowed += min(SHARED * changed, MOST_SHARED * limit)
-        largest = _largest(gaps)
-        sentence = f"{level} are {largest:.2g} {unit} off the integral of their {rate}"
-        yield Objection(Subject.RATES, largest, allowed, sentence)
-
-
-def _largest(x: Array) -> float:
-    """Return the largest |x|; 0 of an empty array."""
-    return float(np.abs(x).max(initial=0.0))
+        gap = largest(gaps)
+        sentence = f"{level} are {gap:.2g} {unit} off the integral of their {rate}"
+        yield Objection(Subject.RATES, gap, allowed, sentence)
 
 
 def remark(evidence: Evidence) -> str:
     """Return the remarks on a valid run, joined by "; ", or an empty text."""
     remarks = []
-    lost = 0.0 if evidence.seen is None else _largest(evidence.energy - evidence.seen)
+    lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
         remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")
     off = evidence.disagreement

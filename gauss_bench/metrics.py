@@ -15,7 +15,7 @@ from gauss_bench.mechanism.coordinates import Placed, position, spread, state, v
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places, wedge
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Curve, Group, Reference, Trajectory
 
 CHECKPOINTS = (0.5, 1.0, 2.0)  # [s]
@@ -98,8 +98,8 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
         bar = np.diff(rate, axis=0) * np.diff(t)[:, None] if len(t) == 2 else coarse - fine[half]
         for part in (places, angles):
             gaps.append(_largest(part(level - level[:1] - fine)))
-            bars.append(_largest_of_all(part(bar)))
-    fastest = _largest_of_all(places(trajectory.v)), _largest_of_all(angles(trajectory.v))
+            bars.append(largest(part(bar)))
+    fastest = largest(places(trajectory.v)), largest(angles(trajectory.v))
     place, turn, speed, spin = gaps
     return RateGaps(place, turn, speed, spin, MotionGap(*bars), fastest)
 
@@ -107,17 +107,12 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
 def start_gap(mechanism: Mechanism, trajectory: Trajectory) -> MotionGap:
     """Return the distance of the first sample from the start q0, v0 of the mechanism."""
     q, v = trajectory.q[:1] - mechanism.q0, trajectory.v[:1] - mechanism.v0
-    return MotionGap(*(_largest_of_all(part(x)) for x in (q, v) for part in (places, angles)))
+    return MotionGap(*(largest(part(x)) for x in (q, v) for part in (places, angles)))
 
 
 def every_second(t: Array) -> NDArray[np.intp]:
     """Return the indices of every second of the samples at t (k,), and of the last one."""
     return np.unique([*range(0, len(t), 2), len(t) - 1])
-
-
-def _largest_of_all(x: Array) -> float:
-    """Return the largest |x|; 0 of an empty array."""
-    return float(np.abs(x).max(initial=0.0))
 
 
 def _largest(x: Array) -> Array:
@@ -363,7 +358,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 def energy_rounding(energy: Array) -> float:
     """Return the largest change of energies (k,) that rounding can cause [J]: eight units, for the few sums in an energy."""
-    return 8 * float(np.finfo(float).eps) * (1.0 + _largest_of_all(energy))
+    return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
 
 def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:

@@ -50,6 +50,11 @@ class Solution:
     rank: int
 
 
+def largest(x: NDArray[np.inexact[Any]]) -> float:
+    """Return the largest |x|; 0 for an empty array."""
+    return float(np.abs(x).max(initial=0.0))
+
+
 def constraint_force(terms: Terms, a: Array) -> Array:
     """Return the generalised constraint force M a - Q = -J^T lambda, (n,) [N, N m]; it needs no multipliers."""
     return terms.M @ a - terms.Q

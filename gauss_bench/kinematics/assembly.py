@@ -21,7 +21,7 @@ from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Joint, Mechanism
 from gauss_bench.mechanism.spaces import angles
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 TRIES = 6  # searches for the nearest position: one from the drawing, the others from drawings with randomly turned links
 TURNED = 1.0  # [rad] largest random turn of a link
@@ -187,7 +187,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     has_moved = not place.free.size
     for _ in range(3):
         way = place.free @ rng.normal(size=place.free.shape[1])
-        size = float(np.abs(way).max(initial=0.0)) or 1.0
+        size = largest(way) or 1.0
         step = way * (GENERIC * freedom.size / size) / freedom.scale
         beside = freedom.close(place.q + step)
         if beside is None or np.abs((beside.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():

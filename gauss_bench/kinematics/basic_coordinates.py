@@ -21,11 +21,11 @@ import numpy as np
 from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, largest, levenberg_marquardt
+from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angles
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
 LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason

@@ -12,9 +12,9 @@ import numpy as np
 
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual, largest
+from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 SAME = 1e-6  # [m, rad] largest distance of a root from the right assembly: far above rounding, far below other assemblies
 

@@ -20,7 +20,7 @@ from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism, every_two
 from gauss_bench.mechanism.spaces import angle_at, place_at
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 STILL = 1e-9  # a relative motion below this share of the fastest motion in the linkage is rounding
 FARTHEST = 1e6  # a centre farther away than this many sizes of the linkage counts as infinitely far
@@ -68,7 +68,7 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
     """
     v, size = free_motion(mechanism, q), mechanism.size
     # a turn of one radian counts as a displacement of the linkage's own size
-    fastest = float(np.abs(v * np.tile([1.0, 1.0, size], len(mechanism.links))).max(initial=0.0))
+    fastest = largest(v * np.tile([1.0, 1.0, size], len(mechanism.links)))
     pins = {}  # indices of two links -> place (2,) of the pin that joins them, which is their centre
     for name in {pin.joint for pin in mechanism.pins}:
         for pair in every_two(tuple(x for x in mechanism.pins if x.joint == name)):

@@ -15,7 +15,7 @@ import numpy as np
 
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 CLOSED = 1e-13  # [sizes of the linkage] a residual that rounding explains
@@ -69,7 +69,7 @@ class Freedom:
             if not np.isfinite(q).all():
                 return None
             phi, place = self.at(q)
-            error = float(np.abs(phi).max(initial=0.0))
+            error = largest(phi)
             if error <= CLOSED * self.size or (error >= before / 2 and error <= 1e3 * CLOSED * self.size):
                 return place
             before, q = error, q - place.inverse @ phi / self.scale

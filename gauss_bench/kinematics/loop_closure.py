@@ -17,7 +17,7 @@ from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stoppe
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 LARGEST_TURN = 0.3  # [rad] of any link in one step: far less than the distance of two assemblies away from singular positions
 LARGEST_MISS = 0.05  # [rad] from the prediction, whose error is of the order of the cube of the turn
@@ -84,7 +84,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     """
     TU, first, steps = len(equations.unknown), state.x, 0
     change = goal - first[TU:]
-    size = float(np.abs(change).max(initial=0.0))
+    size = largest(change)
 
     def advance(share: float) -> None:
         """Move the inputs to this share of the change."""
@@ -111,10 +111,10 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     guess = x + slope + bend / 2
     guess[TU:] = target
     angles = equations.is_angle
-    if not np.abs(guess - x)[angles].max(initial=0.0) < LARGEST_TURN:
+    if not largest((guess - x)[angles]) < LARGEST_TURN:
         raise Stopped("the angles turn too fast", False)
     closed, J, steps = equations.close(guess)
-    if not np.abs(closed - guess)[angles].max(initial=0.0) < LARGEST_MISS:
+    if not largest((closed - guess)[angles]) < LARGEST_MISS:
         raise Stopped("the position is far from the prediction", False)
     if TU and np.linalg.slogdet(state.J.T @ J)[0] <= 0:
         raise Stopped("the Jacobian changes its orientation", True)
@@ -132,7 +132,7 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     guess[TU:] = x[TU:] + BEYOND * direction
     try:
         closed, _, _ = equations.close(guess)
-        singular = bool(np.abs(closed - x)[equations.is_angle].max(initial=0.0) < LARGEST_TURN)
+        singular = largest((closed - x)[equations.is_angle]) < LARGEST_TURN
     except Stopped as error:
         singular = error.singular
     if singular:

@@ -27,7 +27,7 @@ from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph,
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 NEWTON_STEPS = 12
 SETTLED = 1e-9  # [rad, m] largest last Newton step: convergence is quadratic, so that the error left is below rounding
@@ -213,9 +213,9 @@ class LoopEquations:
             here = self.at(x, still)
             step = solve_rows(here.J, -here.A)
             x[:TU] += step
-            count, last = count + 1, float(np.abs(step).max(initial=0.0))
+            count, last = count + 1, largest(step)
         here = self.at(x, still)
-        if last >= SETTLED or not np.abs(here.A).max(initial=0.0) < CLOSED:
+        if last >= SETTLED or not largest(here.A) < CLOSED:
             raise Stopped("the loops do not close", False)
         self.check_rank(here.J, FORKED)
         return x, here.J, count

@@ -31,7 +31,7 @@ import numpy as np
 from gauss_bench.kinematics.points import SAME, Points, place
 from gauss_bench.kinematics.root_finding import Residual
 from gauss_bench.mechanism.model import Mechanism, Prismatic
-from gauss_bench.terms import Array, Vectors
+from gauss_bench.terms import Array, Vectors, largest
 
 Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,)
 
@@ -181,7 +181,7 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     z[0] = 1.0
     J = model.jacobian(model.rows(z))
     m, n = J.shape
-    pattern = np.abs(J) > SAME * np.abs(J).max(initial=0.0)
+    pattern = np.abs(J) > SAME * largest(J)
     columns_of = [np.flatnonzero(row).tolist() for row in pattern]  # the unknowns in each equation
     graph = nx.Graph((("row", i), ("column", k)) for i in range(m) for k in columns_of[i])
     tops = sorted(node for node in graph if node[0] == "row")

@@ -14,12 +14,10 @@ Non-Linear Least Squares Problems (2004), algorithm 3.16.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 
 Residual = Callable[[Array], tuple[Array, Array]]  # x (n,) -> F (m,), J (m, n)
 
@@ -59,11 +57,6 @@ class Root:
 
 
 RootFinder = Callable[..., Root]
-
-
-def largest(x: NDArray[np.inexact[Any]]) -> float:
-    """Return the largest absolute value; 0 for an empty array."""
-    return float(np.abs(x).max(initial=0.0))
 
 
 def at_rest(x: Array, h: Array) -> bool:

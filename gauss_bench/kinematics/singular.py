@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Measured, Mechanism
+from gauss_bench.mechanism.model import GROUND, Angle, Measured, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
@@ -63,16 +63,11 @@ def input_coordinate(mechanism: Mechanism) -> Measured:
     """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank."""
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
-    measured = mechanism.measured
-    # under the name of its link or slide where it is one of the coordinates that can drive
-    return next((x for x in driving_coordinates(mechanism) if _is_same(x.coordinate, measured.coordinate)), measured)
-
-
-def _is_same(a: Coordinate, b: Coordinate) -> bool:
-    """Tell whether two coordinates are the angle of the same link, or the displacement along the same slide."""
-    if isinstance(a, Angle) and isinstance(b, Angle):
-        return (a.a, a.b) == (b.a, b.b)
-    return isinstance(a, Along) and isinstance(b, Along) and (a.origin, a.point, a.angle) == (b.origin, b.point, b.angle)
+    for x in driving_coordinates(mechanism):
+        # a coordinate that can drive has the bare name of its link or slide
+        if mechanism.measured.name == f"{'angle of' if isinstance(x.coordinate, Angle) else 'slide'} {x.name}":
+            return x
+    return mechanism.measured
 
 
 def driving_coordinates(mechanism: Mechanism) -> list[Measured]:

@@ -20,7 +20,7 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Measured, Mechanism, Point, Revolute
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.mechanism.spaces import angles
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Trajectory
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
@@ -57,7 +57,7 @@ class Held:
 
     def distance(self, q: Array) -> float:
         """Return how far the held coordinates at q (n,) are from their targets: the largest difference [m or rad]."""
-        return float(np.abs(self.of(q)[0] - self.target).max(initial=0.0))
+        return largest(self.of(q)[0] - self.target)
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
@@ -192,12 +192,12 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def is_still(q: Array, size: Array) -> bool:
-        largest = float(np.abs(q).max(initial=0.0))
-        return bool(size < (enough if largest < FAR else max(enough, ROUNDING * largest)))
+        far = largest(q)
+        return bool(size < (enough if far < FAR else max(enough, ROUNDING * far)))
 
     q = project(q, residual, _shortest, iterations, is_infinite, is_still, LONGEST)
     F, J = residual(q)
-    return q, np.inf if is_infinite(q, F, J) else float(np.abs(F).max(initial=0.0))
+    return q, np.inf if is_infinite(q, F, J) else largest(F)
 
 
 def _shortest(J: Array, F: Array) -> Array:
@@ -390,7 +390,7 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
     A = np.vstack([rows.J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
     v = _shortest(A, b)
-    if np.abs(A @ v - b).max(initial=0.0) > CLOSED * max(1.0, np.abs(b).max(initial=0.0)):
+    if largest(A @ v - b) > CLOSED * max(1.0, largest(b)):
         raise AssemblyError(f"scenarios.{mechanism.scenario}.start", "the speeds violate the constraints")
     return v
 

@@ -15,7 +15,7 @@ from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.generated import Symbol
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array, Terms
+from gauss_bench.terms import Array, Terms, largest
 
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
 ROUNDING = 1e-15  # relative residual of a closed position
@@ -186,7 +186,7 @@ class Evaluator:
 
 
 def _is_closed(q: Array, F: Array, _: Array) -> bool:
-    return bool(np.abs(F).max(initial=0.0) <= ROUNDING * (1.0 + np.abs(q).max()))
+    return largest(F) <= ROUNDING * (1.0 + largest(q))
 
 
 def _shortest(J: Array, r: Array, rank_tolerance: float) -> Array:
