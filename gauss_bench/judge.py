@@ -166,7 +166,7 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
 def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
     """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
-    An engine may return any object. One that is no trajectory of numbers in n coordinates has no samples.
+    An engine may return any object. If it is no trajectory of numbers in n coordinates, no sample is left.
     """
     if not isinstance(trajectory, Trajectory):
         return None

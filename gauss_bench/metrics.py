@@ -182,7 +182,7 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
 
 
 def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) -> tuple[float, float]:
-    """Return the largest error of the joint forces that an engine returns, and the largest true one, both [N, N m].
+    """Return the largest error of the joint forces that an engine returns, and the largest true joint force, both [N, N m].
 
     The true forces follow from the accelerations of the states by Newton's laws. Both are NaN if the engine returns no joint
     forces, or if redundant rows leave them undetermined.
@@ -256,7 +256,7 @@ def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]
 
 @dataclass(frozen=True)
 class Peak:
-    """The peak and the means of one load over a motion, all of its magnitude.
+    """The peak and the means of the magnitude of one load over a motion.
 
     Attributes:
         unit: "N" or "N m".
@@ -467,7 +467,7 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:
-    """Return max |a - a_true| / max |a_true| (k,) of accelerations (k, n); the absolute error where the mechanism is at rest."""
+    """Return max |a - a_true| / max |a_true| (k,) of accelerations (k, n); the absolute error if the mechanism is at rest."""
     scale = np.abs(true).max(axis=-1)
     return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > REST, scale, 1.0))
 

@@ -177,7 +177,7 @@ def round_times(table: Table, row: Row) -> dict[str, Any]:
     """Return a typed row whose times and ratios have only the digits that their spread supports.
 
     A value and the ends of its spread are rounded to the largest power of ten that is at most a hundredth of the spread. They keep
-    at least four digits, one more than reports print, so that reports do not round twice; four if no spread is known.
+    at least four digits, and four if no spread is known. Reports print three, so that no printed digit is rounded twice.
     """
     rounded = dict(row)
     for column in table.clocked:

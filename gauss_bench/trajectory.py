@@ -12,7 +12,7 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """How a run ended. Every status but OK comes with a sentence that says why; only OK and INVALID have a complete trajectory."""
+    """The ways in which a run ends. Every status but OK has a message with the reason. Only OK and INVALID have all samples."""
 
     OK = "ok"
     INVALID = "invalid"  # it ended, but the judge found an error
@@ -72,9 +72,9 @@ class Trajectory(Samples):
     """The samples of a run.
 
     Attributes:
-        steps: integration steps taken, or None where the engine does not count them.
-        evaluations: evaluations of the accelerations, or None where the engine does not count them.
-        note: a remark on the run that does not spoil it, such as an integrator that chose its own steps.
+        steps: number of integration steps, or None if the engine does not count them.
+        evaluations: number of evaluations of the accelerations, or None if the engine does not count them.
+        note: a remark on a run that is sound nevertheless, such as that the integrator chose its own steps.
     """
 
     steps: int | None

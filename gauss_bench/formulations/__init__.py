@@ -1,6 +1,6 @@
 """Formulations: functions from Terms to Solution, one textbook page each. They use numpy and scipy, and know nothing of linkages.
 
-Those in CONTROLS are wrong on purpose: the suite must detect them, and no ranking has them.
+The formulations in CONTROLS are wrong on purpose. The suite must detect them, and no ranking has them.
 """
 
 from collections import UserDict

@@ -87,7 +87,7 @@ def dop853_estimates() -> tuple[Array, Array]:
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """Take a step of Gauss's collocation with three stages: order 6, implicit, stable with arbitrarily stiff springs and dampers.
 
-    Newton's method finds all stages at once, with one Jacobian, by differences, at the beginning of the step.
+    Newton's method finds all stages at once. Its Jacobian is computed once, by differences at the beginning of the step.
 
     Raises:
         LinAlgError: Newton's method does not converge.

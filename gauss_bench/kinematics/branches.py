@@ -77,7 +77,7 @@ def _apart(freedom: Freedom, a: Array, b: Array) -> float:
 
 
 def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
-    """Return q with whole turns removed, so that angles are within half a turn of those in `near`; slides keep angles together."""
+    """Return q with whole turns removed, so that angles are within half a turn of `near`; links joined by a slide turn together."""
     q = q.copy()
     turns = 2 * np.pi * np.round(angles(q - near) / (2 * np.pi))
     for link, (root, _) in shared_angles(mechanism).items():

@@ -1,4 +1,4 @@
-"""Dragging a linkage by one of its points: the smallest change that brings the point to its target, or as near as possible.
+"""Drag a linkage by one of its points: find the smallest change that brings the point to its target, or as near as possible.
 
 With N a basis of the free motions, y (f,) their amounts, P = dp/dy the Jacobian of the point p, and r = p - target, each step
 solves

@@ -36,7 +36,7 @@ class Element:
 
     Attributes:
         pair: name of the pair.
-        node: name of the joint; the pairs of a multiple joint have one.
+        node: name of the joint, the same for all pairs of a multiple joint.
         kind: PIN, GUIDE, BLOCK, or ROD_END for the pin that an active bar pushes out.
         at: position r in the frame of the link [m].
         along: unit vector u of a GUIDE or ROD_END.
@@ -114,9 +114,9 @@ def planar(vectors: Sequence[complex]) -> Array:
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
     """Return the paper's type of a link with these elements.
 
-    The type has an R for each pin and a P for each slide; from four on it has their number and one letter. After a single slide
-    stands 1 for its block or 2 for its guide. The type of the frame ends in 0. An active bar has the type S. A multiple joint is
-    one pin.
+    The type has an R for each pin and a P for each slide, but from four on their number and one letter, as in 4R. A single P is
+    followed by 1 for a block or 2 for a guide. The type of the frame ends in 0. An active bar has the type S. A multiple joint
+    counts as one pin.
     """
     kinds = list({element.node: element.kind for element in elements}.values())
     if ROD_END in kinds:

@@ -1,8 +1,8 @@
 """The loop equations of a linkage, whose drivers are the inputs, put together from link units.
 
-phi are the unknown and q the known variables: angles of links [rad], one for all links joined by slides, and coordinates along
-slides and active bars [m]. A loop l is closed if the vectors through its links add up to zero. Its matrices are sums of the link
-units A_i, J_i, J_i'; U_i and K_i move their columns to those of the unknown and known variables. The matrices of all loops are
+phi are the unknown and q the known variables: angles of links [rad] and coordinates along slides and active bars [m]. Links that
+are joined by slides have one angle. A loop l is closed if the vectors through its links add up to zero. Its matrices are sums of
+the link units A_i, J_i, J_i'; U_i and K_i move their columns to those of the unknown and known variables. The matrices of all loops are
 stacked:
 
     A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   Jd_l = sum J_i' U_i,   Bd_l = sum J_i' K_i
@@ -93,7 +93,8 @@ class LoopEquations:
         column: index of a link, or name of a slide or bar -> index of its variable in x.
         is_angle: (TU + TK,) True for angles.
         turning: (links + 1, TU + TK) matrix that, times x, plus `phase` gives the angles of all links, the frame last.
-        roots, phase: for the same links, the link whose angle they share, and their angle relative to it [rad].
+        roots: for each of these links, the link with which it shares its angle.
+        phase: angle of each of these links minus that of its root [rad].
         ways: the ways through the links of each loop.
         lengths: (TU,) factors that make columns of J per metre and per radian comparable.
 
@@ -224,7 +225,7 @@ class LoopEquations:
         """Check that no singular value of J is below a share `tolerance` of the largest.
 
         Raises:
-            Stopped: there is one.
+            Stopped: a singular value is smaller.
         """
         sizes = np.linalg.svd(J * self.lengths, compute_uv=False) if J.size else np.zeros(0)
         rank = int((sizes > tolerance * sizes.max(initial=0.0)).sum())

@@ -200,7 +200,7 @@ class Points:
         pairs = [(link, A, B) for link in members for A, B in permutations(self.of[link], 2)]
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
-            """Return what makes a pair of points preferable: a known first point, then a large distance, then the order."""
+            """Return the rank of a pair: a known first point counts first, then a large distance, then the order of the points."""
             link, A, B = pair
             return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
 

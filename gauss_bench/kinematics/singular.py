@@ -1,4 +1,4 @@
-"""Singular positions of a linkage with one degree of freedom: limits of motion and dead centres, to rounding.
+"""Find the singular positions of a linkage with one degree of freedom, limits of motion and dead centres, to rounding.
 
 The positions form a curve q(s) with the tangent x, J x = 0. A coordinate c(q) with gradient g reverses where g . x = 0, and cannot
 drive the linkage there. For the crank this is a limit of its motion, for any other coordinate a dead centre. The curve is followed

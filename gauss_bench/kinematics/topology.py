@@ -39,7 +39,7 @@ class Pair:
 
     @property
     def node(self) -> str:
-        """Name of the joint; the pairs of a multiple joint have one."""
+        """The name of the joint, the same for all pairs of a multiple joint."""
         return self.elements[0].node
 
     def element(self, link: int) -> Element:

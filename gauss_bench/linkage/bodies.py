@@ -130,7 +130,7 @@ def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, 
 
 
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
-    """Return the body of some links, `members` with their poses, as one link: the root with the points, bars and masses of all."""
+    """Return a body as one link: its root, with the points, bars and masses of all `members` (link -> pose in the root's frame)."""
     if len(members) == 1:
         return root
     points: dict[str, Array] = {}

@@ -108,7 +108,7 @@ def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number
 
 
 class Resolver:
-    """The links, points and joints of one document by name, as `Names` asks for them in numbers of one type.
+    """The links, points and joints of one document by name, for `read` of forces and constraints (it is a `Names`).
 
     Welded links become bodies, unless `apart` is true.
 

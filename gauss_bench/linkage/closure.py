@@ -147,7 +147,7 @@ def check_springs(mechanism: Mechanism) -> None:
     """Refuse a spring with a rest length between points that coincide at the start.
 
     Raises:
-        AssemblyError: there is such a spring.
+        AssemblyError: the points of such a spring coincide.
     """
     for name, law, distance in _laws_on_distances(mechanism):
         if (law.rest != 0 or law.bias != 0) and value(distance, mechanism.q0) < CLOSED:
@@ -246,7 +246,7 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     """Return a position (n,) near the sketch q (n,) that closes all joints.
 
     Raises:
-        AssemblyError: the joints cannot be closed; the message names the one that stays open farthest.
+        AssemblyError: the joints cannot be closed; the message names the joint with the widest gap.
     """
     closed, error = gauss_newton(q, joints.residual)
     if error > CLOSED:

@@ -15,7 +15,7 @@ FIRST, FAN = -60.0, 7.0  # [deg] angle of the first pendulum, and of each next o
 
 
 def n_four_bar(count: int) -> dict[str, Any]:
-    """Return the document (the parsed linkage file) of an N-four-bar with `count` windows, upright at the start."""
+    """Return the document (the content of a linkage file) of an N-four-bar with `count` windows, upright at the start."""
     verticals = {f"v{i}": _bar("A", "B") for i in range(count + 1)}
     horizontals = {f"h{i}": _bar("B", "C") for i in range(count)}
     joints: dict[str, Any] = {f"A{i}": {"type": "revolute", "at": [f"ground.A{i}", f"v{i}.A"]} for i in range(count + 1)}
@@ -43,7 +43,7 @@ def n_four_bar(count: int) -> dict[str, Any]:
 
 
 def pendulums(count: int) -> dict[str, Any]:
-    """Return the document (the parsed linkage file) of a chain of `count` bars, released at rest."""
+    """Return the document (the content of a linkage file) of a chain of `count` bars, released at rest."""
     bars = [f"bar{i}" for i in range(count)]
     above = ["ground.O", *(f"{bar}.B" for bar in bars[:-1])]
     angles = {name: FIRST + FAN * i for i, name in enumerate(bars)}

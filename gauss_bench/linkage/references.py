@@ -20,7 +20,7 @@ IN_DEGREES = ("angle", "phase", "block_angle", "rest", "start", "travel", "crank
 
 
 def table(value: Any, key: str) -> dict[str, Any]:
-    """Return the table at `key` of a table, or an empty one if there is none."""
+    """Return the table at `key` of a table, or an empty table if there is none."""
     inner = value.get(key) if isinstance(value, dict) else None
     return inner if isinstance(inner, dict) else {}
 
@@ -200,7 +200,7 @@ def _cylinder_faults(document: Document) -> list[Fault]:
 
 
 def _check_points(names: Names, path: str, points: dict[str, Any]) -> None:
-    """Check that each point that is given relative to another one is so to an existing one, and not to itself through others."""
+    """Check that `from` of each point names another point of the link, and that no chain of points closes on itself."""
     for key, value in points.items():
         base = value.get("from") if isinstance(value, dict) else None
         if base is not None and base not in points:

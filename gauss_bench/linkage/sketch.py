@@ -56,7 +56,7 @@ class _Placing:
         self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
 
     def _read_points(self, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
-        """Return `drawn`; a place that is given for a joint, or for one of its points on the ground, is that of all its points."""
+        """Return `drawn`. All points of a joint get the place of the joint, or of its point on the ground, if the file has it."""
         points: dict[str, Any] = {}
         for name, joint in write_out(document).get("joints", {}).items():
             references = joint.get("at") or [joint["block"]]

@@ -45,7 +45,7 @@ class Constraints:
     Attributes:
         m: number of rows.
         joint_rows: number of rows of joints and couplings, which stand first.
-        holonomic: number of rows that have a position level; those of knife edges stand behind them.
+        holonomic: number of rows that have a position level; the rows of knife edges follow them.
         laws: motion laws of the drivers.
         constant: (m n,) the constant entries of J, row by row; 0 for an entry that varies.
         varying: (k,) indices of the varying entries in `constant`.
@@ -101,9 +101,9 @@ class Constraints:
 
 
 def list_determined(mechanism: Mechanism) -> list[str]:
-    """List the joints whose forces follow from the motion at the start: those that no redundant rows involve.
+    """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    Multipliers are determined but for the null space of J^T, so that a joint is determined if its two rows are zero there.
+    Multipliers are determined up to vectors of the null space of J^T, and a joint is determined if its two entries of these are 0.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))

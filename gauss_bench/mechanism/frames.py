@@ -107,7 +107,7 @@ class Placement:
 
     @cached_property
     def turns(self) -> dict[int, Vec]:
-        """Cosine and sine of the angle of each body that was asked for."""
+        """The cosine and sine of the angles of bodies, computed once for each body that has a vector or an end."""
         return {}
 
     def direction(self, body: int, angle: float, across: bool = False) -> Direction:

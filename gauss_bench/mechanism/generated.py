@@ -2,8 +2,8 @@
 
 The equations are evaluated once with symbols for numbers. Operations on symbols are recorded in order, and equal operations once.
 Operations with 0, with 1 and between constants are carried out at once. The result is the text of a function without loops or
-indices. The same text works on floats, which for one state take a tenth of the time of arrays, and on arrays of states, in doubles
-or longer types.
+indices. The same text works on floats and on arrays of states, in doubles or longer types. One state takes a tenth of
+the time with floats.
 """
 
 import math
@@ -145,7 +145,7 @@ class Program:
         return partial(self._apply, name)
 
     def _apply(self, name: str, a: Symbol | Number) -> Symbol:
-        """Return one of FUNCTIONS of a."""
+        """Return the value of a function, one of FUNCTIONS, at a."""
         a = self.symbol(a)
         if a.number is not None:
             return self.symbol(getattr(np, name)(a.number))

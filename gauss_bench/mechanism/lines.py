@@ -1,4 +1,4 @@
-"""Open parameters of a compiled program for forces whose factor is piecewise linear in time: a level and a slope of each.
+"""The open parameters of a compiled program for forces whose factor is piecewise linear in time: a level and a slope each.
 
 The parameters forces.NAME.level and forces.NAME.slope stand after all others. The stepping code sets them for the interval between
 two kinks, and ends a step at every kink. A table of a thousand rows therefore costs no more than a ramp, and the last stage of a
