@@ -2,8 +2,8 @@
 
 phi are the unknown and q the known variables: angles of links [rad] and coordinates along slides and active bars [m]. Links that
 are joined by slides have one angle. A loop l is closed if the vectors through its links add up to zero. Its matrices are sums of
-the link units A_i, J_i, J_i'; U_i and K_i move their columns to those of the unknown and known variables. The matrices of all loops are
-stacked:
+the link units A_i, J_i, J_i'; U_i and K_i move their columns to those of the unknown and known variables. The matrices of all loops
+are stacked:
 
     A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   Jd_l = sum J_i' U_i,   Bd_l = sum J_i' K_i
 

@@ -44,6 +44,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
     positions: dict[str, Array] = {}
 
     def resolve(name: str) -> Array:
+        """Return the position of a point, after that of the point to which it is relative."""
         if name not in positions:
             value = table[name]
             if not isinstance(value, dict):
@@ -154,6 +155,7 @@ class Resolver:
         return Point(GROUND, pair(self.number_type, (0, 0)), "ground.")
 
     def point(self, reference: str) -> Point:
+        """Return the point "link.point" as a point of the body that carries the link."""
         owner, name = reference.split(".")
         i = self.index[owner]
         if i == GROUND:

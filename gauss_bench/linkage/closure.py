@@ -265,6 +265,7 @@ def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = f
     rates: list[Any] = []
 
     def hold(coordinate: Coordinate, target: Any, rate: Any) -> None:
+        """Add a coordinate that must take this value and rate."""
         coordinates.append(coordinate)
         targets.append(target)
         rates.append(rate)
@@ -329,6 +330,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
+                """Return the residuals of the joints and of the held coordinates, and their Jacobian."""
                 nonlocal evaluations
                 evaluations += 1
                 F, J = joints.residual(x)

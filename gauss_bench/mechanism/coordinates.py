@@ -82,6 +82,7 @@ class AlongState:
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
+        """The gradient by body: at a, at b, and at the body that turns n."""
         at_a, at_b = _gap_entries(self.n, self.a, self.b)
         if self.axes.rests:
             return at_a, at_b

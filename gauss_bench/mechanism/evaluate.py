@@ -174,6 +174,7 @@ class Evaluator:
         rows: Rows  # at the latest position; the correction of v uses them
 
         def residual(x: Array) -> tuple[Array, Array]:
+            """Return phi and J of the rows with a position level; keep all rows for the correction of v."""
             nonlocal rows
             rows = self.constraints(t, x, v)
             return rows.phi[:h], rows.J[:h]

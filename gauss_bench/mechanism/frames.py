@@ -87,6 +87,7 @@ class Placement:
         return {GROUND: REST}
 
     def frame(self, body: int) -> Frame:
+        """Return the frame of a body; it is computed once."""
         if body not in self.frames:
             (x, y, angle), (u, w, omega) = self.body(body)
             self.frames[body] = Frame(body, Vec(x, y), Vec(u, w), omega, angle)

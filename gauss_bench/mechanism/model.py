@@ -298,6 +298,7 @@ class PointForce:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
+        """Return the force of a table, whose `frame` is "ground", "body" for the link of the point, or a link."""
         frame = table.get("frame", "ground")
         if frame == "body":
             frame = table["point"].partition(".")[0]

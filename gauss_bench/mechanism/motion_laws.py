@@ -100,6 +100,7 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
     pi, zero, one = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
+        """Return the motion by the chain rule, with s = t / time in [0, 1]."""
         s, moving = clip(t / time, zero, one)
         x, rate, second = RISE_LAWS[name](s, pi)
         return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
@@ -126,6 +127,7 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     k = _solve_curvatures(h, d)
 
     def motion(t: Any) -> Motion:
+        """Return the cubic of the piece with t: value, first and second derivative."""
         inside, moving = clip(t, times[0], times[-1])
         piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
         j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece
