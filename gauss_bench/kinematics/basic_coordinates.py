@@ -18,7 +18,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
+from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, levenberg_marquardt
@@ -199,8 +199,8 @@ class _Follower:
 
     def _inputs(self) -> str:
         """Describe the present inputs."""
-        drivers = self.model.points.drivers
-        return ", ".join(f"{d.name} = {x:.9g} {d.coordinate.unit}" for d, x in zip(drivers, self.x, strict=True))
+        points = self.model.points
+        return describe_drivers(points.mechanism, {d.name: x for d, x in zip(points.drivers, self.x, strict=True)})
 
     def _singular(self, J: Array) -> SingularPosition:
         """Return the exception for the present position, at which the Jacobian J has lost rank."""
