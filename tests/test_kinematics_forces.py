@@ -31,10 +31,6 @@ def meeting(a: Array, b: Array, c: Array, d: Array) -> Array:
     return a + (b - a) * cross(c - a, d - c) / cross(b - a, d - c)
 
 
-def by_names(mechanism: Mechanism, q: Array) -> dict[frozenset[str], Array | None]:
-    return {frozenset(mechanism.link_name(i) for i in x.links): x.at for x in centres(mechanism, q)}
-
-
 def driven(name: str | Path, samples: int, scenario: str = "driven") -> tuple[Mechanism, Trajectory]:
     mechanism = load(name, scenario)
     t = np.linspace(0.0, mechanism.duration, samples)

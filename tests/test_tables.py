@@ -67,57 +67,37 @@ def test_an_unknown_column_of_a_file_is_ignored(tmp_path: Path) -> None:
     assert "why" not in found
 
 
-@pytest.mark.parametrize("content", [b"", b"\n"])
-@pytest.mark.parametrize("name", ["agreement", "atlas", "baseline"])
-def test_a_file_without_even_its_columns_is_damaged(
-    name: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+HEAD = "mechanism,first,second,position,velocity"
+DAMAGED = [  # file, content, and what is said of it
+    ("agreement.csv", "", "is empty, without the names of its columns"),
+    ("agreement.csv", f"{HEAD}\nfour_bar,a,b,1,2\n", "column 'acceleration' is missing"),
+    ("agreement.csv", f"{HEAD},acceleration\nfour_bar,a,b,1,2,three\n", "row 1, column 'acceleration'"),
+    (tables.SCHEMA_FILE, json.dumps({"format": FORMAT + 1}), "is later than this version"),
+    (tables.SCHEMA_FILE, json.dumps({"format": "two"}), "'two' is no format"),
+    (tables.SCHEMA_FILE, json.dumps({"format": 0}), "0 is no format"),
+]
+
+
+@pytest.mark.parametrize(("file", "content", "said"), DAMAGED)
+def test_a_damaged_table_is_refused_with_a_sentence(
+    file: str, content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tables.write_table(name, [], tmp_path)
+    tables.write_table("agreement", [], tmp_path)
     tables.write_schema(tmp_path)
-    assert tables.read_table(name, tmp_path) == ()
-    for path in (whole := tables.files_of(name, tmp_path)):
-        path.write_bytes(content)
-    with pytest.raises(TableError, match=f"{name}.*empty"):
-        tables.read_table(name, tmp_path)
-    if name != "baseline":
-        before = sorted(tmp_path.rglob("*"))
-        assert main(["report", "--out", str(tmp_path)]) == 2
-        assert whole[0].name in capsys.readouterr().err
-        assert sorted(tmp_path.rglob("*")) == before
+    (tmp_path / tables.checksums.FILE).unlink()  # which would tell it first
+    (tmp_path / file).write_text(content)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["report", "--out", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert file in told
+    assert said in told
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_column_that_is_not_in_the_schema_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="invented"):
         tables.write_table("agreement", [{"mechanism": "four_bar", "invented": 1}], tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("mechanism,first,second,position,velocity\nfour_bar,a,b,1,2\n", "column 'acceleration' is missing"),
-        ("mechanism,first,second,position,velocity,acceleration\nfour_bar,a,b,1,2,three\n", "row 1, column 'acceleration'"),
-    ],
-)
-def test_a_damaged_table_is_refused_with_a_sentence(
-    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "agreement.csv").write_text(content)
-    tables.write_schema(tmp_path)
-    assert main(["report", "--out", str(tmp_path)]) == 2
-    told = capsys.readouterr().err
-    assert "agreement.csv" in told
-    assert said in told
-    assert not (tmp_path / "README.md").exists()
-
-
-@pytest.mark.parametrize("form", [FORMAT + 1, "two", 0, None])
-def test_a_format_that_is_not_known_is_refused(form: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    tables.write_table("agreement", [], tmp_path)
-    (tmp_path / tables.SCHEMA_FILE).write_text(json.dumps({"format": form}))
-    assert main(["report", "--out", str(tmp_path)]) == 2
-    assert tables.SCHEMA_FILE in capsys.readouterr().err
-    assert not (tmp_path / "README.md").exists()
 
 
 def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_path: Path) -> None:
