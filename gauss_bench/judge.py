@@ -25,9 +25,7 @@ from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
 OFF_TIME = 1e-9  # [s] distance of a sample from its time: a million times rounding, a thousandth of any step
 OFF_START = 1e-5  # of the first sample from the start: single precision and any assembly keep more digits
 OFF_DRIFT = 1e-2  # of open loops, and never more than 1e-2 m or rad: a loop that opens by a hundredth is another linkage
-OFF_ENERGY = (
-    1e-2  # share of the energy that moves: half a per cent of every speed, far more than an integrator with small steps loses
-)
+OFF_ENERGY = 1e-2  # share of the energy that moves: half a per cent of every speed, more than small steps lose
 OFF_ACCELERATION = 1e-2  # share of the largest acceleration: an engine 1 % off at the same state solves another problem
 OFF_MOTION = 5e-2  # of places and angles: the far end of a link that is turned by this angle is off by 5 % of its length
 HUGE = 1e100  # what is larger has no square, and counts as not finite
