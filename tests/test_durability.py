@@ -1,4 +1,4 @@
-"""What is on disk may be torn, altered, locked, full or read-only: that is told, and no finished row is lost or doubled."""
+"""Torn, altered, locked, full or read-only files are reported, and no finished row is lost or doubled."""
 
 import fcntl
 import json
@@ -114,7 +114,7 @@ def test_kills_at_random_moments_lose_and_double_nothing(name: str, tmp_path: Pa
 
 @pytest.mark.parametrize("how", ["lost", "changed"])
 def test_a_run_that_loses_or_changes_what_was_finished_is_told(tmp_path: Path, how: str) -> None:
-    """A verb that writes the journal anew each time stands for the run."""
+    """A script that writes the journal anew each time stands for the run."""
     script = tmp_path / "run.py"
     anew = [line_of({"key": f"case {k}", "stamp": "s", "tables": {}}) for k in range(2)][how == "lost" :]
     write = f"(place / '.run' / 'journal.jsonl').write_bytes({b''.join(anew)!r}); (place / 'results.csv').write_text({how!r})"

@@ -1,4 +1,4 @@
-"""Dry friction in joints: closed forms, its balance of work, and the fixed point that loads and accelerations form."""
+"""Dry friction in joints against closed forms, its power, and the fixed point of loads and accelerations."""
 
 import tomllib
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What a drawing is told that does not assemble: the loop, the gap that stays, and the length that would close it."""
+"""Drawings that do not assemble: the loop that stays open, its gap, and the length that would close it."""
 
 import copy
 from dataclasses import replace
@@ -51,7 +51,7 @@ def test_the_suggested_length_closes_the_loop() -> None:
 
 
 def test_a_loop_that_only_others_keep_open_says_so() -> None:
-    """The third crank of a parallelogram, of another length: its loop closes by itself, but not around."""
+    """The third crank of a parallelogram has another length: its loop closes alone, but not beside the other loop."""
     document = four_bar()
     document["ground"]["points"]["E"] = [0.2, -0.4]
     document["links"]["prop"] = {"points": {"E": [0.0, 0.0], "P": [0.1, 0.0]}, "bars": [["E", "P"]], "kg_per_m": 0.8}

@@ -1,4 +1,4 @@
-"""Linkages by their points: the motion is that of the closed forms, and no assembly is left without being told."""
+"""Motion in point coordinates satisfies the constraints in absolute coordinates, and never changes to another assembly."""
 
 import copy
 import tomllib
@@ -32,14 +32,14 @@ def document_of(name: str) -> dict[str, Any]:
 
 
 def turning(mechanism: Mechanism, **travels: float) -> Mechanism:
-    """Links (or slides) moved over `travels` [rad, m] in a second from where they are, by the sine law."""
+    """Return the mechanism with links or slides driven over `travels` [rad, m] in a second, from the start, by the sine law."""
     still = driven(mechanism, **dict.fromkeys(travels, motion_laws.constant(0.0, 0.0)))
     starts = {driver.name: float(value(driver.coordinate, mechanism.q0)) for driver in still.drivers}
     return driven(mechanism, **{name: motion_laws.rise("sine", starts[name], x, 1.0) for name, x in travels.items()})
 
 
 def violations(mechanism: Mechanism, times: np.ndarray, motion: Motion) -> np.ndarray:
-    """Largest |phi|, |J v + phi_t|, |J a - gamma| of the joints and drivers in absolute coordinates: the judge of any linkage."""
+    """Return the largest |phi|, |J v + phi_t| and |J a - gamma| of joints and drivers in absolute coordinates, as an array (3,)."""
     rows = Constraints(mechanism)(times, motion.q, motion.v)
     rates = (rows.J @ motion.v[..., None])[..., 0] + rows.phi_t
     seconds = (rows.J @ motion.a[..., None])[..., 0] - rows.gamma

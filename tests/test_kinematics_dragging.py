@@ -1,4 +1,4 @@
-"""A linkage drawn along by a point: what is reached, what is the nearest, what stays locked, and that no assembly is jumped to."""
+"""Dragging reaches the target or the nearest point, moves no locked part, and never jumps to another assembly."""
 
 import numpy as np
 import pytest
@@ -111,7 +111,7 @@ def test_a_locked_joint_makes_two_links_one() -> None:
 
 
 def test_a_parallelogram_goes_straight_through_its_flat_positions() -> None:
-    """There the motion forks; all three cranks stay parallel, drawn around by any of them, twice each way."""
+    """The motion forks there. All three cranks stay parallel if any of them is dragged around, twice each way."""
     mechanism = load("parallelogram")
     name = mechanism.links[0].name
     tip = next(p for p in mechanism.links[0].points if np.hypot(*mechanism.links[0].points[p]) > 0)

@@ -27,7 +27,7 @@ def cross(a: Array, b: Array) -> float:
 
 
 def meeting(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Where the line through a and b meets that through c and d."""
+    """Return the point at which the line through a and b meets the line through c and d."""
     return a + (b - a) * cross(c - a, d - c) / cross(b - a, d - c)
 
 

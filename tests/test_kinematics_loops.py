@@ -133,7 +133,7 @@ def test_loops_that_repeat_each_other_are_taller_than_wide_and_still_solved() ->
 
 
 def assert_satisfies(mechanism: Mechanism, motion: Motion, times: np.ndarray) -> None:
-    """The joints hold, and so do the drivers of the mechanism, on all three levels; the rows are independent of loops."""
+    """Check that the motion satisfies the rows of joints and drivers on all three levels; these rows know nothing of loops."""
     rows = Constraints(mechanism)(times, motion.q, motion.v)
     scale = np.abs(motion.a).max() + 1.0
     assert np.abs(rows.phi).max() < 1e-13  # sums of lengths below 2 m and of angles below 10 rad
@@ -207,7 +207,7 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(step: float) -> None
 
 
 def test_next_to_a_limit_positions_are_passed_but_rates_are_refused() -> None:
-    """The Jacobian falls with the square root of the distance: 1e-4 of it means some 1e-8 rad."""
+    """The smallest singular value falls with the square root of the distance: a ratio of 1e-4 is at some 1e-8 rad."""
     mechanism = load_document(four_bar(0.3, 0.2, 0.25, 0.4))
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))
     once, far = np.array([1.0]), limit - float(mechanism.q0[2])

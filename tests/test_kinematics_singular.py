@@ -59,7 +59,7 @@ def test_more_freedom_than_one_is_refused() -> None:
 
 
 def without_crank(measure: dict[str, Any] | None, first: str) -> dict[str, Any]:
-    """A crank and rocker whose links are listed from `first` on, without a crank; the file may name what is measured."""
+    """Return a crank-rocker without the key `crank`, its links listed from `first` on; it may name the measured coordinate."""
     document = four_bar(0.12, 0.36, 0.30, 0.40)
     del document["crank"]
     links = document["links"]

@@ -15,7 +15,7 @@ TRIPLE_ROCKER = (0.24, 0.20, 0.26, 0.45)
 
 
 def pose_of(lengths: tuple[float, ...], angle: float, side: int = 1) -> Pose | None:
-    """The coupler with the input at an angle, on one of two branches; None where it does not reach. Pivots at 0 and `frame`."""
+    """Return the pose of the coupler with the input at an angle, on one of two branches, or None; pivots are at 0 and `frame`."""
     a, b, c, d = lengths
     pin = rect(a, angle)
     way = d - pin
@@ -106,7 +106,7 @@ def test_a_rocker_that_turns_back_meets_an_order_defect(angles: tuple[float, ...
 
 @pytest.mark.slow
 def test_faults_agree_with_a_walk_along_the_motion() -> None:
-    """Inputs of random linkages, stepped from pose to pose in both ways as long as the coupler reaches."""
+    """The input of random linkages is stepped from pose to pose in both senses while the coupler reaches the output."""
     rng, seen = np.random.default_rng(4), []
     for _ in range(200):
         lengths = tuple(rng.uniform(0.1, 0.5, 4))
@@ -133,7 +133,7 @@ def test_faults_agree_with_a_walk_along_the_motion() -> None:
 
 
 def walk(lengths: tuple[float, ...], start: float, way: int, goals: list[tuple[float, bool]]) -> list[int]:
-    """The goals on the first pose's branch, in the order in which the input passes them before it turns fully or gets stuck."""
+    """Return the goals on the first pose's branch, in the order in which the input passes them in a turn, or until it stops."""
     steps = 2000
     ahead = [np.mod(way * (x - start), 2 * np.pi) for x, _ in goals]
     end = 2 * np.pi

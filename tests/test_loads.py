@@ -1,4 +1,4 @@
-"""Loads of joints and drivers over a motion, by Newton on paper; tables with units; times that are reported or shown."""
+"""Loads of joints and drivers over a motion against Newton's laws by hand, and the tables that report them."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""What makes a linkage another linkage, and a version of the suite another version."""
+"""Digests change with everything that a result depends on, and with nothing else."""
 
 import copy
 import pickle
@@ -40,7 +40,7 @@ def test_every_certificate_of_the_suite_still_holds() -> None:
 
 
 def leaves(item: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """The place of every number and text of a document."""
+    """Yield the path of every number and text of a document."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
             yield from leaves(value, (*path, key))

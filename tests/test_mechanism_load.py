@@ -1,4 +1,4 @@
-"""A linkage file is read whole or refused whole, with every fault named by file, table and field."""
+"""A linkage file is read completely, or refused with all its faults, each named by file, table and field."""
 
 import copy
 import tomllib

@@ -1,4 +1,4 @@
-"""What the second edition of the grammar adds comes to the same as the links, masses and joints it stands for."""
+"""The keys of the second edition give the same motion as the links, masses and joints that they abbreviate."""
 
 import copy
 import tomllib
@@ -53,7 +53,7 @@ def said(content: dict[str, Any], scenario: str | None = None) -> str:
 
 
 def terms(mechanism: Mechanism) -> tuple[Array, Array, Array]:
-    """Start, speeds, and what the equations of motion are made of."""
+    """Return the start, the masses, and the terms of the equations of motion, each as one array."""
     found = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
     return mechanism.q0, mechanism.mass, np.concatenate([found.Q, found.J.ravel(), found.gamma])
 
@@ -164,7 +164,7 @@ def test_faults_of_the_second_edition_name_table_and_field(case: str) -> None:
 
 
 def test_damping_of_a_shared_pin_does_not_depend_on_the_order_of_the_list() -> None:
-    """Three bars on one pin: each is held back by both others, whoever is named first."""
+    """Three bars on one pin: each is damped by both others, whatever the order of their names."""
     bar = {"points": {"A": [0.0, 0.0], "B": [1.0, 0.0]}, "bars": [["A", "B"]], "mass": 1.0}
     content = {"format": "planar-linkage/2", "name": "x", "gravity": [0.0, 0.0], "links": dict.fromkeys("abc", bar)}
     content["forces"] = {"rub": {"type": "joint_damping", "joint": "P", "c": 0.3}}
@@ -218,7 +218,7 @@ def test_machines_without_a_crank_or_with_passive_freedoms_move(path: Path, scen
 
 
 def test_a_spring_that_can_pass_zero_length_is_warned_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """A block on a rail runs over the point that its spring is fixed to; one beside the rail is never reached."""
+    """A block on a rail passes the point at which its spring is fixed; it never reaches a point beside the rail."""
     content = """format = "planar-linkage/1"
 name = "rail"
 ground = { points = { O = [0.0, 0.0], S = [0.3, HEIGHT] } }
@@ -320,7 +320,7 @@ def test_exudyn_is_not_given_a_point_that_is_pushed_by_its_direction() -> None:
 @pytest.mark.long("gauss-native-default", "lagrange-native-default", "pinocchio-default", "mujoco-tuned", "exudyn-tuned")
 @pytest.mark.parametrize(("name", "settings"), [*BY_STEPS, ("mujoco", "tuned"), ("exudyn", "tuned")])
 def test_equal_steps_keep_their_order_through_kinks_and_jumps(name: str, settings: str) -> None:
-    """Tables, a ramp, a switch and a ratchet, at times and by steps that miss all of their kinks; by order four, Exudyn's two."""
+    """Forces vary by tables, a ramp, a switch and a ratchet; samples and steps miss all kinks. The order is 4, Exudyn's is 2."""
     if name != "gauss":
         needs("llvmlite" if name.endswith("-native") else name)
     mechanism, times = load(str(VARYING)), np.linspace(0.0, 0.2, 12)

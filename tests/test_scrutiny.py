@@ -1,4 +1,4 @@
-"""No wrong answer is called ok: the certificate, half the step, the fastest mode and the lost digits, each with a known answer."""
+"""The judge calls no wrong run ok: each of its checks has a case with a known answer."""
 
 import re
 from collections.abc import Callable
@@ -146,7 +146,7 @@ forces = ["hum"]
 
 @pytest.fixture
 def humming(tmp_path: Path) -> str:
-    """The four-bar under a torque that swings 4000 times a second; no certificate can be had of it."""
+    """Return a file of the four-bar under a torque that swings 4000 times a second, for which there is no certificate."""
     path = tmp_path / "four_bar.toml"
     text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
     path.write_text(text + FORCED, encoding="utf-8")
@@ -216,7 +216,7 @@ def test_a_motion_whose_rates_are_of_another_motion_is_refused() -> None:
 
 @pytest.mark.parametrize("faster", [1.0, 1.01])
 def test_a_sound_motion_of_another_start_is_refused(faster: float) -> None:
-    """It moves as this linkage would, once it had begun so: nothing but the start tells."""
+    """The run is a motion of this linkage from another start: only the first sample shows the error."""
     mechanism = load("four_bar", "conservative")
     choice = Choice("default", "rk4", step=1e-3)
 
@@ -337,7 +337,7 @@ def test_the_limits_of_rates_are_shares_of_size_and_speed(name: str, share: floa
 
 
 def alternating(x: Trajectory) -> Trajectory:
-    """At rest in its first place; velocities turn about from sample to sample, accelerations are wild at every fifth."""
+    """Return a run at rest whose velocities change sign at every sample, with wild accelerations at every fifth."""
     model = get("gauss").build(load("four_bar", "conservative"), Choice("default", "rk4"))
     sign = (-1.0) ** np.arange(len(x.t))
     true = {s: model.acceleration(0.0, x.q[0], s * x.v[0]) for s in (1.0, -1.0)}
@@ -346,7 +346,7 @@ def alternating(x: Trajectory) -> Trajectory:
 
 
 def test_samples_that_swing_do_not_allow_themselves_anything() -> None:
-    """Integrals of what swings from sample to sample change without bounds where every second sample is left out."""
+    """The integral of samples of alternating sign changes without bounds if every second sample is left out."""
     found = {x.subject for x in played(alternating).objections}
     assert found == {judge.Subject.RATES, judge.Subject.REPETITION}
 
@@ -493,7 +493,7 @@ def test_what_an_engine_keeps_a_hold_of_changes_nothing_that_was_received() -> N
 
 
 def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An engine whose places are right and whose velocities are half of what they should be, where the truth is known."""
+    """The places of the engine are right and its velocities a tenth too small; the reference is known."""
     read = InterpretedModel.read
     monkeypatch.setattr(InterpretedModel, "read", lambda model: replace(x := read(model), v=0.9 * x.v))
     found = simulate("four_bar", scenario="torque", at=[0.0, 0.2])

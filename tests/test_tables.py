@@ -1,4 +1,4 @@
-"""The schema of tables: what is written is read, what is not declared is refused or left alone, and older files are understood."""
+"""Tables are read as they were written, undeclared columns are refused or ignored, and older formats are read."""
 
 import csv
 import json
@@ -118,7 +118,7 @@ LIMIT = 3_000_000  # bytes of what is published beside the code
 
 
 def test_published_files_are_small_and_read_completely() -> None:
-    """Every file is a table of the schema, or one of the few that are none; all that stands in them is read."""
+    """Every published file is a table of the schema or one of a few others, and every column of a table is read."""
     others = {"README.md", "what_changed.md", "environment.json", checksums.FILE, tables.SCHEMA_FILE}
     ignored = ("site", "local", ".run", "pictures", "findings")
     files = [path for path in REPORTS.rglob("*") if path.is_file() and path.relative_to(REPORTS).parts[0] not in ignored]
@@ -149,7 +149,7 @@ def test_times_with_another_meaning_in_earlier_formats_are_missing(form: int, st
 
 
 def of_format_1(folder: Path) -> None:
-    """A folder as earlier versions left it: errors of the crank, and a baseline with its dates and reasons."""
+    """Return a folder of format 1, with errors of the crank and a baseline with dates and reasons."""
     case = "four_bar,torque,gauss,default,rk4,none,0.001,2"
     head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end"
     files = {
@@ -242,7 +242,7 @@ def test_samples_of_format_4_are_of_one_process(tmp_path: Path) -> None:
 
 
 def test_format_3_is_read_and_migrated_to_separate_files(tmp_path: Path) -> None:
-    """What lay in one file, twice over: figures and times stay, builds too, which mean the same since then."""
+    """Format 3 had all columns in one file, twice. Figures, times and builds stay the same."""
     (tmp_path / "tables.json").write_text('{"format": 3}', encoding="utf-8")
     head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end,status,position_error,step_time,build_time"
     (tmp_path / "results.csv").write_text(f"{head}\nfour_bar,torque,gauss,default,rk4,none,0.001,2,ok,1e-6,5.1234567e-5,0.1\n")

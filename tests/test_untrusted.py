@@ -1,4 +1,4 @@
-"""TOML of strangers is measured before it is parsed, and a file that is none is not waited for."""
+"""The depth of untrusted TOML is limited before it is parsed, and reading never waits for a path that is no file."""
 
 import os
 import socket
@@ -84,7 +84,7 @@ def test_every_verb_that_reads_a_linkage_refuses_a_deep_key(
 
 
 def no_files(folder: Path) -> dict[str, Path]:
-    """A path of every kind that is no file, or one that never ends or never begins."""
+    """Return a path of every kind that is no regular file, such as a pipe, a socket or an endless device."""
     os.mkfifo(folder / "pipe.toml")
     (folder / "circle.toml").symlink_to("circle.toml")
     (folder / "folder.toml").mkdir()
@@ -125,7 +125,7 @@ for arguments in ASKED:
 
 
 def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
-    """All verbs in one process, which a time limit ends that they come nowhere near."""
+    """One process calls all verbs; its time limit is far above the time that they take."""
     places = tmp_path / "places"
     places.mkdir()
     paths, new = no_files(places), str(tmp_path / "new")

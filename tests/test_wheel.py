@@ -1,7 +1,6 @@
 """The wheel, installed without extras: every verb works, or names the extra that it needs; never a traceback.
 
-Building and installing takes some seconds, and importing the package anew for every verb one more each; whatever can answer
-without an extra is asked for little.
+Building and installing takes some seconds, and each verb imports the package anew. Commands that work without an extra are short.
 """
 
 import json
@@ -32,7 +31,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Bare:
 
 @pytest.mark.slow
 def test_the_environment_is_bare(environment: Bare) -> None:
-    """Otherwise nothing below says anything."""
+    """The environment has no extra and imports the installed package; the other tests of this file rely on it."""
     import subprocess
 
     wanted = {*EXTRAS, "pytest", "sympy"}
