@@ -160,7 +160,8 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
     pins = {pin.name: pin.ends for pin in mechanism.pins}
     for passage in loop.passages:
         pairs = (passage.enter.name, passage.leave.name)
-        points = [end for pair in pairs for end in pins.get(pair, ()) if end.link == passage.link]
+        ends = [end for pair in pairs for end in pins.get(pair, ())]
+        points = [end for end in ends if end.link == passage.link]
         if len(points) < 2:  # the loop enters or leaves the link by a slide
             continue
         way = position(q, points[1]) - position(q, points[0])

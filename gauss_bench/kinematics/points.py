@@ -11,7 +11,7 @@ in its frame. This is linear in z. If the direction of a link is known, its poin
 from cmath import exp
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -48,9 +48,15 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     def add(name: str, *ends: Point) -> None:
         """Add a point that lies at `ends` of one or more links, merged with the points at the same place of one of these links."""
         at = {end.link: place(end) for end in ends}
-        met = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
-        merged = BasicPoint(met[0].name if met else name, {k: s for x in met for k, s in x.at.items()} | at)
-        basic[:] = [x for x in basic if all(x is not y for y in met)] + [merged]
+
+        def coincides(x: BasicPoint) -> bool:
+            return any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())
+
+        met = [x for x in basic if coincides(x)]
+        merged: dict[int, complex] = {}
+        for x in met:
+            merged |= x.at
+        basic[:] = [x for x in basic if x not in met] + [BasicPoint(met[0].name if met else name, merged | at)]
 
     slides = mechanism.slides
     for pin in mechanism.pins:
@@ -78,8 +84,11 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
 
 def link_size(points: list[BasicPoint]) -> float:
     """Return the largest distance of two points of a moving link [m]; 1 m if no link has two points."""
-    spans = (abs(p.at[k] - q.at[k]) for p in points for q in points for k in p.at.keys() & q.at.keys() if k != GROUND)
-    return max(spans, default=0.0) or 1.0
+    largest = 0.0
+    for p, q in combinations(points, 2):
+        for link in p.at.keys() & q.at.keys() - {GROUND}:
+            largest = max(largest, abs(p.at[link] - q.at[link]))
+    return largest or 1.0
 
 
 def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
@@ -188,10 +197,10 @@ class Points:
             for k in self.of[link]:
                 if k not in self.placed_by:
                     self.rows[k], self.placed_by[k] = self.point(link, self.local(link, k)), link
-            reached = ((i, k) for i in sorted(waiting) for k in self.of[i] if k in self.placed_by)
-            link, known = next(reached, (None, 0))
+            # next comes a link of known direction with a point that is placed
+            link = next((i for i in sorted(waiting) if self.placed_by.keys() & set(self.of[i])), None)
             if link is not None:
-                self.anchor[link] = known
+                self.anchor[link] = next(k for k in self.of[link] if k in self.placed_by)
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:

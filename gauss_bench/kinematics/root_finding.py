@@ -97,7 +97,8 @@ def search_along(residual: Residual, x: Array, tolerance: float, halvings: int) 
     """Search by steps h of J h = -F, each halved up to `halvings` times until |F| falls enough; with 0 all steps are full."""
     F, J = residual(x)
     for iteration in range(LIMIT):
-        if end := end_search(x, F, tolerance, iteration):
+        end = end_search(x, F, tolerance, iteration)
+        if end:
             return end
         h = full_step(F, J)
         if h is None:
@@ -125,7 +126,8 @@ def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = TOLERAN
     F, J = residual(x)
     mu, growth = DAMPING * float((J * J).sum(axis=0).max(initial=0.0)), 2.0
     for iteration in range(LIMIT):
-        if end := end_search(x, F, tolerance, iteration):
+        end = end_search(x, F, tolerance, iteration)
+        if end:
             return end
         gradient = J.T @ F
         if largest(gradient) <= FLAT * float(np.linalg.norm(J)) * float(np.linalg.norm(F)):

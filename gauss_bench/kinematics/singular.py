@@ -119,7 +119,10 @@ class Curve:
         def shortest(J: Array, phi: Array) -> Array:
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
-        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
+        def is_still(_: Array, size: Array) -> bool:
+            return bool(size < TOLERANCE)
+
+        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=is_still)
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
         """Return the position (n,) before q, at most a step away, at which a coordinate has g . x = 0; x is the tangent at q.

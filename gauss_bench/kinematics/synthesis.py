@@ -158,7 +158,8 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
     part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
-        k = next(i for i, x in enumerate(sides) if x == -next(y for y in sides if y))
+        first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
+        k = sides.index(-first_side)
         return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
     for way, (second, third) in ways(driven, values):
@@ -178,7 +179,9 @@ def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
         sine = cross(b - a, other.pivot - b) / (coupler * other.length)
     else:
         sine = ((b - a) * other.direction.conjugate()).real / coupler
-    return 0 if abs(sine) < DEAD else 1 if sine > 0 else -1
+    if abs(sine) < DEAD:
+        return 0
+    return 1 if sine > 0 else -1
 
 
 def ways(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
@@ -204,7 +207,9 @@ def stays_closed(driven: Connection, other: Connection, coupler: float, start: f
     tried = [start, end]
     if driven.direction is None:
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
-        tried += [x for k in range(-4, 5) if start < (x := towards + k * pi) < end]
+        # the driven bar points to the other pivot, or square to the other line, or the opposite way
+        extremes = [towards + k * pi for k in range(-4, 5)]
+        tried += [x for x in extremes if start < x < end]
     elif other.direction is None:
         nearest = driven.input(other.pivot)
         tried += [nearest] if start < nearest < end else []

@@ -169,10 +169,12 @@ def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
 
 def pin_loose_links(mechanism: Mechanism) -> Mechanism:
     """Return the linkage with a pin on the frame for every group of links that no joint connects to it; it closes no loop."""
-    while loose := loose_links(mechanism):
+    loose = loose_links(mechanism)
+    while loose:
         name = f"loose {loose[0]}"
         pin = Revolute(name, name, Point(GROUND, np.zeros(2), "ground."), Point(loose[0], np.zeros(2), ""))
         mechanism = replace(mechanism, joints=(*mechanism.joints, pin))
+        loose = loose_links(mechanism)  # without the group of this link
     return mechanism
 
 

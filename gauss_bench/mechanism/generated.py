@@ -185,7 +185,11 @@ class GeneratedFunction:
         """
         names = ", ".join(name for name, _ in inputs)
         # each list is unpacked into scalars q0, q1, ... : reading a local variable is faster than indexing
-        heads = [f"{', '.join(f'{name}{k}' for k in range(count))}, = {name}" for name, count in inputs if count]
+        heads = []
+        for name, count in inputs:
+            if count:
+                scalars = "".join(f"{name}{k}, " for k in range(count))
+                heads.append(f"{scalars.rstrip()} = {name}")
         tuples = [f"({''.join(f'{x.text}, ' for x in group)})" for group in groups]
         needed = program.lines_for(x for group in groups for x in group)
         lines = [f"{line.name} = {line.text}" for line in needed]
