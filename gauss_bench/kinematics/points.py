@@ -126,7 +126,8 @@ class Points:
         self.first = 1 + len(self.drivers)
         self.N = self.first + len(self.points)
         self.of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
-        if bare := [link for link, entries in self.of.items() if not entries and link != GROUND]:
+        bare = [link for link, entries in self.of.items() if not entries and link != GROUND]
+        if bare:
             raise ValueError(f"{mechanism.name}: {mechanism.link_name(bare[0])} has no joint, so that nothing places it")
         self.anchor = {i: entries[0] for i, entries in self.of.items() if entries}
         self.placed_by: dict[int, int] = {}

@@ -323,9 +323,9 @@ def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
     if holds_crank:
         angles.add(crank)
     held = {"speeds": angles, "slide_speeds": table(start, "slides"), "point_velocities": table(start, "points")}
-    loose = [f"{rates}.{key}" for rates, coordinates in held.items() for key in table(start, rates) if key not in coordinates]
-    if "speed" in start and crank not in angles:
-        loose.append("speed")
+    loose = ["speed"] if "speed" in start and crank not in angles else []
+    for rates, coordinates in held.items():
+        loose += [f"{rates}.{key}" for key in table(start, rates) if key not in coordinates]
     for place in loose:
         names.fault(f"{path}.{place}", "a rate without its held coordinate")
 
