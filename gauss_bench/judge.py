@@ -58,6 +58,7 @@ class Objection:
     """A reason not to use a run, if its value exceeds its limit or is not a number.
 
     Attributes:
+        subject: part of the run to which the judge objects.
         value: figure of the run, in the unit that the sentence names.
         limit: largest value of a valid run, in the same unit.
         sentence: says what is wrong.
