@@ -197,26 +197,6 @@ class DistanceState:
         return (inward + across * across) * self.inverse
 
 
-class SlipState:
-    """The speed n . p' of a point at a state; the direction n turns with the body of the point."""
-
-    def __init__(self, direction: Direction, end: End):
-        self.n, self.end = direction.n, end
-
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        return (Entry(self.end.frame, self.n, wedge(self.end.arm, self.n)),)
-
-    @property
-    def rate(self) -> Real:
-        frame = self.end.frame
-        return dot(self.n, frame.u) + frame.omega * self.entries[0].m
-
-    @property
-    def bias(self) -> Real:
-        return self.end.frame.omega * wedge(self.n, self.end.frame.u)
-
-
 class WeightedState:
     """A weighted sum of coordinates at a state."""
 
@@ -258,10 +238,12 @@ def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
             assert_never(coordinate)
 
 
-def slip(coordinate: Slip, at: Placement) -> SlipState:
-    """Return a slip at a state of the linkage."""
+def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
+    """Return the gradient and the bias of a slip n . p' at a state; the direction n turns with the body of the point."""
     point = coordinate.point
-    return SlipState(at.direction(point.link, coordinate.angle, True), at.end(point))
+    _, n = at.direction(point.link, coordinate.angle, True)
+    frame, arm = at.end(point)
+    return Entry(frame, n, wedge(arm, n)), frame.omega * wedge(n, frame.u)
 
 
 def columns(entries: Sequence[Entry]) -> dict[int, Real]:

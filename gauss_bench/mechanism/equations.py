@@ -68,8 +68,8 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
     for driver in mechanism.drivers:
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
-        x = slip(edge.coordinate, at)
-        yield Row(edge.name, columns(x.entries), -x.bias, None, 0.0)
+        gradient, bias = slip(edge.coordinate, at)
+        yield Row(edge.name, columns((gradient,)), -bias, None, 0.0)
 
 
 def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
