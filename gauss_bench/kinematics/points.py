@@ -138,7 +138,7 @@ class Points:
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
     def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
-        """Return `turned`, `pushed` and `stretched`.
+        """Return the attributes `turned`, `pushed` and `stretched`, which follow from the drivers alone.
 
         Raises:
             ValueError: a driver prescribes something that is known already.

@@ -100,11 +100,11 @@ class Constraints:
 def list_determined(mechanism: Mechanism) -> list[str]:
     """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    Multipliers are determined up to vectors of the null space of J^T, and a joint is determined if its two entries of these are 0.
+    Multipliers are determined up to the null space of J^T. A joint's force is determined if its two entries are zero in all of it.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
-    null = np.abs(left[:, rank:])
+    null = np.abs(left[:, rank:])  # (m, m - rank) basis of the null space of J^T; joint k has the rows 2 k and 2 k + 1
     return [joint.name for k, joint in enumerate(mechanism.joints) if null[2 * k : 2 * k + 2].max(initial=0.0) <= RANK_TOLERANCE]
 
 

@@ -135,7 +135,7 @@ class JointFriction:
     STALLED = 1e-11  # the same for engines that solve for lambda anew in each iteration, with rounding times the condition of J
 
     def __init__(self, mechanism: Mechanism):
-        first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}
+        first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}  # first row of each joint
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
         self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
         self.pins = np.array([not pair.slides for _, pair in self.acting], dtype=float)
@@ -143,7 +143,7 @@ class JointFriction:
         self.speed = np.array([f.speed for f, _ in self.acting])
         at = Symbols(mechanism.n)
         motions = [state(pair.motion, at) for _, pair in self.acting]
-        entries = [columns(x.entries) for x in motions]
+        entries = [columns(x.entries) for x in motions]  # gradients of the relative motions
         self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]  # row and column of each entry in W
         self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
 

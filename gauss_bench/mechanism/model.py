@@ -611,7 +611,7 @@ class Mechanism:
                 view = given.view()
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
-        loads(f for f in self.forces if not factor_of(f))
+        loads(f for f in self.forces if not factor_of(f))  # raises if a force is of an unknown kind
         parts: list[tuple[Any, str, object]] = [(Coordinate, self.measured.name, self.measured.coordinate)]
         parts += [(Joint, x.name, x) for x in self.joints] + [(Driver, x.name, x) for x in self.drivers]
         parts += [(KnifeEdge, x.name, x) for x in self.knife_edges] + [(CoulombFriction, x.name, x) for x in self.frictions]
