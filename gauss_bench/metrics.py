@@ -437,19 +437,19 @@ def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bo
 
 
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
-    """Compute the errors at every time of the reference that the trajectory has sampled."""
+    """Return the errors of a trajectory at every time of the reference at which it has a sample."""
     mine, both = common_times(trajectory.t, reference.t)
     dq = np.abs(trajectory.q[mine] - reference.q[both])
     dv = np.abs(trajectory.v[mine] - reference.v[both])
     coordinate = mechanism.measured.coordinate
     return Errors(
-        reference.t[both],
-        np.abs(value(coordinate, trajectory.q[mine]) - value(coordinate, reference.q[both])),
-        places(dq).max(axis=-1),
-        angles(dq),
-        bodies(dv).max(axis=-1),
-        np.fmax(reference.error_q, reference.floor_q)[both],
-        np.fmax(reference.error_v, reference.floor_v)[both],
+        t=reference.t[both],
+        measured=np.abs(value(coordinate, trajectory.q[mine]) - value(coordinate, reference.q[both])),
+        length=places(dq).max(axis=-1),
+        angle=angles(dq),
+        velocity=bodies(dv).max(axis=-1),
+        position_bar=np.fmax(reference.error_q, reference.floor_q)[both],
+        velocity_bar=np.fmax(reference.error_v, reference.floor_v)[both],
     )
 
 

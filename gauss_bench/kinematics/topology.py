@@ -146,7 +146,8 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
-        tree.add_edge(parent, i, pair=next(iter(net[parent][i].values()))["pair"])
+        first = next(iter(net[parent][i].values()))  # of the pairs between both links
+        tree.add_edge(parent, i, pair=first["pair"])
     edges = tuple(TreeEdge(i, parent, tree[parent][i]["pair"]) for i, parent in parents.items())
     used = {edge.pair.name for edge in edges}
     return LinkageGraph(links, pairs, edges, tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in used))
